@@ -18,11 +18,12 @@ from skywright.cli import main
 from skywright.core.rotations import rot_from_quat
 from skywright.description.loader import load_description
 from skywright.errors import InputError, SimulationError
+from skywright.links.mavlink.frames import FRD_FROM_FLU, NED_FROM_ENU
 from skywright.links.mavlink.stream import MavlinkStream
 from skywright.links.px4.flight import Options, SitlResult, fly_px4
 from skywright.links.px4.lockstep import REFUSALS_MAX, Lockstep
 from skywright.links.px4.parameters import build_airframe
-from skywright.links.px4.sensors import FRD_FROM_FLU, NED_FROM_ENU, Px4Sensors, compute_time_us
+from skywright.links.px4.sensors import Px4Sensors, compute_time_us
 from skywright.links.px4.server import Px4Server
 from skywright.links.sitl.pace import Pace
 from skywright.links.sitl.plant import SitlPlant

@@ -183,7 +183,8 @@ def run(
     this process is reached. `servos` ("serial:PORT") drives the arms' real servos; the platform is
     simulated. `live` publishes the flight to ROS 2 and Foxglove (links/broadcast/options.py).
     `command` is the command line that the report states.
-    `backend` is "physics", or "kinematic": references are followed exactly, without forces.
+    `backend` is "physics", "kinematic" (references are followed exactly, without forces), or
+    "mavlink:URL" (a vehicle over MAVLink flies the platform).
     Raises InputError when the input is wrong (nothing was started) and InfeasibleError when no
     plan exists. An interrupted or diverged run is returned with that `outcome`.
     """

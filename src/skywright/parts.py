@@ -129,7 +129,8 @@ def fly(
 
     Robot and world are those of `mission` where they are not given; its phases are not flown.
     Commands wait until they have ended. `backend` is "physics", "kinematic" (references are
-    followed exactly), or "recording": `mission` is then a run's directory, which is played.
+    followed exactly), "mavlink:URL" (a vehicle over MAVLink), or "recording": `mission` is then a
+    run's directory, which is played.
     `checklist` says whether `[mission.checklist]` and the spin check are passed before the motors
     turn. `parts` are further components, such as those of real servos (links/servo_bus/arms.py).
     `live` publishes the vehicle to ROS 2 and Foxglove, whose commands it takes at every tick.

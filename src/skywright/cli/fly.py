@@ -61,7 +61,8 @@ from skywright.errors import InputError
     "--backend",
     default="physics",
     show_default=True,
-    help="physics, or kinematic: references are followed exactly, without forces.",
+    help="physics; kinematic: references are followed exactly, without forces; mavlink:URL: a "
+    "vehicle over MAVLink (URL as of serve --mavlink).",
 )
 def run(
     mission: str | None, robot: str | None, world: str | None, sets: tuple[str, ...],

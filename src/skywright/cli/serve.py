@@ -1,16 +1,18 @@
-"""The ground station: `serve`."""
+"""The ground station, or a robot that speaks MAVLink: `serve`."""
 
+import math
 from pathlib import Path
 from typing import Any
 
 import click
 
 from skywright.cli.options import build_live, live_options, trust_option
+from skywright.errors import InputError
 
 
 @click.command()
 @trust_option
-@click.argument("target", metavar="[MISSION | RUN]", required=False)
+@click.argument("target", metavar="[MISSION | RUN | ROBOT]", required=False)
 @click.option(
     "--port", type=click.IntRange(0, 65535), default=0, help="Port.  [default: a free one]"
 )
@@ -28,19 +30,75 @@ from skywright.cli.options import build_live, live_options, trust_option
 )  # fmt: skip
 @live_options
 @click.option("--no-open", is_flag=True, help="Open no browser.")
+@click.option(
+    "--mavlink", multiple=True, metavar="URL",
+    help="Simulate ROBOT, which speaks MAVLink as PX4 does, instead of the page: "
+    "udpin:[HOST:]PORT, udpout:[HOST:]PORT, tcp:[HOST:]PORT, serial:DEVICE[:BAUD]; repeatable.",
+)  # fmt: skip
+@click.option("--world", help="World (name or file) of --mavlink.  [default: open]")
+@click.option(
+    "--set", "sets", multiple=True, metavar="KEY=VALUE",
+    help="Set any value, with --mavlink; repeatable.",
+)  # fmt: skip
+@click.option("--seed", type=int, help="Seed of noise and plant, with --mavlink.")
+@click.option(
+    "--duration", type=click.FloatRange(0.0, 1e6, min_open=True),
+    help="Simulated time (s) after which --mavlink ends.  [default: until Ctrl-C]",
+)  # fmt: skip
 def serve(
     target: str | None, port: int, host: str, names: tuple[str, ...], certificate: Path | None,
-    key: Path | None, unencrypted: bool, runs: Path, no_open: bool, **live: Any,
+    key: Path | None, unencrypted: bool, runs: Path, no_open: bool, mavlink: tuple[str, ...],
+    world: str | None, sets: tuple[str, ...], seed: int | None, duration: float | None,
+    **live: Any,
 ) -> None:  # fmt: skip
-    """Open the ground station in the browser.
+    """Open the ground station in the browser, or let a simulated robot speak MAVLink.
 
     A page chooses, starts, watches and controls missions. With MISSION it proposes that one; with
-    a finished run's directory it replays the run. --ros2 and --foxglove publish every flight.
+    a finished run's directory it replays the run. --ros2 and --foxglove publish every flight. With
+    ROBOT and --mavlink no page is opened: QGroundControl, MAVSDK and `skywright run --backend
+    mavlink:URL` fly the robot.
     """
+    asked = build_live(live)
+    if mavlink:
+        if asked.wanted:
+            raise InputError(
+                "--ros2 and --foxglove publish flights of the page; valid: no --mavlink"
+            )
+        _serve_mavlink(target, mavlink, world, sets, seed, duration)
+        return
+    given = {"world": world, "set": sets, "seed": seed is not None, "duration": duration}
+    for name, value in given.items():
+        if value:
+            raise InputError(f"--{name} requires --mavlink URL")
     from skywright.ground.serve import serve as run
     from skywright.ground.server import Address
 
     address = Address(host, port, names, certificate, key, unencrypted)
-    asked = build_live(live)
     options = asked.check().list_arguments() if asked.wanted else ()
     run(target, address, runs, open_browser=False if no_open else None, options=options)
+
+
+def _serve_mavlink(
+    robot: str | None, texts: tuple[str, ...], world: str | None, sets: tuple[str, ...],
+    seed: int | None, duration: float | None,
+) -> None:  # fmt: skip
+    import skywright
+    from skywright.links.mavlink.endpoint import parse_url
+
+    if robot is None:
+        raise InputError("--mavlink requires a ROBOT: skywright serve hexarotor --mavlink URL")
+    if duration is not None and not math.isfinite(duration):
+        raise InputError(f"--duration {duration}: a finite number is needed")
+    urls = [parse_url(text) for text in texts]
+    description = skywright.load("waypoints", robot=robot, world=world, sets=sets, seed=seed)
+    from skywright.links.mavlink.serve import serve_robot
+
+    served = serve_robot(
+        description, urls, duration_s=duration or math.inf, say=lambda s: click.echo(s, err=True)
+    )
+    for line in served.dropped:
+        click.echo(line, err=True)
+    click.echo(
+        f"served {served.seconds:.1f} s, at most {served.late_s:.2f} s behind the wall clock; "
+        f"{served.reason}"
+    )

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -15,16 +17,23 @@ from skywright.run.kind import load_kind
 from skywright.run.parts import build_estimator, build_law, build_named
 from skywright.run.setup import Setup
 from skywright.vehicle.component import Component
+from skywright.vehicle.interface import require
 from skywright.vehicle.observers.operator import Operator as OperatorStick
 from skywright.vehicle.simulated import SimulatedVehicle
 from skywright.vehicle.streams import StreamRecorder
 
 PHYSICS, KINEMATIC, RECORDING = BACKENDS = ("physics", "kinematic", "recording")
 """The perturbed plant; references that are followed exactly; a run's recording that is played."""
+LINKED = {"mavlink": "skywright.links.mavlink.companion"}
+"""Back ends whose vehicle is at the other end of a link, `NAME:ADDRESS`: their module, which has
+`open_backend(address)`."""
 
 
-def choose_backend(name: str) -> type[SimulatedVehicle]:
-    """Return the class of a back end that flies; raises InputError that lists them."""
+def choose_backend(name: str) -> Callable[..., SimulatedVehicle]:
+    """Return what builds a back end that flies; raises InputError that lists them."""
+    kind, _, address = name.partition(":")
+    if kind in LINKED:
+        return import_module(LINKED[kind]).open_backend(address)
     if name == PHYSICS:
         return SimulatedVehicle
     if name == KINEMATIC:
@@ -34,8 +43,23 @@ def choose_backend(name: str) -> type[SimulatedVehicle]:
     what = "plays a run: use skywright.fly(RUN, backend='recording')" if name == RECORDING else ""
     raise InputError(
         f"backend {name!r} {what or 'is unknown'}; back ends that fly a mission: "
-        f"{PHYSICS}, {KINEMATIC}"
+        f"{PHYSICS}, {KINEMATIC}, mavlink:URL"
     )
+
+
+def build_for_mission(
+    description: Description, setup: Setup[Any], backend: str, parts: Sequence[Component]
+) -> SimulatedVehicle:
+    """Build a back end that offers what the mission needs; raises InputError where it does not."""
+    vehicle = build_vehicle(description, setup=setup, backend=backend, parts=parts)
+    kind = load_kind(description.mission.kind)
+    try:
+        require(vehicle, kind.needs, description.mission.name, kind.devices)
+    except InputError:
+        vehicle.close()
+        raise
+    vehicle.on_say(lambda says: print(says, file=sys.stderr, flush=True))
+    return vehicle
 
 
 def build_vehicle(
@@ -47,8 +71,8 @@ def build_vehicle(
 ) -> SimulatedVehicle:
     """Build a back end of a description; `setup` is what has been built of it.
 
-    `backend` is one of BACKENDS; raises InputError for another. `parts` are further components,
-    of those who observe the flight.
+    `backend` is one of BACKENDS, or one of LINKED with its address; raises InputError for another.
+    `parts` are further components, of those who observe the flight.
     """
     d, mission = description, description.mission
     setup = setup or Setup(description)

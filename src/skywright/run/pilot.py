@@ -76,6 +76,9 @@ class Pilot:
         """Time (s) that the mission has stood still for pilots."""
         self.mode = Mode.ATTITUDE
         """What the stick shall do."""
+        self.follows = True
+        """Whether a switch on the vehicle itself ends what the mission flies."""
+        self._outside = False
         self._hand: HandFlight | None = None
         self._axes: list[float] | None = None  # of a stick that was not followed yet
         self._heard = 0.0
@@ -114,6 +117,21 @@ class Pilot:
     def move(self, axes: list[float]) -> None:
         """Take the stick: right, ahead, turn, climb. It counts for 0.5 s, then it is let go."""
         self._axes, self._heard = axes, self._s.vehicle.t
+
+    def follow_switch(self) -> None:
+        """See what a switch on the vehicle itself says, which always wins; raises PilotLanded."""
+        vehicle = self._s.vehicle
+        if vehicle.stopped and (self.switch or self.flies):
+            self.switch = False
+            raise PilotLanded(f"the pilot took over; {vehicle.stopped}")
+        if not self.follows:
+            return
+        if vehicle.piloted:
+            self.switch, self._outside = True, True
+            self.move([0.0, 0.0, 0.0, 0.0])  # the vehicle follows a stick of its own
+        elif self._outside:
+            self._outside = False
+            self.give_back()
 
     @property
     def flown(self) -> str:

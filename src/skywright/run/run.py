@@ -25,7 +25,7 @@ from skywright.errors import InfeasibleError, InputError, SimulationError, Skywr
 from skywright.models.capability import check_can_fly
 from skywright.planning.motion.plan_file import write_plan_file
 from skywright.recordings.columns import build_dtype
-from skywright.run.backends import PHYSICS, build_vehicle, choose_backend
+from skywright.run.backends import PHYSICS, build_for_mission, choose_backend
 from skywright.run.directory import load_run, open_directory, write_json, write_unfinished
 from skywright.run.faults._rule import Acted, Rule
 from skywright.run.flight import Flight, Flown, PhaseRecord
@@ -43,7 +43,6 @@ from skywright.run.setup import Setup
 from skywright.run.supervisor import Supervisor
 from skywright.run.versions import collect_versions
 from skywright.run.warm_up import is_compiled, start_warm_up
-from skywright.vehicle.interface import require
 from skywright.vehicle.simulated import SimulatedVehicle
 from skywright.vehicle.time_limit import watch
 
@@ -165,6 +164,7 @@ def run_mission(
             setup, plan, vehicle, rules, partial, observers, keep, operator
         )
     finally:
+        vehicle.close()
         if store is not None:
             store.close()
         for observer in observers:
@@ -248,9 +248,7 @@ def _prepare(
             warm_up.terminate()  # what it compiled so far is kept
         raise
     parts = [part for o in observers for part in getattr(o, "parts", ())]
-    vehicle = build_vehicle(description, setup=setup, backend=backend, parts=parts)
-    require(vehicle, (kind := load_kind(mission.kind)).needs, mission.name, kind.devices)
-    return plan, vehicle
+    return plan, build_for_mission(description, setup, backend, parts)
 
 
 def _add_timing(result: RunResult, start: float) -> None:  # of time.perf_counter

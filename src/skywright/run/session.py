@@ -24,6 +24,7 @@ from skywright.run.supervisor import Supervisor
 from skywright.vehicle.commanded_arms import CommandedArms
 from skywright.vehicle.commands import State
 from skywright.vehicle.component import Component
+from skywright.vehicle.ended import VehicleEnded
 from skywright.vehicle.interface import Backend, Probe, Ticked
 from skywright.vehicle.motions import Arrival
 from skywright.vehicle.recorded import Phase, RecordedVehicle
@@ -71,7 +72,9 @@ class Vehicle(Uav):
         checklist: Checklist | None,
     ) -> None:  # fmt: skip
         """`supervisor` watches the rules; None: a recording is played."""
-        self._supervisor = supervisor
+        self._supervisor, self._piloted = supervisor, False
+        if supervisor is not None:
+            supervisor.pilot.follows = False  # this class does
         self._subscribers: list[Subscriber] = []
         self.after_tick: list[Callable[[], None]] = []
         """Called after every mission tick."""
@@ -100,9 +103,13 @@ class Vehicle(Uav):
         return dispatch_plan(self, file)
 
     def close(self) -> None:
-        """End what has been opened beside the vehicle; a `with` block calls it."""
+        """End what was opened for the vehicle: links beside it, and one to a real vehicle.
+
+        A `with` block calls it.
+        """
         while self.closing:
             self.closing.pop()()
+        self.backend.close()  # type: ignore[attr-defined]
 
     def __enter__(self) -> Vehicle:
         return self
@@ -196,6 +203,11 @@ class Vehicle(Uav):
                 ticked = s.tick_by_hand() if self._state == State.FLYING_MANUAL else s.tick()
             except RuleActed as acted:
                 ticked = self._answer(s, acted)
+            except VehicleEnded as ended:
+                self.acted.append(str(ended))
+                self.end(str(ended))
+                ticked = Ticked(self.backend.t, 0, True)
+            self._follow_switch()
         self._ticks += 1
         for subscriber in self._subscribers:
             if self._ticks % subscriber.every == 0:
@@ -203,6 +215,19 @@ class Vehicle(Uav):
         for call in self.after_tick:
             call()
         return ticked
+
+    def _follow_switch(self) -> None:
+        """See what a pilot's switch on the vehicle itself says: it always wins."""
+        b = self.backend
+        if b.stopped and self._state != State.LANDED_DISARMED:
+            self.end(b.stopped)
+        elif b.piloted and not self._piloted:
+            self._piloted = True
+            self.take_over()
+        elif self._piloted and not b.piloted:
+            self._piloted = False
+            if self._state == State.FLYING_MANUAL:
+                self.recover_from_manual(wait=False)
 
     def _answer(self, s: Supervisor[Any], acted: RuleActed) -> Ticked:
         """Fly what the rules say; the vehicle is down afterwards, and its commands have failed."""

@@ -26,6 +26,7 @@ from skywright.run.pilot import GivenBack, Pilot, PilotLanded
 from skywright.run.planning import MissionPlan
 from skywright.run.records import Measurement
 from skywright.vehicle.arms_interface import Arms
+from skywright.vehicle.ended import VehicleEnded
 from skywright.vehicle.interface import Backend, Probe, Ticked, WholeBody, require
 from skywright.vehicle.motions import SPIN_S
 from skywright.vehicle.moves import Moves
@@ -105,8 +106,19 @@ class Supervisor(Generic[T]):
             self.wait(1.0)
             self.end("done")
             return self.conclude(str(landed))
+        except VehicleEnded as ended:
+            self.end("failed")
+            return self.conclude(str(ended))
         except (RuleActed, GivenBack) as first:
+            return self._answer(first)
+
+    def _answer(self, first: RuleActed | GivenBack) -> Flight:
+        """Fly a response, as far as the vehicle follows."""
+        try:
             return self.conclude(self.respond(first))
+        except VehicleEnded as ended:
+            self.end("failed")
+            return self.conclude(str(ended))
 
     def conclude(self, says: str = "") -> Flight:
         """Return a flight that rules ended, or what `says` that it ended early."""
@@ -299,6 +311,8 @@ class Supervisor(Generic[T]):
             self.senses.restarts = self.vehicle.stop_computer(failed)
             ticked = Ticked(self.vehicle.t, 0, False)
         self.senses.refresh()
+        if self.kind.flies:
+            self.pilot.follow_switch()
         if self._on_tick is not None:
             self._on_tick(ticked.t, self.phase)
         return ticked

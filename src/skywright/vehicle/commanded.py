@@ -33,7 +33,9 @@ from skywright.vehicle.results import Handle, Result
 
 Array = NDArray[np.float64]
 
-STREAMS = (Command.SET_POSE, Command.SET_VELOCITY, Command.SET_JOINTS, *ARM_STREAMS)
+STREAMS = (
+    Command.SET_POSE, Command.SET_VELOCITY, Command.SET_ATTITUDE, Command.SET_JOINTS, *ARM_STREAMS,
+)  # fmt: skip
 SETTLE_S = 1.0  # s, on the ground while the estimator settles
 
 

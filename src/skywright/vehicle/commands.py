@@ -30,11 +30,13 @@ class Command(StrEnum):
     ARM = "arm"
     DISARM = "disarm"
     TAKE_OFF = "take_off"
+    LIFT_OFF = "lift_off"
     GO_TO = "go_to"
     GO_TO_GEO = "go_to_geo"
     GO_HOME = "go_home"
     SET_POSE = "set_pose"
     SET_VELOCITY = "set_velocity"
+    SET_ATTITUDE = "set_attitude"
     SET_JOINTS = "set_joints"
     HOLD = "hold"
     LAND = "land"
@@ -53,7 +55,7 @@ class ControlMode(StrEnum):
     HOLD = "hold"
     POSE = "pose"  # a stream of poses
     VELOCITY = "velocity"  # a stream of velocities
-    ATTITUDE = "attitude"  # the pilot's stick
+    ATTITUDE = "attitude"  # the pilot's stick, or a stream of attitudes and forces
     EXTERNAL = "external"  # tables of a mission or a plan
 
 
@@ -122,6 +124,10 @@ TABLE: dict[Command, Entry] = {
         (Need.ESTIMATE, Need.CHECKLIST, Need.FENCE),
         "rise to a height; arms first where the vehicle is disarmed",
     ),
+    C.LIFT_OFF: Entry(
+        (S.LANDED_ARMED,), None, S.FLYING_AUTO, False, (Need.ESTIMATE, Need.FREE_LINK),
+        "streams of references lead the robot off the ground from now on",
+    ),
     C.GO_TO: Entry(
         AUTO, S.FLYING_AUTO, S.FLYING_AUTO, True, (Need.FENCE,),
         "fly straight to a position and a heading",
@@ -140,6 +146,10 @@ TABLE: dict[Command, Entry] = {
     ),
     C.SET_VELOCITY: Entry(
         AUTO, None, None, True, (), "follow a stream of velocities; without news it holds",
+    ),
+    C.SET_ATTITUDE: Entry(
+        AUTO, None, None, True, (),
+        "follow a stream of attitudes and body forces; without news it is level and brakes",
     ),
     C.SET_JOINTS: Entry(
         AUTO, None, None, True, (),

@@ -57,6 +57,8 @@ class Backend(Protocol):
     model: Any  # BodyModel of the robot as believed
     world: World
     arc: LinkArc | None  # of a link that lies on the ground at the start
+    piloted: bool  # whether a pilot flies by the vehicle's own controls
+    stopped: str  # why the motors stand although nothing here stopped them
 
     @property
     def t(self) -> float:
@@ -103,6 +105,12 @@ class Backend(Protocol):
     @property
     def pose_std(self) -> float:
         """Standard deviation (m) of the platform's place as the estimator says; NaN unknown."""
+
+    def take_control(self) -> str:
+        """Take the platform back from a pilot; returns why not, or ""."""
+
+    def give_control(self) -> str:
+        """Give the platform to a pilot; returns why not, or ""."""
 
     def track(self, table: Table) -> None:
         """Follow `table` from now on; its last row holds."""

@@ -12,6 +12,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from skywright.core.record import fill
 from skywright.core.rotations import rot_to_quat
@@ -28,6 +29,8 @@ from skywright.vehicle.readings import ImuBatch, Telemetry
 from skywright.vehicle.schedule import end_control, run_rows
 from skywright.vehicle.simulated import SimulatedVehicle
 from skywright.vehicle.ticker import list_stretches
+
+Array = NDArray[np.float64]
 
 OFFERS = frozenset({"uav", "arms", "whole_body"})
 """What it can show: it has neither contacts nor hands that follow a force, nor a probe's signal."""
@@ -52,22 +55,28 @@ class KinematicVehicle(SimulatedVehicle):
             i for i, s in enumerate(a.steps)
             if any(port.record is Body and port.use == FILL for port in s.ports)
         ]  # fmt: skip
-        self._told, self._seen = _list_runs(told), _list_runs(sorted([*body, *seen]))
+        self._after_move = [*body, *seen]
+        self._told, self._seen = _list_runs(told), _list_runs(sorted(self._after_move))
         self._python = set(a.list_python_rows())
         self._clock, self._ref, self._truth = a.get(Clock), a.get(Reference), a.get(Truth)
         self._est, self._state = a.get(Estimate), a.get(EstimatorState)
         self._imu = a.records.get((ImuBatch, ""))
         self._state["ready"], self._state["pose_std"] = 1.0, math.nan
+        self._gauge: Any = None
         if (Telemetry, "") in a.records:
-            told = a.get(Telemetry)
-            told["charge"] = told["speed"] = math.nan  # no rotor turns, no power is drawn
+            self._gauge = a.get(Telemetry)
+            self._gauge["charge"] = self._gauge["speed"] = math.nan  # no rotor turns, no power
         self._bench = find_first(self.world.things, Fixture)
         self._floor = self.robot.platform.gear_height_m
+
+    def run_also(self, rows: list[int]) -> None:
+        """Run further rows of the schedule, such as those of a law."""
+        self._seen = _list_runs(sorted({*self._after_move, *rows}))
 
     def look(self, record: type[R], name: str = "") -> R:
         """Return a record of KEPT itself; raises InputError for every other one."""
         if record not in KEPT:
-            raise InputError(f"the kinematic back end fills no {record.__name__}")
+            raise InputError(f"the back end fills no {record.__name__}")
         return super().look(record, name)
 
     @property
@@ -100,23 +109,34 @@ class KinematicVehicle(SimulatedVehicle):
 
     def _move(self) -> None:
         """Take the pose of the reference, on or above the ground."""
+        ref, d = self._ref, self.sim.data
+        if self._bench is not None:
+            self._show(d.qpos[:3].copy(), d.qvel[:3].copy(), ref["R_WB"], d.qvel[3:6].copy(), False)
+            return
+        p, v = np.array(ref["p_WB"]), np.array(ref["v_WB"])
+        if p[2] <= self._floor:
+            p[2], v[2] = self._floor, max(v[2], 0.0)
+        self._show(p, v, ref["R_WB"], ref["w_WB_B"])
+
+    def _show(self, p: Array, v: Array, R: Array, w: Array, moves: bool = True) -> None:
+        """Put the robot at a pose, p (3,) m, v (3,) m/s, R (3, 3), w (3,) rad/s in B.
+
+        The joints follow their reference; truth and estimate are told. One that does not move is
+        held by the bench.
+        """
         ref, truth, est, d = self._ref, self._truth, self._est, self.sim.data
-        if self._bench is None:
-            p, v = np.array(ref["p_WB"]), np.array(ref["v_WB"])
-            if p[2] <= self._floor:
-                p[2], v[2] = self._floor, max(v[2], 0.0)
-            d.qpos[:3], d.qvel[:3], d.qvel[3:6] = p, v, ref["w_WB_B"]
-            rot_to_quat(ref["R_WB"], d.qpos[3:7])
-        places = self.scene.places
-        n = self.n_joints
+        if moves:
+            d.qpos[:3], d.qvel[:3], d.qvel[3:6] = p, v, w
+            rot_to_quat(np.ascontiguousarray(R), d.qpos[3:7])
+        places, n = self.scene.places, self.n_joints
         d.qpos[places.joint_qpos], d.qvel[places.joint_dof] = ref["q"][:n], ref["qd"][:n]
         mujoco.mj_kinematics(self.scene.model, d)
         fill(est, truth)
         est["t"] = self._state["heard"] = self.t
         if self._imu is not None:
             self._imu["t"][0] = self.t  # the link is not silent
-        est["p_WB"], est["v_WB"], est["w_WB_B"] = d.qpos[:3], d.qvel[:3], d.qvel[3:6]
-        est["R_WB"] = ref["R_WB"]
+        est["p_WB"], est["v_WB"], est["w_WB_B"] = p, v, w
+        est["R_WB"] = R
         est["q"], est["qd"] = ref["q"], ref["qd"]
         p_BT, R_BT = compute_tip(self.model, est["q"])
         est["p_WT"], est["R_WT"] = est["p_WB"] + est["R_WB"] @ p_BT, est["R_WB"] @ R_BT

@@ -19,6 +19,7 @@ from skywright.vehicle.commands import State
 from skywright.vehicle.devices import Devices
 from skywright.vehicle.interface import Limits, R, Ticked
 from skywright.vehicle.link_arc import compute_link_arc
+from skywright.vehicle.pilot_switch import NoPilotSwitch
 from skywright.vehicle.plant import MISSION_TICK
 
 Array = NDArray[np.float64]
@@ -35,7 +36,7 @@ class Phase(NamedTuple):
     end_s: float
 
 
-class RecordedVehicle:
+class RecordedVehicle(NoPilotSwitch):
     """A back end (vehicle.interface.Backend) that plays samples of a run."""
 
     offers: frozenset[str] = frozenset()

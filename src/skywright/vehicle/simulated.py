@@ -38,6 +38,7 @@ from skywright.vehicle.interface import Limits, R, Table, Ticked
 from skywright.vehicle.inventory import list_wanted
 from skywright.vehicle.link_arc import compute_link_arc
 from skywright.vehicle.observers.operator import Operator
+from skywright.vehicle.pilot_switch import NoPilotSwitch
 from skywright.vehicle.plant import MISSION_TICK
 from skywright.vehicle.ports import list_steps
 from skywright.vehicle.recorder import Recorder
@@ -69,7 +70,7 @@ class Saved(NamedTuple):
     parts: dict[str, Any]  # by name of a component
 
 
-class SimulatedVehicle:
+class SimulatedVehicle(NoPilotSwitch):
     """A back end (vehicle.interface.Backend) that flies the plant."""
 
     offers: frozenset[str]

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from skywright.errors import InputError
 from skywright.vehicle.arguments import check_number, check_vector
 from skywright.vehicle.arm_commands import ArmCommand
+from skywright.vehicle.attitude_drive import AttitudeDrive, check_attitude
 from skywright.vehicle.commanded import Commanded
 from skywright.vehicle.commands import (
     Command,
@@ -143,6 +144,24 @@ class Uav(Commanded):
 
         return self._do(Command.SET_VELOCITY, tell)
 
+    def lift_off(self) -> Handle:
+        """Let streams of references lead the robot off the ground, where its motors turn."""
+        return self._do(Command.LIFT_OFF, lambda: self._enter(State.FLYING_AUTO))
+
+    def set_attitude(self, R_WB: ArrayLike, f_B: ArrayLike) -> Handle:
+        """Hold the attitude R_WB (3, 3) and push with the force f_B (3,) N; a stream.
+
+        Nothing holds the place. A reference counts for 0.5 s; then the platform is level and
+        brakes. Laws of coplanar rotors take the attitude from the force: f_B lies along z there.
+        The integrals of the law (wind, trim) add to f_B what they have learnt.
+        """
+        R, f = check_attitude(R_WB), check_vector("f_B", f_B)
+
+        def tell() -> None:
+            self._take(AttitudeDrive, ControlMode.ATTITUDE).tell(R, f)
+
+        return self._do(Command.SET_ATTITUDE, tell)
+
     def set_joints(self, q: ArrayLike) -> Handle:
         """Lead the arms' joints to q (n_joints,) rad; called at up to 50 Hz, a stream.
 
@@ -185,7 +204,14 @@ class Uav(Commanded):
         return self._do(Command.SET_HOME, note)
 
     def take_over(self) -> Handle:
-        """Give the platform to the pilot: the stick is followed in attitude mode from now on."""
+        """Give the platform to the pilot: the stick is followed in attitude mode from now on.
+
+        A vehicle with a pilot's switch of its own is changed to the pilot's mode.
+        """
+        if not self.find_refusal(Command.TAKE_OVER):
+            says = self.backend.give_control()
+            if says:
+                return self._ended(Command.TAKE_OVER, Result(False, says, self.backend.t))
 
         def give() -> None:
             row = build_row_here(self.backend)
@@ -222,6 +248,10 @@ class Uav(Commanded):
 
     def recover_from_manual(self, *, wait: bool | None = None) -> Handle:
         """Take over from the pilot: brake from the speed of now, and stay."""
+        if not self.find_refusal(Command.RECOVER_FROM_MANUAL):
+            says = self.backend.take_control()
+            if says:
+                return self._ended(Command.RECOVER_FROM_MANUAL, Result(False, says, self.backend.t))
 
         def recover() -> Motion:
             self.backend.track(build_row_here(self.backend)[None])

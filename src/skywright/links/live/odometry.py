@@ -13,8 +13,8 @@ import numpy as np
 
 from skywright.core.rotations import quat_from_rot, rot_from_quat
 from skywright.links.live.packets import Refused, Sample
+from skywright.links.mavlink.frames import FRD_FROM_FLU, NED_FROM_ENU, to_ned_quaternion
 from skywright.links.mavlink.stream import MavlinkStream, is_finite
-from skywright.links.px4.sensors import FRD_FROM_FLU, NED_FROM_ENU, to_ned_quaternion
 
 ODOMETRY = 331
 LOCAL_NED, LOCAL_FRD, BODY_FRD = 1, 20, 12

@@ -74,7 +74,7 @@ class MavlinkStream:
 def _find_cause(message: Any) -> str | None:
     kind = message.get_type()
     if kind == "BAD_DATA":
-        return "checksum" if "checksum" in str(message.reason).lower() else "garbage"
+        return "checksum" if "CRC" in str(message.reason) else "garbage"
     if kind.startswith("UNKNOWN"):
         return "unknown"
     return "version" if message.get_msgbuf()[0] == MAVLINK_1 else None

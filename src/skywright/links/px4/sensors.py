@@ -15,18 +15,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.rotations import quat_from_rot
 from skywright.core.streams import build_stream
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
+from skywright.links.mavlink.frames import FRD_FROM_FLU, NED_FROM_ENU, to_ned_quaternion
 from skywright.links.sitl.earth import HOME, compute_field, compute_pressure
 from skywright.links.sitl.plant import Placed, Reading
 from skywright.vehicle.geodesy import to_geodetic
 
 Array = NDArray[np.float64]
 
-NED_FROM_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-FRD_FROM_FLU = np.diag([1.0, -1.0, -1.0])
 INERTIAL, MAGNETIC, BAROMETRIC = 0x003F, 0x01C0, 0x1A00
 """Bits of fields_updated: accelerometer and gyroscope, magnetometer, pressure and temperature."""
 SLOW_HZ = 50.0
@@ -48,11 +46,6 @@ VISION = 2
 def compute_time_us(t: float) -> int:
     """Return PX4's clock (us) at the plant's time `t` (s)."""
     return FIRST_US + round(1e6 * t)
-
-
-def to_ned_quaternion(R_WB: Array) -> Array:
-    """Return the attitude (4,) wxyz of FRD in NED."""
-    return quat_from_rot(NED_FROM_ENU @ R_WB @ FRD_FROM_FLU)
 
 
 class Px4Sensors:

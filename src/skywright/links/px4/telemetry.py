@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_from_quat
 from skywright.errors import InputError
+from skywright.links.mavlink.frames import FRD_FROM_FLU, NED_FROM_ENU
 from skywright.links.mavlink.stream import MavlinkStream, is_finite
-from skywright.links.px4.sensors import FRD_FROM_FLU, NED_FROM_ENU
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,289 @@
+"""Where MAVLink goes: `udpin:HOST:PORT`, `udpout:HOST:PORT`, `tcp:HOST:PORT`, `serial:DEVICE:BAUD`.
+
+`udpin` listens and answers whoever speaks, `udpout` begins to speak, `tcp` connects. Nothing here
+waits, raises on what arrives, or grows with it.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import socket
+import time
+from collections import Counter
+from collections.abc import Iterator
+from typing import Any, NamedTuple, Protocol
+
+from skywright.errors import InputError
+from skywright.links.mavlink.stream import MavlinkStream
+
+KINDS = ("udpin", "udpout", "tcp", "serial")
+AT_ONCE = 200  # datagrams read in one go: a flood of them must not stop the flight
+PEERS = 8
+"""Most senders that an endpoint answers."""
+SILENT_S = 10.0  # s after which nothing is sent any more to one that spoke first
+SIZE = 2048
+RETRY_S = 1.0  # s between attempts to connect
+
+
+class Url(NamedTuple):
+    """An endpoint's kind and place."""
+
+    kind: str
+    host: str  # of serial: the device
+    port: int  # of serial: the baud rate
+
+    def __str__(self) -> str:
+        return f"{self.kind}:{self.host}:{self.port}"
+
+    @property
+    def is_local(self) -> bool:
+        """Whether only this computer is reached."""
+        if self.kind == "serial":
+            return True
+        try:
+            return ipaddress.ip_address(self.host).is_loopback
+        except ValueError:
+            return self.host == "localhost"
+
+
+def parse_url(text: str, option: str = "--mavlink") -> Url:
+    """Return an endpoint; raises InputError, which names the option, on what is none."""
+    valid = "udpin:[HOST:]PORT, udpout:[HOST:]PORT, tcp:[HOST:]PORT, serial:DEVICE[:BAUD]"
+    kind, _, rest = str(text).partition(":")
+    rest = rest.removeprefix("//")
+    host, _, last = rest.rpartition(":")
+    if kind == "serial" and rest:
+        device, baud = (host, last) if host and last.isdecimal() else (rest, "57600")
+        return Url(kind, device, int(baud))
+    port = int(last) if last.isdecimal() and len(last) < 6 else 0
+    if kind not in KINDS or not 0 < port < 65536:
+        raise InputError(f"{option} {text!r} is no MAVLink address; valid: {valid}")
+    return Url(kind, host or "127.0.0.1", port)
+
+
+class Peer:
+    """Who is at the other end."""
+
+    def __init__(self, address: Any, system: int, component: int, now: float) -> None:
+        self.address, self.heard = address, now
+        self.stream = MavlinkStream(system, component)
+
+
+class Wire(Protocol):
+    """Bytes both ways; what does not get through is lost."""
+
+    def receive(self) -> tuple[bytes, Any] | None:
+        """Return what has come and from whom, None where nothing has."""
+
+    def send(self, data: bytes, address: Any) -> None:
+        """Send."""
+
+    def close(self) -> None:
+        """Close."""
+
+
+class Endpoint:
+    """An open endpoint: messages from all its peers, and messages to them."""
+
+    def __init__(self, url: Url, system: int, component: int, wire: Wire | None = None) -> None:
+        """Open it; raises InputError where that is not possible. `wire` is in its place (tests)."""
+        self.url, self._ids = url, (system, component)
+        self.counts: Counter[str] = Counter()
+        self.wire: Wire = wire or _open(url)
+        self.peers: dict[Any, Peer] = {}
+        if url.kind != "udpin":
+            first = (url.host, url.port)
+            self.peers[first] = Peer(first, system, component, time.monotonic())
+            self._fixed: Any = first
+        else:
+            self._fixed = None
+
+    def poll(self) -> Iterator[tuple[Any, Peer]]:
+        """Yield what has come, each with its sender."""
+        now = time.monotonic()
+        for _ in range(AT_ONCE):
+            found = self.wire.receive()
+            if found is None:
+                return
+            data, address = found
+            peer = self._find_peer(address, now)
+            if peer is None:
+                self.counts["peers"] += 1
+                continue
+            before = peer.stream.counts.copy()
+            messages = peer.stream.feed(data)
+            self.counts += peer.stream.counts - before
+            for message in messages:
+                peer.heard = now
+                yield message, peer
+
+    def _find_peer(self, address: Any, now: float) -> Peer | None:
+        if self._fixed is not None:
+            only = self.peers[self._fixed]
+            if self.url.kind == "udpout":
+                only.address = address  # it answers from a port of its own
+            return only
+        peer = self.peers.get(address)
+        if peer is None:
+            for other in [a for a, p in self.peers.items() if now - p.heard > SILENT_S]:
+                del self.peers[other]
+            if len(self.peers) >= PEERS:
+                return None
+            peer = self.peers[address] = Peer(address, *self._ids, now)
+        return peer
+
+    def send(self, message: Any, peer: Peer | None = None) -> None:
+        """Send a message to a peer, or to all."""
+        now = time.monotonic()
+        for one in [peer] if peer is not None else list(self.peers.values()):
+            if self._fixed is None and now - one.heard > SILENT_S:
+                continue
+            self.wire.send(one.stream.pack(message), one.address)
+
+    def close(self) -> None:
+        """Close it."""
+        self.wire.close()
+
+
+def _open(url: Url) -> Wire:
+    if url.kind == "serial":
+        return SerialWire(url)
+    return TcpWire(url) if url.kind == "tcp" else UdpWire(url)
+
+
+class UdpWire:
+    """Datagrams."""
+
+    def __init__(self, url: Url) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            bound = (url.host, url.port) if url.kind == "udpin" else ("", 0)
+            if url.kind == "udpout" and url.is_local:
+                bound = ("127.0.0.1", 0)
+            self._socket.bind(bound)
+        except OSError as error:
+            self._socket.close()
+            raise InputError(
+                f"{url}: {error.strerror or error}; valid: a free port of this computer"
+            ) from None
+        self._socket.setblocking(False)
+
+    def receive(self) -> tuple[bytes, Any] | None:
+        """Return a datagram."""
+        while True:
+            try:
+                return self._socket.recvfrom(SIZE)
+            except (BlockingIOError, InterruptedError):
+                return None
+            except ConnectionError:  # a port that was closed at the other end
+                continue
+            except OSError:
+                return None
+
+    def send(self, data: bytes, address: Any) -> None:
+        """Send a datagram, or lose it."""
+        try:
+            self._socket.sendto(data, address)
+        except OSError:
+            return
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+
+class TcpWire:
+    """A connection that is made again where it breaks."""
+
+    def __init__(self, url: Url) -> None:
+        self._url, self._next = url, 0.0
+        self._socket: socket.socket | None = None
+        self._pending = b""
+        if self._connect() is None:
+            raise InputError(f"{url}: nothing listens there")
+
+    def _connect(self) -> socket.socket | None:
+        now = time.monotonic()
+        if self._socket is None and now >= self._next:
+            self._next = now + RETRY_S
+            try:
+                made = socket.create_connection((self._url.host, self._url.port), 0.5)
+            except OSError:
+                return None
+            made.setblocking(False)
+            made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._socket = made
+        return self._socket
+
+    def receive(self) -> tuple[bytes, Any] | None:
+        """Return bytes."""
+        s = self._connect()
+        if s is None:
+            return None
+        try:
+            data = s.recv(SIZE)
+        except (BlockingIOError, InterruptedError):
+            return None
+        except OSError:
+            data = b""
+        if not data:
+            self._drop()
+            return None
+        return data, (self._url.host, self._url.port)
+
+    def send(self, data: bytes, address: Any) -> None:
+        """Send bytes; a packet that does not fit is lost whole."""
+        s = self._connect()
+        if s is None:
+            return
+        try:
+            whole, self._pending = self._pending or data, b""
+            self._pending = whole[s.send(whole) :]
+        except (BlockingIOError, InterruptedError):
+            return
+        except OSError:
+            self._drop()
+
+    def _drop(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+        self._socket, self._pending = None, b""
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._drop()
+
+
+class SerialWire:
+    """A serial port, by pyserial."""
+
+    def __init__(self, url: Url) -> None:
+        try:
+            import serial
+        except ImportError:
+            raise InputError(f"{url} requires pyserial: pip install 'skywright[serial]'") from None
+        try:
+            self._port = serial.Serial(url.host, url.port, timeout=0, write_timeout=0)
+        except (OSError, ValueError) as error:
+            raise InputError(f"{url}: {error}") from None
+        self._failed: tuple[type[Exception], ...] = (OSError, serial.SerialException)
+        self._name = (url.host, url.port)
+
+    def receive(self) -> tuple[bytes, Any] | None:
+        """Return bytes."""
+        try:
+            data = self._port.read(SIZE)
+        except self._failed:
+            return None
+        return (bytes(data), self._name) if data else None
+
+    def send(self, data: bytes, address: Any) -> None:
+        """Send bytes."""
+        try:
+            self._port.write(data)
+        except self._failed:
+            return
+
+    def close(self) -> None:
+        """Close the port."""
+        self._port.close()

@@ -1,0 +1,53 @@
+"""Frames at the MAVLink edge: the world NED (x north, y east, z down), the body FRD.
+
+Inside W is ENU and B is FLU; NED and FRD exist in messages only.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.core.rotations import quat_from_rot, rot_from_quat
+
+Array = NDArray[np.float64]
+
+NED_FROM_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+"""Its own inverse."""
+FRD_FROM_FLU = np.diag([1.0, -1.0, -1.0])
+"""Its own inverse."""
+
+
+def swap_world(v: Array) -> Array:
+    """Return a vector (3,) of W in NED, or one of NED in W."""
+    return np.array([v[1], v[0], -v[2]])
+
+
+def swap_body(v: Array) -> Array:
+    """Return a vector (3,) of B (FLU) in FRD, or one of FRD in B."""
+    return np.array([v[0], -v[1], -v[2]])
+
+
+def to_ned_quaternion(R_WB: Array) -> Array:
+    """Return the attitude (4,) wxyz of FRD in NED."""
+    return quat_from_rot(NED_FROM_ENU @ R_WB @ FRD_FROM_FLU)
+
+
+def from_ned_quaternion(q: Array) -> Array | None:
+    """Return R_WB of a quaternion (4,) wxyz of FRD in NED; None of what is no rotation."""
+    size = float(np.linalg.norm(q))
+    if not 0.9 < size < 1.1:
+        return None
+    return np.asarray(NED_FROM_ENU @ rot_from_quat(np.asarray(q) / size) @ FRD_FROM_FLU)
+
+
+def swap_heading(yaw: float) -> float:
+    """Return a heading (rad) from north clockwise as one from east counter-clockwise, or back."""
+    return math.remainder(0.5 * math.pi - yaw, 2.0 * math.pi)
+
+
+def find_heading(R_WB: Array) -> float:
+    """Return the heading (rad) in W of an attitude."""
+    return math.atan2(R_WB[1, 0], R_WB[0, 0])

@@ -1,0 +1,143 @@
+"""What a MAVLink vehicle said last, and when."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.links.mavlink.frames import (
+    from_ned_quaternion,
+    swap_body,
+    swap_world,
+)
+from skywright.links.mavlink.modes import ARMED, Mode
+from skywright.links.mavlink.stream import is_finite
+
+Array = NDArray[np.float64]
+
+AUTOPILOTS_NONE = 8  # MAV_AUTOPILOT_INVALID: a ground station, a camera
+PLACED = 0x10 | 0x8
+"""ESTIMATOR_STATUS: a horizontal place, absolute or relative."""
+BACK_MS = 1000  # by which the vehicle's clock must go back to count as a restart
+TEXTS = 20
+
+
+class Ack(NamedTuple):
+    """An answer to a command."""
+
+    command: int
+    result: int
+    at: float  # s
+
+
+class Heard:
+    """The newest state of one vehicle; times are those of the monotonic clock, in s."""
+
+    def __init__(self) -> None:
+        self.system = 0  # of the vehicle, 0: none was heard
+        self.beat = self.message = self.place = self.turn = -math.inf  # s, when they came
+        self.answer = math.inf  # s, when a TIMESYNC was answered; infinite: never
+        self.armed, self.mode, self.landed = False, Mode(0), 0
+        self.p, self.v = np.zeros(3), np.zeros(3)  # m, m/s: ENU, in the vehicle's local frame
+        self.R_WB, self.w_B = np.eye(3), np.zeros(3)
+        self.flags: int | None = None  # of ESTIMATOR_STATUS
+        self.std = math.nan  # m
+        self.charge = math.nan
+        self.origin: tuple[float, float, float] | None = None  # deg, deg, m: of the local frame
+        self.home: Array | None = None
+        self.acks: deque[Ack] = deque(maxlen=TEXTS)
+        self.texts: deque[tuple[float, str]] = deque(maxlen=TEXTS)
+        self.simulated = False  # whether it is Skywright's own
+        self.has_version = False
+        self.restarts = 0
+        self._boot_ms = 0
+        self.round_trips: deque[float] = deque(maxlen=20)  # s
+
+    @property
+    def has_place(self) -> bool:
+        """Whether its estimator has a place, where it tells."""
+        return self.flags is None or bool(self.flags & PLACED)
+
+    def take(self, m: Any, now: float) -> None:
+        """Take a message; what is not finite, or of another system, changes nothing."""
+        kind = m.get_type()
+        if kind == "HEARTBEAT" and m.autopilot != AUTOPILOTS_NONE and not self.system:
+            self.system = m.get_srcSystem()
+        if m.get_srcSystem() != self.system:
+            return
+        self.message = now
+        take = getattr(self, f"_take_{kind.lower()}", None)
+        if take is not None:
+            take(m, now)
+
+    def _take_heartbeat(self, m: Any, now: float) -> None:
+        if m.autopilot == AUTOPILOTS_NONE:
+            return
+        self.beat = now
+        self.armed, self.mode = bool(m.base_mode & ARMED), Mode.read(m.custom_mode)
+
+    def _take_local_position_ned(self, m: Any, now: float) -> None:
+        if not is_finite(m, "x", "y", "z", "vx", "vy", "vz"):
+            return
+        self._look_at_clock(m.time_boot_ms)
+        self.p = swap_world(np.array([m.x, m.y, m.z]))
+        self.v = swap_world(np.array([m.vx, m.vy, m.vz]))
+        self.place = now
+
+    def _take_attitude_quaternion(self, m: Any, now: float) -> None:
+        if not is_finite(m, "q1", "q2", "q3", "q4", "rollspeed", "pitchspeed", "yawspeed"):
+            return
+        R = from_ned_quaternion(np.array([m.q1, m.q2, m.q3, m.q4]))
+        if R is not None:
+            self.R_WB, self.turn = R, now
+            self.w_B = swap_body(np.array([m.rollspeed, m.pitchspeed, m.yawspeed]))
+
+    def _take_extended_sys_state(self, m: Any, now: float) -> None:
+        self.landed = m.landed_state
+
+    def _take_estimator_status(self, m: Any, now: float) -> None:
+        self.flags, std = m.flags, float(m.pos_horiz_accuracy)
+        self.std = std if math.isfinite(std) else math.nan
+
+    def _take_sys_status(self, m: Any, now: float) -> None:
+        self.charge = m.battery_remaining / 100.0 if m.battery_remaining >= 0 else math.nan
+
+    def _take_gps_global_origin(self, m: Any, now: float) -> None:
+        self.origin = (1e-7 * m.latitude, 1e-7 * m.longitude, 1e-3 * m.altitude)
+
+    def _take_home_position(self, m: Any, now: float) -> None:
+        if is_finite(m, "x", "y", "z"):
+            self.home = swap_world(np.array([m.x, m.y, m.z]))
+
+    def _take_autopilot_version(self, m: Any, now: float) -> None:
+        self.has_version = True
+        self.simulated = bytes(m.flight_custom_version) == b"skywrigt"
+
+    def _take_command_ack(self, m: Any, now: float) -> None:
+        self.acks.append(Ack(m.command, m.result, now))
+
+    def _take_statustext(self, m: Any, now: float) -> None:
+        raw = m.text
+        text = raw if isinstance(raw, str) else bytes(raw).decode("ascii", "replace")
+        if m.id and m.chunk_seq and self.texts:
+            at, before = self.texts.pop()
+            self.texts.append((at, (before + text)[:300]))
+        else:
+            self.texts.append((now, text))
+
+    def _take_timesync(self, m: Any, now: float) -> None:
+        if m.tc1 != 0:
+            trip = now - 1e-9 * m.ts1
+            if 0.0 <= trip < 10.0:
+                self.round_trips.append(trip)
+                self.answer = now
+
+    def _look_at_clock(self, ms: int) -> None:
+        if self._boot_ms - ms > BACK_MS:
+            self.restarts += 1
+            self.flags = None
+        self._boot_ms = ms
