@@ -227,7 +227,7 @@ def test_the_packaged_recordings_are_found_by_name() -> None:
         (["tool-install", "--gateway", "udp:0", "--operator", "udp:0"], "the second one only"),
         (
             ["waypoints", "--operator", "view"],
-            "kinds with an operator: bar-insertion, sensor-install",
+            "kinds with an operator: bar-insertion, bridge-contact, sensor-install",
         ),
         (
             ["tool-install", "--operator", "view", "--set", "mission.task.operator=careful"],

@@ -254,7 +254,7 @@ def test_wrong_worlds_are_input_errors(sets: list[str], message: str) -> None:
     ("robot", "sets", "message"),
     [
         ("bimanual-longreach", [], "passive joint"),
-        ("hexarotor", [], "lacks"),
+        ("hexarotor", [], r"has no \[robot.arm.shoulder_roll\]"),
         (None, ["robot.arm.hand.kind=ball"], "hooks"),
         (None, ["world.pipe.inclination_deg=20"], "level"),
         (None, ["world.pipe.tracked=false"], "tracked = true"),
