@@ -214,4 +214,5 @@ def test_each_mission_is_built_or_refused_by_what_a_back_end_offers(name):
     assert bool(missing) == (name not in ("waypoints", "follow-plan", "bar-transport"))
     if missing:
         with pytest.raises(InputError, match=f"requires {', '.join(sorted(missing))}; the vehicle"):
-            require(SimpleNamespace(offers=physics & OFFERS), needs, name)
+            offered = SimpleNamespace(offers=physics & OFFERS, devices=SimpleNamespace(names=set()))
+            require(offered, needs, name)

@@ -209,7 +209,7 @@ def test_a_socket_behind_a_wall_is_out_of_reach() -> None:
     ("robot", "sets", "message"),
     [
         ("bimanual-longreach", [], "passive joint"),
-        ("hexarotor", [], "lacks"),
+        ("hexarotor", [], r"has no \[robot.arm"),
         (None, ["robot.arm.hand.kind=ball"], "hooks"),
         (None, ["world.things.socket.hole_m=0.03"], "does not fit"),
         (None, ["world.things.rack.hole_m=0.1"], "fall through"),
