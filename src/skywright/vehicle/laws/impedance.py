@@ -32,6 +32,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from pydantic import Field
+
 from skywright.core.scratch import local
 from skywright.core.spec import Positive
 from skywright.description.robot.spec import Robot
@@ -67,8 +69,10 @@ class Impedance(ThreeLoops):
         """Bandwidths of the loops, and the impedance along the normal."""
 
         normal_stiffness_n_per_m: Positive | None = None  # K; None: half of law (4)'s
-        normal_damping: Positive | None = None  # zeta; None: that of the position loop
-        normal_mass: Positive = 1.0  # m_v over the robot's mass
+        normal_damping: float | None = Field(
+            default=None, ge=0.01, le=100.0
+        )  # zeta; None: that of the position loop
+        normal_mass: float = Field(default=1.0, ge=0.01, le=100.0)  # m_v over the robot's mass
 
     class Me(ThreeLoops.Me):
         stiffness: float  # N/m

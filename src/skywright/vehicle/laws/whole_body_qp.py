@@ -37,10 +37,11 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
 from skywright.core.record import Array
 from skywright.core.scratch import local
-from skywright.core.spec import NonNegative, Positive
+from skywright.core.spec import Positive
 from skywright.core.types import MAX_JOINTS, MAX_ROTORS
 from skywright.description.robot.limbs import list_joints, list_servos
 from skywright.description.robot.spec import Robot
@@ -71,6 +72,9 @@ from skywright.vehicle.loops import (
     to_body,
 )
 
+Weight = Annotated[float, Field(ge=1e-6, le=1e9)]
+"""Cost of what is missing; ratios matter, and the solver's tolerance bounds them."""
+
 
 class WholeBodyQp(ThreeLoops):
     """Fills f_B, t_B, qd and the thrusts that make them within the limits."""
@@ -90,14 +94,16 @@ class WholeBodyQp(ThreeLoops):
         """Bandwidths of the loops, and what a newton, or a newton metre over the lever of a rotor,
         that is missing of each part costs."""
 
-        height_weight: Positive = 100.0  # vertical force
-        attitude_weight: Positive = 100.0  # roll and pitch torque
-        yaw_weight: Positive = 30.0  # torque about z
-        lateral_weight: Positive = 10.0  # horizontal force
-        contact_weight: Positive = 3.0  # force on the surface
-        arm_weight: Positive = 1000.0  # of the largest acceleration of a joint
+        height_weight: Weight = 100.0  # vertical force
+        attitude_weight: Weight = 100.0  # roll and pitch torque
+        yaw_weight: Weight = 30.0  # torque about z
+        lateral_weight: Weight = 10.0  # horizontal force
+        contact_weight: Weight = 3.0  # force on the surface
+        arm_weight: Weight = 1000.0  # of the largest acceleration of a joint
         stop_rate_1_s: Positive = 12.5  # k, at which a joint nears its stop at most
-        friction_cone: NonNegative | None = None  # mu; None: the believed one of the law
+        friction_cone: float | None = Field(
+            default=None, ge=0.0, le=5.0
+        )  # mu; None: the believed one of the law
 
     class Me(ThreeLoops.Me):
         n: int  # rotors
