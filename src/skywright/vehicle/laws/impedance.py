@@ -69,9 +69,8 @@ class Impedance(ThreeLoops):
         """Bandwidths of the loops, and the impedance along the normal."""
 
         normal_stiffness_n_per_m: Positive | None = None  # K; None: half of law (4)'s
-        normal_damping: float | None = Field(
-            default=None, ge=0.01, le=100.0
-        )  # zeta; None: that of the position loop
+        # zeta; None: that of the position loop
+        normal_damping: float | None = Field(default=None, ge=0.01, le=100.0)
         normal_mass: float = Field(default=1.0, ge=0.01, le=100.0)  # m_v over the robot's mass
 
     class Me(ThreeLoops.Me):

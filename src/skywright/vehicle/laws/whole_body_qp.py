@@ -101,9 +101,8 @@ class WholeBodyQp(ThreeLoops):
         contact_weight: Weight = 3.0  # force on the surface
         arm_weight: Weight = 1000.0  # of the largest acceleration of a joint
         stop_rate_1_s: Positive = 12.5  # k, at which a joint nears its stop at most
-        friction_cone: float | None = Field(
-            default=None, ge=0.0, le=5.0
-        )  # mu; None: the believed one of the law
+        # mu; None: the believed one of the law
+        friction_cone: float | None = Field(default=None, ge=0.0, le=5.0)
 
     class Me(ThreeLoops.Me):
         n: int  # rotors
