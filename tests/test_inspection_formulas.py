@@ -88,7 +88,9 @@ def test_two_crossings_make_a_line_where_they_are_apart() -> None:
     std, none = np.full(2, 1e-3), np.zeros(2)
     for apart, found in ((6.0e-3, True), (4.0e-3, False)):  # 2.5 deviations from their middle
         q = np.array([[0.0, 0.0], [apart, 0.0]])
-        assert (weld_line._solve(q, none, np.zeros((2, 2)), std) is not None) == found
+        assert (
+            weld_line._solve(q, none, np.zeros((2, 2)), std, weld_line.LAG_PRIOR) is not None
+        ) == found
 
 
 def test_the_covariance_of_a_line_is_that_of_its_residuals() -> None:
@@ -99,7 +101,7 @@ def test_the_covariance_of_a_line_is_that_of_its_residuals() -> None:
     v[: n // 2] *= 3.0
     q += 0.2 * v  # a lag of 0.2 s
     bow, std = np.zeros(n), np.full(n, 1e-3)
-    fit = weld_line._solve(q, bow, v, std)
+    fit = weld_line._solve(q, bow, v, std, weld_line.LAG_PRIOR)
     assert fit is not None
 
     def measure(x: np.ndarray) -> np.ndarray:
