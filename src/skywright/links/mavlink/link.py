@@ -33,6 +33,8 @@ RESULTS = {
     5: "in progress", 6: "cancelled",
 }  # fmt: skip
 IN_PROGRESS = 5
+LARGEST = 1e9
+"""Of a number of a set-point; NaN is not below it."""
 
 
 class Clock(Protocol):
@@ -70,6 +72,13 @@ class Target(NamedTuple):
     R_WB: Array
     rate: float  # rad/s, of the heading
     f_B: Array | None = None  # (3,) shares of all rotors' thrust along B: attitude and force
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether all its numbers are finite, and fit into a message."""
+        rows = [self.p, self.v, self.a, self.R_WB.ravel(), [self.rate]]
+        rows += [] if self.f_B is None else [self.f_B]
+        return bool(np.abs(np.concatenate(rows)).max() < LARGEST)
 
 
 class VehicleLink:
@@ -117,7 +126,12 @@ class VehicleLink:
     # --- the stream --------------------------------------------------------------------------
 
     def lead(self, target: Target | None) -> None:
-        """Renew the set-point; None ends the stream."""
+        """Renew the set-point; None ends the stream.
+
+        One with a number that is none does not renew it: the vehicle holds after RENEWED_S.
+        """
+        if target is not None and not target.is_sound:
+            return
         with self.lock:
             self._target = None if target is None else (self.clock.now(), target)
 
