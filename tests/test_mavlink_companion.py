@@ -6,6 +6,7 @@ The peer is Skywright's own: what is tested are the protocol, the rules and the 
 from __future__ import annotations
 
 import math
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,10 @@ from skywright.errors import InputError
 from skywright.links.mavlink import modes
 from skywright.links.mavlink.body_force import compute_most
 from skywright.links.mavlink.check import find_refusal
+from skywright.links.mavlink.companion import open_backend
 from skywright.links.mavlink.endpoint import Endpoint, parse_url
 from skywright.links.mavlink.heard import Heard
-from skywright.links.mavlink.link import RENEWED_S, Target, VehicleLink
+from skywright.links.mavlink.link import RENEWED_S, Target, VehicleLink, WallClock
 from skywright.links.mavlink.robot import Stick
 from skywright.run.run import RunResult, run_mission
 from skywright.run.session import Vehicle, open_vehicle
@@ -371,3 +373,32 @@ def test_a_set_point_with_a_number_that_is_none_is_not_sent(part: str, wrong: fl
     assert link._target == (clock.now(), good)
     link.lead(None)
     assert link._target is None
+
+
+def test_the_stream_goes_on_after_what_went_wrong_in_its_thread() -> None:
+    link = VehicleLink(Endpoint(parse_url("udpin:1"), 1, 191, Ends(*plain_cables())), WallClock())
+    went, right = [], link.step
+
+    def step() -> None:
+        went.append(link.clock.now())
+        if len(went) < 3:
+            raise ValueError("odd")
+        right()
+
+    link.step = step  # type: ignore[method-assign]
+    deadline = link.clock.now() + 5.0
+    while len(went) < 6 and link.clock.now() < deadline:
+        link.clock.sleep(0.02)
+    link.close()
+    assert len(went) >= 6 and link.failure == "ValueError: odd"
+
+
+def plain_cables() -> tuple[Cable, Cable]:
+    clock = PairClock()
+    return Cable(clock), Cable(clock)
+
+
+def test_without_its_library_a_back_end_is_refused_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pymavlink.dialects.v20", None)
+    with pytest.raises(InputError, match="pip install"):
+        open_backend("udpin:14550")

@@ -89,6 +89,8 @@ class VehicleLink:
         self.heard = Heard()
         self.lock = threading.RLock()
         self.sent = 0  # set-points
+        self.failure = ""
+        """What went wrong in the thread last, "" nothing: told with the silence that it makes."""
         self._target: tuple[float, Target] | None = None
         self._next_beat = self._next_sync = self._next_ask = 0.0
         self._ending = threading.Event()
@@ -119,7 +121,10 @@ class VehicleLink:
     def _run(self) -> None:
         due = self.clock.now()
         while not self._ending.is_set():
-            self.step()
+            try:
+                self.step()
+            except Exception as error:  # the stream goes on
+                self.failure = f"{type(error).__name__}: {error}"
             due = max(due + PERIOD, self.clock.now() - PERIOD)
             self._ending.wait(max(due - self.clock.now(), 0.0))
 
