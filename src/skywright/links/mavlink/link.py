@@ -76,9 +76,9 @@ class Target(NamedTuple):
     @property
     def is_sound(self) -> bool:
         """Whether all its numbers are finite, and fit into a message."""
-        rows = [self.p, self.v, self.a, self.R_WB.ravel(), [self.rate]]
-        rows += [] if self.f_B is None else [self.f_B]
-        return bool(np.abs(np.concatenate(rows)).max() < LARGEST)
+        f_B = np.zeros(3) if self.f_B is None else self.f_B
+        row = [*self.p, *self.v, *self.a, *self.R_WB.flat, self.rate, *f_B]
+        return bool(np.abs(row).max() < LARGEST)
 
 
 class VehicleLink:
