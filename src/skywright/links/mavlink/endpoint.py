@@ -278,7 +278,9 @@ class SerialWire:
         except ImportError:
             raise InputError(f"{url} requires pyserial: pip install 'skywright[serial]'") from None
         try:
-            self._port = serial.Serial(url.host, url.port, timeout=0, write_timeout=0)
+            self._port = serial.Serial(
+                url.host, url.port, timeout=0, write_timeout=0, exclusive=True
+            )
         except (OSError, ValueError) as error:
             raise InputError(f"{url}: {error}") from None
         self._failed: tuple[type[Exception], ...] = (OSError, serial.SerialException)
