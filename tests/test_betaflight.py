@@ -6,6 +6,8 @@ import importlib.util
 import json
 import math
 import socket
+import struct
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +38,7 @@ from skywright.links.betaflight.packets import (
     parse_outputs,
 )
 from skywright.links.betaflight.route import Route, add_landing, build_line, build_rest
+from skywright.links.betaflight.set_up import SetUp
 from skywright.links.sitl.plant import SitlPlant
 from skywright.links.sitl.result import SitlResult
 from skywright.models.nominal import Nominal
@@ -332,3 +335,21 @@ def test_the_page_has_the_flights_that_are_kept(repository: Path) -> None:
     text = generate.PAGE.read_text("utf-8")
     assert generate.build_page(text) == text
     assert "| `bimanual` | 1 | finished |" in text
+
+
+def test_what_closes_the_connection_is_told_as_such() -> None:
+    """A program that is no Betaflight on its port: one line, no internal error."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+
+        def close() -> None:
+            peer, _ = server.accept()
+            peer.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            peer.close()
+
+        thread = threading.Thread(target=close)
+        thread.start()
+        set_up = SetUp("127.0.0.1", port, 2.0, None, lambda text: None)
+        with pytest.raises(InputError, match="closed"):
+            set_up.run(["mixer CUSTOM"])
+        thread.join(2.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import socket
+import sys
 import threading
 import time
 from pathlib import Path
@@ -359,3 +360,70 @@ def test_a_flight_that_reached_no_scan_gives_its_platform(repository: Path) -> N
     (track,) = load_run_tracks(repository / "tests" / "data" / "format_1.mcap")
     assert (track.kind, track.name, len(track.t)) == ("pose", "truth", 3)
     assert track.values.shape == (3, 7) and track.t[1] == pytest.approx(0.01)
+
+
+def test_odometry_keeps_streams_apart() -> None:
+    """The message has no name: each stream is a system of its own."""
+    receiver = LiveReceiver("udp:0")
+    t = np.linspace(0.0, 1.0, 20)
+    turn = np.tile([1.0, 0, 0, 0], (20, 1))
+    tracks = [
+        Track("pose", name, t, np.hstack([np.full((20, 3), x), turn]), "one clock")
+        for name, x in (("tip", 1.0), ("truth", 2.0))
+    ]
+    target = Target(f"mavlink:{receiver.port}")
+    play(tracks, target, 1000.0)
+    time.sleep(0.05)
+    found = [(a.sample.name, a.sample.values[0]) for a in receiver.poll()]
+    assert set(found) == {("odometry1", 1.0), ("odometry2", 2.0)} and len(found) == 40
+    early = tracks[0]._replace(t=t - 5.0)
+    with pytest.raises(InputError, match="times from -5 to -4 s"):
+        play([early], target)
+    target.close()
+    with pytest.raises(InputError, match="two streams have one name"):
+        play([early, early._replace(source="other")], Target("udp:9"))
+    receiver.close()
+
+
+def test_samples_that_were_lost_are_counted() -> None:
+    receiver = LiveReceiver("udp:0", clock=Hand())
+    for n in (0, 1, 5, 6, 3, 0xFFFFFFF):
+        receiver.feed(format_line(Sample("SKYEC", "e", 1, n, 0.1 * n, (1.0, 2.0))), [])
+    (stream,) = receiver.streams.values()
+    assert (stream.count, stream.lost) == (5, 3 + 0xFFFFFFF - 7)
+    receiver.close()
+
+
+def test_a_serial_port_that_disappears_ends_the_recording_with_its_files(tmp_path: Path) -> None:
+    import os
+    import pty
+    import tty
+
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    receiver, recorder = LiveReceiver(f"serial:{os.ttyname(slave)}"), LiveRecorder(tmp_path / "a")
+    os.write(
+        master, b"".join(format_line(Sample("SKYEC", "e", 1, n, n, (1.0, 2.0))) for n in (0, 1))
+    )
+    time.sleep(0.05)
+    found = receiver.poll()
+    for arrived in found:
+        recorder.write(arrived)
+    os.close(slave)
+    os.close(master)
+    record(receiver, recorder, 10.0, math.inf)
+    assert "serial port has failed" in receiver.failure
+    (file,) = recorder.finish(receiver)
+    assert len(file.read_text().splitlines()) == 3
+    receiver.close()
+
+
+def test_mavlink_without_its_library_is_counted_and_the_recording_goes_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    receiver, found = LiveReceiver("udp:0"), []
+    monkeypatch.setitem(sys.modules, "pymavlink.dialects.v20", None)
+    receiver.feed(b"\xfd" + bytes(20), found)
+    receiver.feed(format_line(Sample("SKYEC", "e", 1, 0, 0.0, (1.0, 2.0))), found)
+    assert len(found) == 1 and "pip install" in receiver.describe_refused()[0]
+    receiver.close()

@@ -6,6 +6,7 @@ The peer is Skywright's own: what is tested are the protocol, the rules and the 
 from __future__ import annotations
 
 import math
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +15,15 @@ import pytest
 from pymavlink.dialects.v20 import common
 
 import skywright
-from mavlink_pair import Pair, plug
+from mavlink_pair import Cable, Ends, Pair, PairClock, plug
 from skywright.errors import InputError
 from skywright.links.mavlink import modes
 from skywright.links.mavlink.body_force import compute_most
 from skywright.links.mavlink.check import find_refusal
+from skywright.links.mavlink.companion import open_backend
+from skywright.links.mavlink.endpoint import Endpoint, parse_url
 from skywright.links.mavlink.heard import Heard
-from skywright.links.mavlink.link import RENEWED_S
+from skywright.links.mavlink.link import RENEWED_S, Target, VehicleLink, WallClock
 from skywright.links.mavlink.robot import Stick
 from skywright.run.run import RunResult, run_mission
 from skywright.run.session import Vehicle, open_vehicle
@@ -353,3 +356,49 @@ def test_the_clock_of_the_vehicle_that_goes_back_is_a_restart() -> None:
     assert heard.restarts == 1
     tell(common.MAVLink_local_position_ned_message(40, math.nan, 2, -3, 0, 0, 0), 1.0)
     assert np.allclose(heard.p, [2, 1, 3])
+
+
+@pytest.mark.parametrize("part", ["p", "v", "a", "R_WB", "rate", "f_B"])
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, 1e300])
+def test_a_set_point_with_a_number_that_is_none_is_not_sent(part: str, wrong: float) -> None:
+    """The last one stands, and becomes stale: the vehicle holds there."""
+    clock = PairClock()
+    endpoint = Endpoint(parse_url("udpin:1"), 1, 191, Ends(Cable(clock), Cable(clock)))
+    link = VehicleLink(endpoint, clock)
+    zeros = np.zeros(3)
+    good = Target(zeros, zeros, zeros, np.eye(3), 0.0, zeros)
+    link.lead(good)
+    value = getattr(good, part)
+    link.lead(good._replace(**{part: wrong if part == "rate" else np.full_like(value, wrong)}))
+    assert link._target == (clock.now(), good)
+    link.lead(None)
+    assert link._target is None
+
+
+def test_the_stream_goes_on_after_what_went_wrong_in_its_thread() -> None:
+    link = VehicleLink(Endpoint(parse_url("udpin:1"), 1, 191, Ends(*plain_cables())), WallClock())
+    went, right = [], link.step
+
+    def step() -> None:
+        went.append(link.clock.now())
+        if len(went) < 3:
+            raise ValueError("odd")
+        right()
+
+    link.step = step  # type: ignore[method-assign]
+    deadline = link.clock.now() + 5.0
+    while len(went) < 6 and link.clock.now() < deadline:
+        link.clock.sleep(0.02)
+    link.close()
+    assert len(went) >= 6 and link.failure == "ValueError: odd"
+
+
+def plain_cables() -> tuple[Cable, Cable]:
+    clock = PairClock()
+    return Cable(clock), Cable(clock)
+
+
+def test_without_its_library_a_back_end_is_refused_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pymavlink.dialects.v20", None)
+    with pytest.raises(InputError, match="pip install"):
+        open_backend("udpin:14550")

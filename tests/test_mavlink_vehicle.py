@@ -16,7 +16,7 @@ from skywright.cli import main
 from skywright.core.rotations import rot_z
 from skywright.errors import InputError
 from skywright.links.mavlink.attitude_target import AttitudeTarget
-from skywright.links.mavlink.endpoint import parse_url
+from skywright.links.mavlink.endpoint import Endpoint, parse_url
 from skywright.links.mavlink.frames import (
     from_ned_quaternion,
     swap_heading,
@@ -408,3 +408,17 @@ def test_the_command_says_what_it_needs() -> None:
     assert found.exit_code == 2 and "requires a ROBOT" in found.output
     found = CliRunner().invoke(main, ["serve", "hexarotor", "--seed", "3"])
     assert found.exit_code == 2 and "--seed requires --mavlink" in found.output
+
+
+@pytest.mark.parametrize("text", ["serial:/dev/x:0", "serial:/dev/x:99999999999999999999"])
+def test_a_baud_rate_that_is_none_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match="baud"):
+        parse_url(text)
+
+
+@pytest.mark.parametrize("kind", ["udpin", "udpout", "tcp"])
+@pytest.mark.parametrize("host", ["..", "a..b", "::1"])
+def test_a_host_without_an_address_is_told_as_such(kind: str, host: str) -> None:
+    """A name is looked up once: `udpout` would otherwise lose each packet and say nothing."""
+    with pytest.raises(InputError, match="has no address"):
+        Endpoint(parse_url(f"{kind}:{host}:14550"), 1, 1)

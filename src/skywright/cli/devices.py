@@ -28,6 +28,8 @@ def servos(port: str | None, emulate: str | None, last: int) -> int:
     bus = open_bus(port, "servos")
     try:
         lines = describe_servos(bus, range(last + 1))
+    except OSError as error:
+        raise InputError(f"{port}: the serial port has failed: {error}") from None
     finally:
         bus.close()
     if not lines:

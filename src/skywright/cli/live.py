@@ -98,19 +98,24 @@ def receive(
         receiver.close()
     streams = [
         {
-            "name": s.name, "kind": s.kind, "samples": s.count, "stale": s.stale,
+            "name": s.name, "kind": s.kind, "samples": s.count, "stale": s.stale, "lost": s.lost,
             "restarts": s.restarts,
         }
         for s in receiver.streams.values()
     ]  # fmt: skip
     refused = receiver.describe_refused()
+    if receiver.failure:
+        click.echo(f"skywright: {address}: {receiver.failure}", err=True)
     if as_json:
         print_json({"streams": streams, "refused": refused, "files": [str(f) for f in files]})
     else:
         for line in refused:
             click.echo(line, err=True)
+        if not streams:
+            click.echo(f"nothing was received on {address}", err=True)
         for s in streams:
-            click.echo(f"{s['name']}: {s['samples']} samples, {s['stale']} stale")
+            lost = f", {s['lost']} lost" if s["lost"] else ""
+            click.echo(f"{s['name']}: {s['samples']} samples, {s['stale']} stale{lost}")
         for file in files:
             click.echo(str(file))
-    return 0 if streams else 1
+    return 0 if streams and not receiver.failure else 1

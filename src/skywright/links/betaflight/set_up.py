@@ -49,6 +49,11 @@ class SetUp:
             line.save()
         except SimulationError as error:  # nothing has been flown
             raise InputError(str(error)) from None
+        except OSError as error:
+            raise InputError(
+                f"{self._host}:{self._port} closed the connection ({error.strerror or error}): "
+                "another program is connected to Betaflight, or what listens there is none"
+            ) from None
         finally:
             peer.close()
         self._say(f"{self.version}: {len(commands)} settings")

@@ -37,6 +37,7 @@ CAUSES = {
     "fields": "a line with other fields than its kind has",
     "numbers": "values that are not finite, or a quaternion that is none",
     "frame": "an ODOMETRY message in another frame than NED with FRD",
+    "extra": "MAVLink, which requires pymavlink: pip install 'skywright[mavlink]'",
     "old": "a sample that came before, or is older than the newest",
     "clock": "a sample whose time goes back",
     "streams": "a stream beyond the number that is kept",

@@ -25,11 +25,15 @@ from skywright.links.live.packets import (
     pack_pose,
 )
 from skywright.links.live.receiver import split_serial
-from skywright.links.mavlink.stream import MavlinkStream
+from skywright.links.mavlink.stream import MavlinkStream, load_dialect
 from skywright.links.servo_bus.bus import Port, open_port
 from skywright.links.udp.address import parse_address
 
 Array = NDArray[np.float64]
+
+T_MAX = 1e13
+"""s, of the microseconds in ODOMETRY (64 bits)."""
+SYSTEMS_MAX = 255  # ids of systems
 
 
 class Track(NamedTuple):
@@ -52,11 +56,17 @@ class Target:
         self.kind = kind
         self._socket: socket.socket | None = None
         self._serial: Port | None = None
-        self._mavlink = MavlinkStream() if kind == "mavlink" else None
+        self._mavlink: dict[str, MavlinkStream] | None = None
         if kind == "serial":
             self._serial = open_port(*split_serial(address, "--to"), "--to")
         elif kind in ("udp", "mavlink"):
-            self._place = parse_address("udp" + address[len(kind) :], "--to")
+            try:
+                self._place = parse_address("udp" + address[len(kind) :], "--to")
+            except InputError as error:
+                raise InputError(str(error).replace("udp:", f"{kind}:")) from None
+            if kind == "mavlink":
+                load_dialect()  # says at once where it is not installed
+                self._mavlink = {}
             self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         else:
             raise InputError(
@@ -71,13 +81,18 @@ class Target:
         return kind == "pose" if self.kind == "mavlink" else True
 
     def send(self, sample: Sample) -> None:
-        """Send one sample; UDP may lose it."""
-        if self._mavlink is not None:
-            data = pack_odometry(self._mavlink, sample)
+        """Send one sample; UDP may lose it. Raises InputError where a serial port takes none."""
+        if self._mavlink is not None:  # a system for each stream: the message has no name
+            if sample.name not in self._mavlink:
+                self._mavlink[sample.name] = MavlinkStream(1 + len(self._mavlink))
+            data = pack_odometry(self._mavlink[sample.name], sample)
         else:
             data = format_line(sample) if sample.kind in LINES else pack_pose(sample)
         if self._serial is not None:
-            self._serial.write(data)
+            try:
+                self._serial.write(data)
+            except OSError as error:
+                raise InputError(f"--to serial: the port takes no bytes: {error}") from None
             return
         assert self._socket is not None
         try:
@@ -126,13 +141,25 @@ def play(
 ) -> dict[str, int]:  # fmt: skip
     """Send tracks at `speed` times real time; returns how many samples of each went out.
 
-    Raises InputError where the target takes none of them.
+    Raises InputError where the target takes none of them, or two have one name.
     """
     taken = [track for track in tracks if target.takes(track.kind) and len(track.t)]
     if not taken:
         names = ", ".join(f"{track.name} ({track.kind})" for track in tracks) or "nothing"
         raise InputError(f"--to {target.kind}: takes none of {names}")
     sent = dict.fromkeys((track.name for track in taken), 0)
+    if len(sent) < len(taken):
+        names = ", ".join(f"{track.name} of {track.source}" for track in taken)
+        raise InputError(f"play: two streams have one name ({names}); play them one by one")
+    if target.kind == "mavlink" and len(taken) > SYSTEMS_MAX:
+        raise InputError(f"--to mavlink: {len(taken)} streams; valid: up to {SYSTEMS_MAX}")
+    for track in taken if target.kind == "mavlink" else ():
+        first, last = float(track.t[0]), float(track.t[-1])
+        if not 0.0 <= first <= last < T_MAX:
+            raise InputError(
+                f"--to mavlink: {track.source or track.name}: times from {first:g} to {last:g} s; "
+                f"valid in ODOMETRY: 0 to {T_MAX:g} s (--to udp takes all)"
+            )
     begin = clock()
     for due, sample in list_samples(taken):
         check_interrupt()

@@ -38,6 +38,8 @@ FORGET_S, BUCKET_S = 30.0, 1.0
 STREAMS_MAX, CLOCKS_MAX = 64, 64
 AT_ONCE = 256  # datagrams a poll
 MAVLINK_2 = 0xFD
+BUFFER = 1 << 22
+"""Bytes of datagrams that the system shall keep while a busy computer does not read them."""
 
 
 class Arrived(NamedTuple):
@@ -79,7 +81,7 @@ class Stream:
         self.kind, self.name = kind, name
         self.newest: Arrived | None = None
         """The newest sample that was fresh when it arrived."""
-        self.count = self.stale = self.restarts = 0
+        self.count = self.stale = self.restarts = self.lost = 0
         self._last: Sample | None = None
 
     def take(self, sample: Sample, arrival: float, age: float) -> Arrived:
@@ -93,6 +95,7 @@ class Stream:
                 raise Refused("old")
             if sample.t < last.t:
                 raise Refused("clock")
+            self.lost += ahead - 1
         self._last = sample
         self.count += 1
         arrived = Arrived(sample, arrival, age)
@@ -123,6 +126,8 @@ class LiveReceiver:
         self._mavlink: MavlinkStream | None = None
         self._odometries = 0
         self.port = 0
+        self.failure = ""
+        """Why nothing comes any more: the serial port has gone."""
         if address.startswith("serial:"):
             path, baud = split_serial(address, option)
             self._serial = open_port(path, baud, option)
@@ -137,6 +142,7 @@ class LiveReceiver:
             raise InputError(
                 f"{option} {address}: cannot listen on this address: {error.strerror or error}"
             ) from None
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
         self._socket.setblocking(False)
         self.port = int(self._socket.getsockname()[1])
 
@@ -151,7 +157,11 @@ class LiveReceiver:
         """Return what has come since the last call, of all streams, in the order of arrival."""
         found: list[Arrived] = []
         if self._serial is not None:
-            data = self._serial.read(65536)
+            try:
+                data = self._serial.read(65536)
+            except OSError as error:
+                self.failure = f"the serial port has failed: {error}"
+                return found
             for line in self._splitter.feed(data):
                 self._take(lambda line=line: parse_line(line), found)  # type: ignore[misc]
             return found
@@ -181,7 +191,11 @@ class LiveReceiver:
 
     def _feed_mavlink(self, data: bytes, found: list[Arrived]) -> None:
         if self._mavlink is None:
-            self._mavlink = MavlinkStream()
+            try:
+                self._mavlink = MavlinkStream()
+            except InputError:  # what anyone sends must not end a recording
+                self.counts["extra"] += 1
+                return
         for message in self._mavlink.feed(data):
             if message.get_msgId() == ODOMETRY:
                 self._odometries += 1

@@ -119,7 +119,7 @@ class LiveRecorder:
 
 
 def record(receiver: LiveReceiver, recorder: LiveRecorder, seconds: float, idle_s: float) -> None:
-    """Record for `seconds`, until nothing comes for `idle_s` (s), or an interrupt."""
+    """Record for `seconds`, until nothing comes for `idle_s` (s), a failure or an interrupt."""
     begin, last = time.monotonic(), math.inf
     try:
         while time.monotonic() - begin < seconds and time.monotonic() - last < idle_s:
@@ -127,6 +127,8 @@ def record(receiver: LiveReceiver, recorder: LiveRecorder, seconds: float, idle_
             for arrived in found:
                 recorder.write(arrived)
                 last = time.monotonic()
+            if receiver.failure:
+                return
             if not found:
                 time.sleep(0.002)
     except KeyboardInterrupt:

@@ -26,6 +26,7 @@ from skywright.links.mavlink.check import find_refusal
 from skywright.links.mavlink.endpoint import Endpoint, Url, parse_url
 from skywright.links.mavlink.heard import Heard
 from skywright.links.mavlink.link import Clock, Target, VehicleLink
+from skywright.links.mavlink.stream import load_dialect
 from skywright.links.px4.parameters import build_airframe
 from skywright.vehicle.ended import VehicleEnded
 from skywright.vehicle.geodesy import Geodetic, to_local
@@ -83,7 +84,9 @@ class MavlinkVehicle(KinematicVehicle):
         """Wait for a vehicle and its position, and put its frame into W."""
         link, url = self.link, self.link.endpoint.url
         if not link.wait(lambda h: h.system and link.age(h.beat) < 2.0, CONNECT_S):
-            raise InputError(f"no MAVLink vehicle was heard on {url} within {CONNECT_S:g} s")
+            raise InputError(
+                f"no MAVLink vehicle was heard on {url} within {CONNECT_S:g} s{self._explain()}"
+            )
         placed = link.wait(lambda h: self._is_placed(h) and h.flags is not None, CONNECT_S)
         if not placed:
             raise InputError(
@@ -241,6 +244,10 @@ class MavlinkVehicle(KinematicVehicle):
 
     # --- what is watched ---------------------------------------------------------------------
 
+    def _explain(self) -> str:
+        """Return what went wrong here rather than there, to be added to a message."""
+        return f" ({self.link.failure})" if self.link.failure else ""
+
     def _is_silent(self) -> bool:
         h, age = self.link.heard, self.link.age
         silent = age(h.message) > SILENT_S or age(h.beat) > BEAT_S
@@ -259,7 +266,7 @@ class MavlinkVehicle(KinematicVehicle):
             self.link.lead(Target(p, np.zeros(3), np.zeros(3), R, 0.0))
         if not self.link.wait(lambda h: not self._is_silent(), LOST_S - SILENT_S):
             what = "its own rule for a lost link acts" if self._armed else "it stands"
-            self._give_up(f"the vehicle has been silent for {LOST_S:g} s: {what}")
+            self._give_up(f"the vehicle has been silent for {LOST_S:g} s: {what}{self._explain()}")
         silent = self.clock.now() - since
         self._says(f"t = {self.t:.2f} s: the vehicle is heard again after {silent:.1f} s")
         self._quiet_until = self.clock.now() + OWN_S
@@ -341,6 +348,7 @@ def open_backend(
     if option not in ("", "force"):
         raise InputError(f"backend mavlink: ?{option} is unknown; valid: ?force")
     parsed = parse_url(url, "--backend mavlink")
+    load_dialect()  # says at once where pymavlink is not installed
 
     def build(setup: Any, *args: Any, **kwargs: Any) -> MavlinkVehicle:
         says = find_refusal(setup)

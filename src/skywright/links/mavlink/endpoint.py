@@ -54,6 +54,8 @@ def parse_url(text: str, option: str = "--mavlink") -> Url:
     host, _, last = rest.rpartition(":")
     if kind == "serial" and rest:
         device, baud = (host, last) if host and last.isdecimal() else (rest, "57600")
+        if not (len(baud) < 8 and int(baud) > 0):
+            raise InputError(f"{option} {text!r}: baud {baud[:20]}; valid: such as 57600 or 921600")
         return Url(kind, device, int(baud))
     port = int(last) if last.isdecimal() and len(last) < 6 else 0
     if kind not in KINDS or not 0 < port < 65536:
@@ -89,10 +91,11 @@ class Endpoint:
         """Open it; raises InputError where that is not possible. `wire` is in its place (tests)."""
         self.url, self._ids = url, (system, component)
         self.counts: Counter[str] = Counter()
-        self.wire: Wire = wire or _open(url)
+        place = url if wire is not None else _resolve(url)
+        self.wire: Wire = wire or _open(place)
         self.peers: dict[Any, Peer] = {}
         if url.kind != "udpin":
-            first = (url.host, url.port)
+            first = (place.host, place.port)
             self.peers[first] = Peer(first, system, component, time.monotonic())
             self._fixed: Any = first
         else:
@@ -143,6 +146,18 @@ class Endpoint:
     def close(self) -> None:
         """Close it."""
         self.wire.close()
+
+
+def _resolve(url: Url) -> Url:
+    """Return an endpoint with its host in numbers: no name is looked up in flight."""
+    if url.kind == "serial":
+        return url
+    try:
+        return url._replace(host=socket.gethostbyname(url.host))
+    except (OSError, UnicodeError):
+        raise InputError(
+            f"{url}: the host {url.host!r} has no address; valid: a known name, or an IPv4 address"
+        ) from None
 
 
 def _open(url: Url) -> Wire:
@@ -263,7 +278,9 @@ class SerialWire:
         except ImportError:
             raise InputError(f"{url} requires pyserial: pip install 'skywright[serial]'") from None
         try:
-            self._port = serial.Serial(url.host, url.port, timeout=0, write_timeout=0)
+            self._port = serial.Serial(
+                url.host, url.port, timeout=0, write_timeout=0, exclusive=True
+            )
         except (OSError, ValueError) as error:
             raise InputError(f"{url}: {error}") from None
         self._failed: tuple[type[Exception], ...] = (OSError, serial.SerialException)

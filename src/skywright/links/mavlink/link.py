@@ -33,6 +33,8 @@ RESULTS = {
     5: "in progress", 6: "cancelled",
 }  # fmt: skip
 IN_PROGRESS = 5
+LARGEST = 1e9
+"""Of a number of a set-point; NaN is not below it."""
 
 
 class Clock(Protocol):
@@ -71,6 +73,13 @@ class Target(NamedTuple):
     rate: float  # rad/s, of the heading
     f_B: Array | None = None  # (3,) shares of all rotors' thrust along B: attitude and force
 
+    @property
+    def is_sound(self) -> bool:
+        """Whether all its numbers are finite, and fit into a message."""
+        f_B = np.zeros(3) if self.f_B is None else self.f_B
+        row = [*self.p, *self.v, *self.a, *self.R_WB.flat, self.rate, *f_B]
+        return bool(np.abs(row).max() < LARGEST)
+
 
 class VehicleLink:
     """One vehicle at the other end of an endpoint."""
@@ -80,6 +89,8 @@ class VehicleLink:
         self.heard = Heard()
         self.lock = threading.RLock()
         self.sent = 0  # set-points
+        self.failure = ""
+        """What went wrong in the thread last, "" nothing: told with the silence that it makes."""
         self._target: tuple[float, Target] | None = None
         self._next_beat = self._next_sync = self._next_ask = 0.0
         self._ending = threading.Event()
@@ -110,14 +121,22 @@ class VehicleLink:
     def _run(self) -> None:
         due = self.clock.now()
         while not self._ending.is_set():
-            self.step()
+            try:
+                self.step()
+            except Exception as error:  # the stream goes on
+                self.failure = f"{type(error).__name__}: {error}"
             due = max(due + PERIOD, self.clock.now() - PERIOD)
             self._ending.wait(max(due - self.clock.now(), 0.0))
 
     # --- the stream --------------------------------------------------------------------------
 
     def lead(self, target: Target | None) -> None:
-        """Renew the set-point; None ends the stream."""
+        """Renew the set-point; None ends the stream.
+
+        One with a number that is none does not renew it: the vehicle holds after RENEWED_S.
+        """
+        if target is not None and not target.is_sound:
+            return
         with self.lock:
             self._target = None if target is None else (self.clock.now(), target)
 

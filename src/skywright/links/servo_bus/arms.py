@@ -271,7 +271,10 @@ class ServoFlight:
         """Give goals, take shafts, keep to the wall clock; raises ServosFailed."""
         goals = {d.servo: float(state["held"][d.joint]) for d in self.driven}
         if self._anchor is None:
-            self._worker.start_up(goals, {d.servo: d.name for d in self.driven})
+            try:
+                self._worker.start_up(goals, {d.servo: d.name for d in self.driven})
+            except OSError as error:
+                raise InputError(f"--servos: the serial port has failed: {error}") from None
             self._anchor = time.monotonic() - t
         self._worker.lead(goals)
         if self._worker.failure:

@@ -35,9 +35,7 @@ def parse_address(text: str, option: str) -> Address:
     try:
         return Address(socket.gethostbyname(host or "127.0.0.1"), int(port))
     except (OSError, UnicodeError):
-        raise InputError(
-            f"{option} {text[:80]!r}: the host has no address; it cannot listen there"
-        ) from None
+        raise InputError(f"{option} {text[:80]!r}: the host has no address") from None
 
 
 def load_key(file: str | os.PathLike[str] | None) -> bytes:
