@@ -100,7 +100,8 @@ def cluster() -> Iterator[str]:
 def killer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """An effect that kills the first process which builds it, but never this one; also a sensor."""
     file = tmp_path / "killer.py"
-    file.write_text(KILLER.replace("PARENT", str(os.getpid())))
+    # a file of equal content is one module in a worker that lives on: its mark would be the old one
+    file.write_text(KILLER.replace("PARENT", str(os.getpid())) + f"# {tmp_path}\n")
     (tmp_path / "hop.toml").write_text(HOP)
     monkeypatch.chdir(tmp_path)
     return f"world.effects.killer.kind={file}:Killer"

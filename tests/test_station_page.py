@@ -89,13 +89,14 @@ def test_a_flight_is_started_watched_paused_taken_over_and_aborted(
         assert invited is not None
         with open_page(chromium, invited[0], tmp_path / "p2") as two:
             wait_for(lambda: two("window.skywright?.player.count > 10"))
-            assert "page 1 controls" in _text(two, "who")
+            _control(one)
+            wait_for(lambda: "page 1 controls" in _text(two, "who"))
             assert two("document.getElementById('abort').disabled") is True
             _click(one, "pause")
             wait_for(lambda: "paused" in _text(two, "clock"))
             at = _text(two, "clock").split(" ")[0]
             wait_for(lambda: _text(one, "clock").startswith(f"{at} s"))
-            _click(two, "take")  # takes over
+            _control(two)  # takes over
             wait_for(lambda: "page 2 controls" in _text(one, "who"))
             _click(two, "pause")
             wait_for(lambda: float(_text(two, "clock").split(" ")[0]) > float(at) + 0.5)
