@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from importlib.util import find_spec
 from typing import NamedTuple
@@ -41,8 +42,15 @@ class Live(NamedTuple):
         return tuple(x for name, v in given.items() if v is not None for x in (name, str(v)))
 
     def check(self) -> Live:
-        """Return them with the domain; raises InputError where an extra or --ros2 is missing."""
+        """Return them with the domain; raises InputError where an extra or --ros2 is missing,
+        or a value is wrong."""
         ros2, foxglove = self.ros2, self.foxglove
+        if not 0.0 <= self.wait_s < math.inf:
+            raise InputError(f"--await {self.wait_s}; valid: seconds, 0 or more")
+        if not isinstance(ros2, str | bool | None):
+            raise InputError(f"--ros2 {ros2!r}; valid: tcp/HOST:PORT")
+        if not isinstance(foxglove, int | None) or not 0 <= (foxglove or 0) <= 65535:
+            raise InputError(f"--foxglove {foxglove!r}; valid: a port, 0 to 65535")
         if isinstance(ros2, bool):
             ros2 = ENDPOINT if ros2 else None
         if isinstance(foxglove, bool):

@@ -168,12 +168,12 @@ class Ros2Node:
 
     def _take_message(self, stream: Stream, full: str, sample: Any) -> None:
         try:
-            _, stamp_ns, _ = read_attachment(_read(sample.attachment))
+            _, stamp_ns, gid = read_attachment(_read(sample.attachment))
             args = self._read_request(full, sample.payload)
         except ValueError:
             self.counts["malformed"] += 1
             return
-        if not self._caller.stream(stream.name, args, 1e-9 * stamp_ns):
+        if not self._caller.stream(stream.name, args, 1e-9 * stamp_ns, gid):
             self.counts["old"] += 1
 
     def _read_request(self, full: str, payload: Any) -> dict[str, Any]:
@@ -223,5 +223,5 @@ def _answers(host: str, port: int) -> bool:
     try:
         with socket.create_connection((host, port), 2.0):
             return True
-    except OSError:
+    except (OSError, UnicodeError):  # a name that is none, too
         return False
