@@ -199,6 +199,8 @@ def test_wrong_input_is_told_before_anything_flies(table: str) -> None:
     for options, says in (
         ({"vary": [table]}, "men_mps"),
         ({"vary": "plant.mass_error=uniform(0,1)"}, "valid: a list of texts"),
+        ({"sets": None}, "sets = None; valid: a list of texts"),
+        ({"robot": 3}, "robot = 3; valid: a text"),
         ({"vary": ["plant.mass_error=unform(0,1)"]}, "unknown distribution 'unform'"),
         ({"sets": ["mission.task.nothing=1"]}, "nothing"),
         ({"conditions": 0}, "conditions = 0"),

@@ -97,9 +97,12 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
         length = self.episode_s if episode_s is None else episode_s
         if not isinstance(length, int | float) or not MISSION_TICK <= length < np.inf:
             raise InputError(f"episode_s = {episode_s!r}; valid: seconds, from {MISSION_TICK:g}")
+        for name, told in (("robot", robot), ("world", world)):
+            if not isinstance(told, str | None):
+                raise InputError(f"{name} = {told!r}; valid: a text, a name or a file")
         texts = {"vary": vary, "sets": sets}
         for name, given in texts.items():
-            if isinstance(given, str) or not all(isinstance(text, str) for text in given):
+            if not isinstance(given, list | tuple) or any(not isinstance(x, str) for x in given):
                 raise InputError(f"{name} = {given!r}; valid: a list of texts")
         self.steps_max = round(length / MISSION_TICK)
         acts, sees = self.act.signals, self.observe.signals
