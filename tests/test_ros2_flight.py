@@ -295,6 +295,7 @@ def test_address_that_is_taken_or_wrong_is_told() -> None:
     ("options", "says"),
     [
         ({"ros2": 7447}, "--ros2 7447; valid: tcp/HOST:PORT"),
+        ({"ros2": "tcp/bad"}, "--ros2 'tcp/bad'; valid: tcp/HOST:PORT"),
         ({"foxglove": "8765"}, "--foxglove '8765'; valid: a port"),
         ({"foxglove": 70000}, "--foxglove 70000; valid: a port"),
         ({"foxglove": True, "wait_s": math.nan}, "--await nan; valid: seconds"),
