@@ -99,8 +99,10 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
         """Begin episodes; from a `seed` environment i has seed + i."""
         n = self.num_envs
         if seed is None or not isinstance(seed, Sequence | np.ndarray):
-            whole = isinstance(seed, int | np.integer)
-            seeds = [int(seed) + i if whole else seed for i in range(n)]
+            one = int(seed) if isinstance(seed, int | np.integer) else None
+            if seed is not None and one is None:
+                raise InputError(f"seed = {seed!r}; valid: whole numbers from 0")
+            seeds: list[int | None] = [None if one is None else one + i for i in range(n)]
         else:
             seeds = list(seed)
         if len(seeds) != n:
