@@ -25,6 +25,7 @@ import skywright
 from skywright.links.broadcast.caller import Caller
 from skywright.links.broadcast.table import SERVICE_TYPES
 from skywright.links.broadcast.topics import TYPES
+from skywright.links.pair import build_pair
 from skywright.links.ros2.names import name_key, pack_attachment
 from skywright.links.ros2.types import Types
 from skywright.recordings.messages import definition
@@ -308,7 +309,7 @@ def test_wrong_options_are_told_before_a_process_starts(options: dict[str, Any],
 
 
 def test_a_sender_whose_clock_is_ahead_does_not_silence_the_others() -> None:
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    ours, theirs = build_pair()
     caller, now = Caller(ours), time.monotonic()
     with ours, theirs:
         assert caller.stream("/ual/set_velocity", {}, now + 3600.0, b"ahead")
