@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import warnings
 from collections.abc import Iterator
+from multiprocessing import Pipe
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from skywright import envs
 from skywright.analysis.envs.env import ACT, JUDGE, OBSERVE
 from skywright.analysis.envs.parts import Observation, Observe
 from skywright.analysis.envs.registry import PLACES
+from skywright.analysis.envs.vector import _Worker
 from skywright.analysis.envs.weld_press import SeeContact
 from skywright.errors import InputError, SimulationError
 from skywright.run.backends import build_vehicle
@@ -197,6 +199,8 @@ def test_wrong_input_is_told_before_anything_flies(table: str) -> None:
     for options, says in (
         ({"vary": [table]}, "men_mps"),
         ({"vary": "plant.mass_error=uniform(0,1)"}, "valid: a list of texts"),
+        ({"sets": None}, "sets = None; valid: a list of texts"),
+        ({"robot": 3}, "robot = 3; valid: a text"),
         ({"vary": ["plant.mass_error=unform(0,1)"]}, "unknown distribution 'unform'"),
         ({"sets": ["mission.task.nothing=1"]}, "nothing"),
         ({"conditions": 0}, "conditions = 0"),
@@ -214,11 +218,37 @@ def test_wrong_input_is_told_before_anything_flies(table: str) -> None:
         envs.VectorEnv("WeldPress", 2, autoreset="never")
 
 
+def test_a_refusal_leaves_no_answer_for_the_next_command() -> None:
+    """Of three processes two refuse: the first refusal is told, and no answer is left unread."""
+    vector: Any = object.__new__(envs.VectorEnv)
+    vector._workers = [_Worker(None, *Pipe(), k) for k in range(3)]  # type: ignore[arg-type]
+    ends = [w.first for w in vector._workers]
+    for end, answer in zip(ends, (["a"], InputError("one"), InputError("two")), strict=True):
+        end.send(answer)
+    with pytest.raises(InputError, match="one"):
+        vector._hear_all()
+    for end in ends:
+        end.send(["b"])
+    assert vector._hear_all() == ["b"] * 3
+
+
+def test_a_closed_vector_and_wrong_seeds_are_told() -> None:
+    vector: Any = object.__new__(envs.VectorEnv)
+    vector.num_envs, vector._workers = 2, []
+    for seed in (-1, 1.5, "ab", [1, -2], np.array([0.5, 1.0])):
+        with pytest.raises(InputError, match=r"seed = .* valid: whole numbers from 0"):
+            vector.reset(seed=seed)
+    for call in (vector.reset, lambda: vector.step(np.zeros((2, 1)))):
+        with pytest.raises(InputError, match="the vector is closed"):
+            call()
+
+
 @pytest.mark.parametrize(
     "action, says",
     [
         (np.zeros(2), r"shape \(2,\); valid: \(1,\)"),
         (np.array([np.nan]), "not finite"),
+        (np.array([np.inf]), "not finite"),
         ("push", r"shape"),
         (None, r"shape"),
     ],

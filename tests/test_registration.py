@@ -150,3 +150,46 @@ def test_a_wrong_table_is_told_in_one_line(tmp_path: Path, text: str, says: str)
          "tank"],
     )  # fmt: skip
     assert done.exit_code == 2 and says in done.output, done.output
+
+
+def test_a_refused_table_leaves_the_database_as_it_was(tmp_path: Path) -> None:
+    path = tmp_path / "r.db"
+    store = InspectionStore(path, create=True)
+    flight, t = store.add_flight(structure="tank", mission="m", robot="r", seed=1, run="")
+    store.add_reading(flight, t, Reading("thickness", 9.0, "mm", 0.1, 0.6, 0.4, 0.0))
+    store.add_datums("tank", None, name(MARKS).values())
+    store.add_datums("tank", flight, name(MARKS - [0.06, 0.0, 0.0]).values())
+    before = store.find_readings()
+    assert before[0].reading.x_m == pytest.approx(0.66, abs=1e-4)
+    swapped = MARKS[[1, 0, 3, 2]]
+    for owner in (flight, None):
+        with pytest.raises(InputError, match="still differ"):
+            store.add_datums("tank", owner, name(swapped).values())
+    assert store.find_readings() == before
+    store.close()
+    table = tmp_path / "d.csv"
+    table.write_text("name,x_m,y_m,z_m,u95_m\nD0,1e300,0,0,0.1\n")
+    call = ["records", str(path), "--datums", str(table), "--structure", "tank"]
+    done = CliRunner().invoke(main, call)
+    assert done.exit_code == 2 and "x_m is '1e300'; valid: -1e+08 to 1e+08" in done.output
+    done = CliRunner().invoke(main, [*call, "--report", str(tmp_path / "r.html")])
+    assert done.exit_code == 2 and "export after it" in done.output
+
+
+def test_the_table_of_flights_has_a_value_below_each_heading(tmp_path: Path) -> None:
+    path, table = tmp_path / "r.db", tmp_path / "d.csv"
+    store = InspectionStore(path, create=True)
+    flight, _ = store.add_flight(structure="tank", mission="m", robot="r", seed=1, run="")
+    store.close()
+    table.write_text("name,x_m,y_m,z_m,u95_m\nD0,0,0,0,0.1\n")
+    done = CliRunner().invoke(
+        main, ["records", str(path), "--datums", str(table), "--structure", "tank"]
+    )
+    head, row = (
+        [x.strip() for x in line.strip("┃│").replace("│", "┃").split("┃")]
+        for line in done.output.splitlines() if line[0] in "┃│"
+    )  # fmt: skip
+    assert dict(zip(head, row, strict=True)) == {
+        "flight": flight, "common": "0", "shift (mm)": "-", "turn (deg)": "-",
+        "residual (mm)": "-",
+    }  # fmt: skip

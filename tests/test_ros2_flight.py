@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import socket
@@ -21,8 +22,10 @@ from ros2_pyterfaces.core.geometry_msgs import msg as geometry
 from websockets.sync.client import connect
 
 import skywright
+from skywright.links.broadcast.caller import Caller
 from skywright.links.broadcast.table import SERVICE_TYPES
 from skywright.links.broadcast.topics import TYPES
+from skywright.links.pair import build_pair
 from skywright.links.ros2.names import name_key, pack_attachment
 from skywright.links.ros2.types import Types
 from skywright.recordings.messages import definition
@@ -278,6 +281,8 @@ def test_address_that_is_taken_or_wrong_is_told() -> None:
         with pytest.raises(skywright.InputError, match=r"--foxglove .*: cannot listen"):
             FoxgloveServer(s.getsockname()[1])
     caller: Any = None
+    with pytest.raises(skywright.InputError, match="no Zenoh router answers"):
+        Ros2Node(f"tcp/{70 * 'a'}.com:7447", "jazzy", 0, caller)  # longer than a name can be
     for wrong in ("udp/127.0.0.1:7447", "tcp/127.0.0.1:0", "tcp/127.0.0.1:70000", "7447"):
         with pytest.raises(skywright.InputError, match="valid: tcp/HOST:PORT"):
             Ros2Node(wrong, "jazzy", 0, caller)
@@ -285,6 +290,34 @@ def test_address_that_is_taken_or_wrong_is_told() -> None:
         Ros2Node("tcp/127.0.0.2:9", "jazzy", 0, caller)  # never a router beyond this computer
     with pytest.raises(skywright.InputError, match="'noetic'; valid: humble"):  # of the process
         skywright.fly("hexarotor", live=skywright.Live(ros2=True, distro="noetic"))
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"ros2": 7447}, "--ros2 7447; valid: tcp/HOST:PORT"),
+        ({"ros2": "tcp/bad"}, "--ros2 'tcp/bad'; valid: tcp/HOST:PORT"),
+        ({"foxglove": "8765"}, "--foxglove '8765'; valid: a port"),
+        ({"foxglove": 70000}, "--foxglove 70000; valid: a port"),
+        ({"foxglove": True, "wait_s": math.nan}, "--await nan; valid: seconds"),
+        ({"foxglove": True, "wait_s": -1.0}, "--await -1.0; valid: seconds"),
+    ],
+)
+def test_wrong_options_are_told_before_a_process_starts(options: dict[str, Any], says: str) -> None:
+    with pytest.raises(skywright.InputError, match=says):
+        skywright.Live(**options).check()
+
+
+def test_a_sender_whose_clock_is_ahead_does_not_silence_the_others() -> None:
+    ours, theirs = build_pair()
+    caller, now = Caller(ours), time.monotonic()
+    with ours, theirs:
+        assert caller.stream("/ual/set_velocity", {}, now + 3600.0, b"ahead")
+        assert caller.stream("/ual/set_velocity", {}, now, b"right")
+        assert not caller.stream("/ual/set_velocity", {}, now - 1.0, b"right")
+        for i in range(1000):  # who sends under ever new names costs no memory
+            caller.stream("/ual/set_velocity", {}, now, b"%d" % i)
+    assert len(caller._ages) <= 64
 
 
 def test_mission_is_taken_over_and_landed_by_ros2(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from skywright.models.rigid_body import build_body_model, posture
 from skywright.run.backends import build_vehicle
 from skywright.vehicle.arms.truth import HandTruth, TapePull
 from skywright.vehicle.bus import Clock, MuJoCo
+from skywright.vehicle.devices import Bench, Helper
 from skywright.vehicle.effects.tape import Tape
 from skywright.vehicle.simulated import SimulatedVehicle
 
@@ -118,8 +120,10 @@ def test_what_a_world_lacks_is_told() -> None:
         vehicle.devices.bench.move(np.zeros(3))
     with pytest.raises(InputError, match="unknown body 'wing'"):
         vehicle.devices.helper.push("wing", np.zeros(3))
-    with pytest.raises(InputError, match=r"things.socket is not there"):
+    with pytest.raises(InputError, match="has no 'socket' that can be surveyed"):
         vehicle.devices.surveyor.survey("socket")
+    with pytest.raises(InputError, match="has no force plates"):
+        vehicle.devices.gauges.zero()
 
 
 def test_a_thing_stands_where_what_it_is_on_stands() -> None:
@@ -202,3 +206,14 @@ def test_tape_holds_what_was_pressed_on(seconds: float, parted: int) -> None:
     assert tape.parted == parted
     assert max(pulls) == pytest.approx(min(bond, 1.0), abs=0.11)  # a step of 0.1 mm is 0.1 N
     assert pulls[-1] == 0.0
+
+
+@pytest.mark.parametrize("wrong", [[math.nan, 0.0, 0.0], [0.0, 0.0], "up", [math.inf, 0.0, 0.0]])
+def test_devices_take_finite_vectors_only(wrong: Any) -> None:
+    nobody: Any = None  # is not asked: the numbers are read first
+    with pytest.raises(InputError, match=r"push: f_W = .*valid: three finite numbers"):
+        Helper(nobody).push("platform", wrong)
+    with pytest.raises(InputError, match=r"move: p_W = .*valid: three finite numbers"):
+        Bench(nobody).move(wrong)
+    with pytest.raises(InputError, match="move: yaw = nan"):
+        Bench(nobody).move(np.zeros(3), math.nan)

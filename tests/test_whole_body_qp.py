@@ -323,6 +323,8 @@ def test_the_allocation_keeps_told_thrusts_within_the_rotors_limits() -> None:
     assert follow(26.0) == 0.0  # the sum of
     np.testing.assert_allclose(thrust, [1.0, 1.0, 2.0, 3.0, 4.0, 5.0, 5.0, 5.0])
     assert follow(27.0) == 1.0
+    told["thrust"][:8] = 3.0
+    assert follow(27.0) == 0.0  # given up by the law; no rotor is at a limit
     told["thrust"][3] = math.nan
     assert follow(26.0) == 3.0 and np.all(np.isfinite(thrust))
 

@@ -117,6 +117,10 @@ def records_(
         raise InputError(
             "--columns, --lag, --measured, --required and --registration: valid with --import"
         )
+    if datums is not None and any(
+        v is not None for v in (spot, at, component, table, geojson, parquet, local, dicom, report)
+    ):
+        raise InputError("--datums: valid with --structure or --flight and --json; export after it")
     if deviations and report is None:
         raise InputError("--deviation: valid with --report")
     store = RecordStore(file, create=source is not None)

@@ -123,7 +123,7 @@ def print_registrations(found: Mapping[str, Registration | None], asset: str, po
     """Print where the frame of each flight lies in that of its asset, and what to note of it."""
     console = new_console()
     console.print(f"{points} datum points of {asset}", style="bold", markup=False)
-    table = new_table("flight", "common", "shift (mm)", "turn (deg)", "residual (mm)")
+    table = new_table("", "flight", "common", "shift (mm)", "turn (deg)", "residual (mm)")
     for flight, one in found.items():
         if one is None:
             table.add_row(flight, "0", "-", "-", "-")

@@ -37,7 +37,8 @@ class RotorAllocation(Component):
     """Fills RotorDrive and Allocated from the commanded wrench (models/allocation.py).
 
     Thrusts that a law commands itself (port ThrustCommand) are taken as they are, within the limits
-    of the rotors in use; `saturated` then says that they do not make the commanded wrench.
+    of the rotors in use; `saturated` then says that they do not make the commanded wrench and that
+    a rotor is at a limit. Where the law gives up force for another reason, no rotor is saturated.
     """
 
     slot = "allocate"
@@ -141,15 +142,19 @@ def follow_told(
 ) -> float:  # fmt: skip
     """Replace `thrust` (n,) N by what is told, within the limits, if that is something.
 
-    Returns whether it misses the wrench by more than `missed` (N, N m), else `saturated`.
+    Returns whether it misses the wrench by more than `missed` (N, N m) with a rotor at a limit;
+    `saturated` where nothing is told.
     """
     n, total = t_min.shape[0], 0.0
     for i in range(n):
         total += told.thrust[i]
     if told.given < 0.5 or not math.isfinite(total):
         return saturated
+    at_limit = False
     for i in range(n):
-        thrust[i] = min(max(told.thrust[i], t_min[i] + preload[i]), t_max[i] + preload[i])
+        low, high = t_min[i] + preload[i], t_max[i] + preload[i]
+        thrust[i] = min(max(told.thrust[i], low), high)
+        at_limit = at_limit or thrust[i] - low < missed or high - thrust[i] < missed
     worst = 0.0
     for r in range(3):
         f, t = f_B[r], t_B[r]
@@ -157,7 +162,7 @@ def follow_told(
             f -= B[r, i] * thrust[i]
             t -= B[r + 3, i] * thrust[i]
         worst = max(worst, abs(f), abs(t))
-    return 1.0 if worst > missed else 0.0
+    return 1.0 if at_limit and worst > missed else 0.0
 
 
 def compute_yaw_share(context: Any) -> float:

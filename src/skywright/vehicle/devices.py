@@ -39,8 +39,9 @@ class Helper:
     def push(self, body: str, f_W: Array) -> None:
         """Apply a force (3,) N to a body of the robot, at its centre of mass, until told otherwise.
 
-        Raises InputError for an unknown body.
+        Raises InputError for an unknown body, and for a force that is not three finite numbers.
         """
+        f_W = _read_vector("push", "f_W", f_W)
         self._v.find(GivenForces).push(body, f_W)
 
 
@@ -51,7 +52,10 @@ class Bench:
         self._v = vehicle
 
     def move(self, p_W: Array, yaw: float = 0.0) -> None:
-        """Move the clamp to p_W (3,) m, turned by `yaw` (rad)."""
+        """Move the clamp to p_W (3,) m, turned by `yaw` (rad); raises InputError if not finite."""
+        p_W = _read_vector("move", "p_W", p_W)
+        if not math.isfinite(yaw):
+            raise InputError(f"move: yaw = {yaw}; valid: a finite number")
         w, _, y, _ = find_bench(self._v.world).q_WB
         data, c, s = self._v.sim.data, math.cos(0.5 * yaw), math.sin(0.5 * yaw)
         data.mocap_pos[0] = p_W
@@ -73,8 +77,12 @@ class Surveyor:
         v = self._v
         tracked = list_tracked(v.robot, v.world)
         if name not in tracked:
-            if name != PIPE:
-                v.world.find_thing(name, Placed)
+            placed = [n for n, thing in v.world.things.items() if isinstance(thing, Placed)]
+            if name != PIPE and name not in placed:
+                raise InputError(
+                    f"world {v.world.name!r} has no {name!r} that can be surveyed; there are: "
+                    f"{', '.join(placed) or 'none'}"
+                )
             raise InputError(
                 f"world {v.world.name!r}: motion capture does not track {name!r}; this "
                 "requires tracked = true in a world with motion capture; tracked: "
@@ -93,8 +101,15 @@ class Gauges:
         self._v = vehicle
 
     def zero(self) -> None:
-        """Count the wrench on the platform from now on."""
-        self._v.find(gauges.Gauges).zero()
+        """Count the wrench on the platform from now on; raises InputError without a plate."""
+        try:
+            found = self._v.find(gauges.Gauges)
+        except InputError:
+            world = self._v.world.name
+            raise InputError(
+                f"world {world!r} has no force plates: add a thing of kind 'pad'"
+            ) from None
+        found.zero()
 
 
 class Devices:
@@ -135,6 +150,16 @@ class Devices:
             there = ", ".join(sorted(self.names)) or "none"
             raise InputError(f"device {name!r}: {self._why}; there are: {there}")
         return self._v
+
+
+def _read_vector(what: str, name: str, given: Any) -> Array:
+    try:
+        out = np.asarray(given, float)
+    except (TypeError, ValueError):
+        out = np.zeros(0)
+    if out.shape != (3,) or not np.isfinite(out).all():
+        raise InputError(f"{what}: {name} = {given!r}; valid: three finite numbers")
+    return out
 
 
 def find_bench(world: Any) -> Fixture:

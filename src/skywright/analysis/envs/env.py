@@ -6,6 +6,7 @@ plant. What is particular of a task stands in three components (parts.py) and in
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
@@ -96,9 +97,12 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
         length = self.episode_s if episode_s is None else episode_s
         if not isinstance(length, int | float) or not MISSION_TICK <= length < np.inf:
             raise InputError(f"episode_s = {episode_s!r}; valid: seconds, from {MISSION_TICK:g}")
+        for name, told in (("robot", robot), ("world", world)):
+            if not isinstance(told, str | None):
+                raise InputError(f"{name} = {told!r}; valid: a text, a name or a file")
         texts = {"vary": vary, "sets": sets}
         for name, given in texts.items():
-            if isinstance(given, str) or not all(isinstance(text, str) for text in given):
+            if not isinstance(given, list | tuple) or any(not isinstance(x, str) for x in given):
                 raise InputError(f"{name} = {given!r}; valid: a list of texts")
         self.steps_max = round(length / MISSION_TICK)
         acts, sees = self.act.signals, self.observe.signals
@@ -173,7 +177,7 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
     def step(self, action: Numbers) -> tuple[Numbers, float, bool, bool, dict[str, Any]]:
         """Fly 20 ms with an action in [-1, 1]; what is beyond is cut to it.
 
-        Raises InputError for an action of another shape or with NaN in it, and where no episode
+        Raises InputError for an action of another shape or that is not finite, and where no episode
         runs.
         """
         self._take(action)
@@ -212,7 +216,6 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
                 f"action: {action!r} has the shape {given.shape}; valid: ({len(self._action)},), "
                 f"each -1 to 1: {names}"
             )
-        np.clip(given, -1.0, 1.0, out=self._action)
-        if any(x != x for x in self._action.tolist()):
-            self._action[:] = 0.0
+        if not all(map(math.isfinite, given.tolist())):
             raise InputError(f"action: {given} is not finite; valid: numbers from -1 to 1")
+        np.clip(given, -1.0, 1.0, out=self._action)

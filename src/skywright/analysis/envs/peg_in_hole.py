@@ -232,7 +232,7 @@ class PegInHole(ContactEnv):
             vehicle.tick()
             seen.append(float(vehicle.estimate["f_ext_W"][2]))
         weight = float(np.sum(row["load"][:2]))
-        p_WS, R_WS = s.devices.surveyor.survey(s.task.socket)
+        p_WS, R_WS = vehicle.devices.surveyor.survey(s.task.socket)
         marker, peg = find_marker(vehicle.world), d.world.find_thing(s.task.bar, Peg)
         act.R_WS[:], act.acceleration = R_WS, ACCELERATION
         act.low[:], act.high[:] = [-ASIDE, -ASIDE, -BELOW], [ASIDE, ASIDE, ABOVE]

@@ -19,7 +19,7 @@ PLACES = {
 
 def find_class(name: str) -> type[ContactEnv]:
     """Return the class of an environment; raises InputError that lists them."""
-    if name not in PLACES:
+    if not isinstance(name, str) or name not in PLACES:
         valid = neighbours(str(name), PLACES)
         raise InputError(f"environment {name!r} is unknown; valid: {valid}")
     module = import_module(f"{__package__}.{PLACES[name]}")

@@ -84,7 +84,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
                 self._workers[-1].connection.send(
                     (name, options, first, last - first, tuple(layout), autoreset == "same_step")
                 )
-            self.refused: list[str] = [r for w in self._workers for r in self._hear(w)]
+            self.refused: list[str] = self._hear_all()
             """What was said of conditions that never came to where episodes begin."""
         except BaseException:
             self.close()
@@ -98,23 +98,33 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
     ) -> tuple[Numbers, dict[str, Any]]:  # fmt: skip
         """Begin episodes; from a `seed` environment i has seed + i."""
         n = self.num_envs
-        if seed is None or isinstance(seed, int):
-            seeds = [None if seed is None else seed + i for i in range(n)]
+        if seed is None or not isinstance(seed, Sequence | np.ndarray):
+            one = int(seed) if isinstance(seed, int | np.integer) else None
+            if seed is not None and one is None:
+                raise InputError(f"seed = {seed!r}; valid: whole numbers from 0")
+            seeds: list[int | None] = [None if one is None else one + i for i in range(n)]
         else:
             seeds = list(seed)
         if len(seeds) != n:
             raise InputError(f"seed: {len(seeds)} seeds; valid: one, or {n}")
+        if not all(x is None or (isinstance(x, int | np.integer) and x >= 0) for x in seeds):
+            raise InputError(f"seed = {seed!r}; valid: whole numbers from 0")
+        seeds = [None if x is None else int(x) for x in seeds]
+        self._check_open()
         for w in self._workers:
-            w.connection.send_bytes(b"")
-            w.connection.send(("reset", seeds[w.first : w.first + w.n], options))
-        told = [x for w in self._workers for x in self._hear(w)]
+            self._send(w, b"", ("reset", seeds[w.first : w.first + w.n], options))
+        told = self._hear_all()
         return self._shared.seen.copy(), self._tell(told)
 
     def step(
         self, actions: Any
     ) -> tuple[Numbers, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Step all; raises InputError for actions of another shape or with NaN in them."""
-        given = np.asarray(actions, np.float32)
+        self._check_open()
+        try:
+            given = np.asarray(actions, np.float32)
+        except (TypeError, ValueError):
+            raise InputError("actions: not all are numbers; valid: from -1 to 1") from None
         if given.shape != self._shared.actions.shape:
             raise InputError(
                 f"actions: the shape is {given.shape}; valid: {self._shared.actions.shape}"
@@ -125,7 +135,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
         self._shared.actions[:] = given
         for w in self._workers:
             self._send(w, STEP)
-        told = [x for w in self._workers for x in self._hear(w)]
+        told = self._hear_all()
         s, infos = self._shared, self._tell(told)
         for k, value in enumerate(self.values):
             infos[value.name] = s.values[:, k].copy()
@@ -140,9 +150,27 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
             w.connection.send(("tick", n))
         return [self._hear(w) for w in self._workers]
 
-    def _send(self, worker: _Worker, what: bytes) -> None:
+    def _check_open(self) -> None:
+        if not self._workers:
+            raise InputError("the vector is closed: build another one")
+
+    def _send(self, worker: _Worker, what: bytes, more: Any = None) -> None:
         with suppress(BrokenPipeError, ConnectionResetError):  # dead: hearing tells
             worker.connection.send_bytes(what)
+            if more is not None:
+                worker.connection.send(more)
+
+    def _hear_all(self) -> list[Any]:
+        """Return what all say, in order; raises the first error after all have answered."""
+        out, error = list[Any](), None
+        for w in list(self._workers):
+            try:
+                out += self._hear(w)
+            except InputError as found:
+                error = error or found
+        if error is not None:
+            raise error
+        return out
 
     def _hear(self, worker: _Worker) -> Any:
         try:

@@ -16,6 +16,8 @@ from skywright.inspection.history.entries import Datum, Reading, StoredIndicatio
 from skywright.inspection.history.registration import Registration, register_flight
 
 COLUMNS = ("name", "x_m", "y_m", "z_m", "u95_m")
+LARGEST_M = 1e8
+"""Of a coordinate: beyond all frames of the earth."""
 
 
 def load_datums(path: Path) -> list[Datum]:
@@ -47,8 +49,8 @@ def _read_datum(path: Path, number: int, row: dict[str, str | None]) -> Datum:
             value = float(row[key] or "")
         except ValueError:
             value = math.nan
-        if not math.isfinite(value) or (key == "u95_m" and value <= 0):
-            what = "above 0" if key == "u95_m" else "a finite number"
+        if not abs(value) <= LARGEST_M or (key == "u95_m" and value <= 0):
+            what = f"{'above 0' if key == 'u95_m' else f'{-LARGEST_M:g}'} to {LARGEST_M:g}"
             raise InputError(f"{path}, line {number}: {key} is {row[key]!r}; valid: {what} (m)")
         numbers.append(value)
     return Datum(name, *numbers)
@@ -60,12 +62,21 @@ class DatumFile(DatabaseFile):
     def add_datums(self, asset: str, flight: str | None, datums: Iterable[Datum]) -> None:
         """Store datum points of an asset (flight None), or as a flight measured them, all or none.
 
-        A point that is stored is replaced. Raises InputError for a name that occurs twice.
+        A point that is stored is replaced. Raises InputError for a name that occurs twice, and for
+        points by which a flight cannot be registered: nothing is stored then.
         """
         points = list(datums)
         names = [d.name for d in points]
         if twice := sorted({n for n in names if names.count(n) > 1}):
             raise InputError(f"datum points: {', '.join(twice)} twice; valid: each name once")
+        new = {**self.list_datums(asset, flight), **{d.name: d for d in points}}
+        for one, prior in self.read(
+            "SELECT id, registration_std_m FROM flights WHERE structure = ?", (asset,)
+        ):
+            if flight is None:
+                register_flight(new, self.list_datums(asset, one), prior)
+            elif one == flight:
+                register_flight(self.list_datums(asset), new, prior)
         self.write(
             *(
                 ("DELETE FROM datums WHERE asset = ? AND coalesce(flight, '') = ? AND name = ?",

@@ -12,6 +12,7 @@ from skywright.links.broadcast.table import OLD_S
 from skywright.links.pair import say
 from skywright.links.udp.receiver import Ages
 
+SENDERS_MAX = 64  # whose clocks are known
 HELD_S = 10.0  # s for which somebody who called counts as watching
 
 
@@ -22,7 +23,7 @@ class Caller:
         self._end, self._number = end, 0
         self._waiting: dict[int, Callable[[bool, str], None]] = {}
         self._lock = threading.Lock()  # calls come from threads of the middleware
-        self._ages = Ages()
+        self._ages: dict[bytes, Ages] = {}  # by sender: their clocks differ
         self.last_s = -HELD_S
         """Wall time of the last call."""
 
@@ -36,12 +37,14 @@ class Caller:
         if not say(self._end, "call", id=number, name=name, args=args, at=time.monotonic()):
             self.answer(number, False, f"{name} refused: the flight does not take commands now")
 
-    def stream(self, name: str, args: dict[str, Any], stamp_s: float) -> bool:
+    def stream(self, name: str, args: dict[str, Any], stamp_s: float, sender: bytes) -> bool:
         """Hand a message of a stream on, unless it is old; `stamp_s` is the sender's time."""
         now = time.monotonic()
         with self._lock:
             self.last_s = now
-            if self._ages.measure(now, stamp_s) > OLD_S:
+            if sender not in self._ages and len(self._ages) >= SENDERS_MAX:
+                del self._ages[next(iter(self._ages))]
+            if self._ages.setdefault(sender, Ages()).measure(now, stamp_s) > OLD_S:
                 return False
         return say(self._end, "call", id=0, name=name, args=args, at=now)
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import os
+import re
 from importlib.util import find_spec
 from typing import NamedTuple
 
@@ -11,6 +13,7 @@ from skywright.errors import InputError
 DISTRO = "jazzy"
 ENDPOINT, PORT = "tcp/127.0.0.1:7447", 8765
 """Where ROS 2 nodes look for their Zenoh router, and Foxglove for its server."""
+ADDRESS = re.compile(r"tcp/(\[[0-9a-fA-F:]+\]|[\w.-]+):(\d{1,5})")
 
 
 class Live(NamedTuple):
@@ -41,8 +44,15 @@ class Live(NamedTuple):
         return tuple(x for name, v in given.items() if v is not None for x in (name, str(v)))
 
     def check(self) -> Live:
-        """Return them with the domain; raises InputError where an extra or --ros2 is missing."""
+        """Return them with the domain; raises InputError where an extra or --ros2 is missing,
+        or a value is wrong."""
         ros2, foxglove = self.ros2, self.foxglove
+        if not 0.0 <= self.wait_s < math.inf:
+            raise InputError(f"--await {self.wait_s}; valid: seconds, 0 or more")
+        if not isinstance(ros2, str | bool | None):
+            raise InputError(f"--ros2 {ros2!r}; valid: tcp/HOST:PORT")
+        if not isinstance(foxglove, int | None) or not 0 <= (foxglove or 0) <= 65535:
+            raise InputError(f"--foxglove {foxglove!r}; valid: a port, 0 to 65535")
         if isinstance(ros2, bool):
             ros2 = ENDPOINT if ros2 else None
         if isinstance(foxglove, bool):
@@ -50,6 +60,8 @@ class Live(NamedTuple):
         if ros2 is None and foxglove is None:
             what = "--await" if self.distro is None else "--ros2-distro"
             raise InputError(f"{what} requires --ros2{' or --foxglove' * (what == '--await')}")
+        if ros2 is not None:
+            read_endpoint(ros2)
         _require("ros2", ros2 is not None, ("zenoh", "rosbags"))
         _require("foxglove", foxglove is not None, ("foxglove",))
         if ros2 is None:
@@ -58,6 +70,14 @@ class Live(NamedTuple):
         if not domain.isdecimal() or int(domain) > 232:
             raise InputError(f"ROS_DOMAIN_ID={domain[:40]!r}; valid: 0 to 232")
         return Live(ros2, self.distro or DISTRO, foxglove, self.wait_s, int(domain))
+
+
+def read_endpoint(text: str) -> tuple[str, int]:
+    """Return host and port of a Zenoh endpoint; raises InputError."""
+    found = ADDRESS.fullmatch(text)
+    if found is None or not 0 < int(found[2]) < 65536:
+        raise InputError(f"--ros2 {text[:80]!r}; valid: tcp/HOST:PORT")
+    return found[1], int(found[2])
 
 
 def _require(extra: str, wanted: bool, modules: tuple[str, ...]) -> None:

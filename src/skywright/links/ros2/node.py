@@ -8,7 +8,6 @@ for others by multicast.
 from __future__ import annotations
 
 import json
-import re
 import socket
 import sys
 import time
@@ -19,6 +18,7 @@ import zenoh
 
 from skywright.errors import InputError
 from skywright.links.broadcast.caller import Caller
+from skywright.links.broadcast.options import read_endpoint
 from skywright.links.broadcast.rows import Reader
 from skywright.links.broadcast.table import SERVICE_TYPES, SERVICES, STREAMS, Service, Stream
 from skywright.links.broadcast.topics import TEXTS, TYPES
@@ -39,7 +39,6 @@ from skywright.recordings.sample_rows import build_message
 
 NAME = "skywright"
 LARGEST = 4096  # bytes of a request
-ENDPOINT = re.compile(r"tcp/(\[[0-9a-fA-F:]+\]|[\w.-]+):(\d{1,5})")
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 DOMAINS = range(233)  # as in ROS 2
 
@@ -168,12 +167,12 @@ class Ros2Node:
 
     def _take_message(self, stream: Stream, full: str, sample: Any) -> None:
         try:
-            _, stamp_ns, _ = read_attachment(_read(sample.attachment))
+            _, stamp_ns, gid = read_attachment(_read(sample.attachment))
             args = self._read_request(full, sample.payload)
         except ValueError:
             self.counts["malformed"] += 1
             return
-        if not self._caller.stream(stream.name, args, 1e-9 * stamp_ns):
+        if not self._caller.stream(stream.name, args, 1e-9 * stamp_ns, gid):
             self.counts["old"] += 1
 
     def _read_request(self, full: str, payload: Any) -> dict[str, Any]:
@@ -196,11 +195,9 @@ def _read(data: Any) -> bytes:
 
 def _open_session(endpoint: str) -> Any:
     """Connect to the router at `endpoint`, or be it; raises InputError."""
-    found = ENDPOINT.fullmatch(endpoint)
-    if found is None or not 0 < int(found[2]) < 65536:
-        raise InputError(f"--ros2 {endpoint[:80]!r}; valid: tcp/HOST:PORT")
-    there = _answers(found[1].strip("[]"), int(found[2]))
-    if not there and found[1] not in LOOPBACK:
+    host, port = read_endpoint(endpoint)
+    there = _answers(host.strip("[]"), port)
+    if not there and host not in LOOPBACK:
         raise InputError(
             f"--ros2 {endpoint}: no Zenoh router answers; start it there: ros2 run rmw_zenoh_cpp "
             "rmw_zenohd"
@@ -223,5 +220,5 @@ def _answers(host: str, port: int) -> bool:
     try:
         with socket.create_connection((host, port), 2.0):
             return True
-    except OSError:
+    except (OSError, UnicodeError):  # a name that is none, too
         return False
