@@ -220,7 +220,7 @@ def test_the_packaged_recordings_are_found_by_name() -> None:
         (["tool-install", "--operator", "ghost"], "valid: view, udp:PORT"),
         (["tool-install", "--operator", "udp:99999"], "valid: udp:PORT"),
         (["tool-install", "--operator", "udp:0.0.0.0:0"], "requires a key"),
-        (["tool-install", "--operator", f"udp:{'ä' * 80}:99"], "cannot listen"),
+        (["tool-install", "--operator", f"udp:{'ä' * 80}:99"], "the host has no address"),
         (["waypoints", "--gateway", "tcp:1"], "valid: udp:PORT"),
         (["waypoints", "--gateway-key", "key"], "requires --gateway"),
         (["waypoints", "--gateway", "udp:0", "--gateway-key", "none"], "none: cannot be read"),
