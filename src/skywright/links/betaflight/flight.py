@@ -21,7 +21,6 @@ from skywright.core.interrupt import check_interrupt
 from skywright.core.rotations import rot_z
 from skywright.core.threads import on_one_thread
 from skywright.description.loader import Description
-from skywright.errors import InputError, SimulationError
 from skywright.links.betaflight.airframe import MIN_CHECK, build_airframe, list_commands
 from skywright.links.betaflight.link import BetaflightLink, Ports
 from skywright.links.betaflight.outer_loop import OuterLoop
@@ -37,6 +36,7 @@ from skywright.links.betaflight.route import Route, plan_route
 from skywright.links.betaflight.set_up import SetUp
 from skywright.links.sitl.directory import SitlDirectory
 from skywright.links.sitl.earth import HOME, compute_pressure
+from skywright.links.sitl.fly import AutopilotFailed, fly_to_end
 from skywright.links.sitl.pace import Pace
 from skywright.links.sitl.plant import Reading, SitlPlant
 from skywright.links.sitl.result import SitlResult
@@ -62,10 +62,6 @@ READY_S, RESTARTS_MAX = 25.0, 3
 SPIN_UP_S = 1.0  # s at idle before take-off
 DOWN_M, DOWN_V, DOWN_S = 0.1, 0.1, 0.3
 """Landed: so far above the reference (m), so slow (m/s), for so long (s)."""
-
-
-class AutopilotFailed(SimulationError):
-    """Betaflight does not answer any more, or did not do what the flight needs."""
 
 
 class Options(NamedTuple):
@@ -148,22 +144,7 @@ class _Flight:
 
     def fly(self) -> SitlResult:
         """Fly to the end."""
-        outcome, reason = "finished", "the duration is over"
-        try:
-            while self.plant.t < self.options.duration_s - 1e-9:
-                check_interrupt()
-                self._step()
-                if self._stage == "over":
-                    reason = "landed"
-                    break
-        except KeyboardInterrupt:
-            reason = "ended by the user"
-        except AutopilotFailed as error:
-            outcome, reason = "aborted", str(error)
-        except SimulationError as error:
-            outcome, reason = "diverged", str(error)
-        except InputError as error:  # the recording cannot be written: the disk is full
-            outcome, reason = "interrupted", str(error)
+        outcome, reason = fly_to_end(self.plant, self.options.duration_s, self._fly_a_step)
         if self._still_s > 0.01 * self.plant.t:
             self.say(f"the plant's time stood still for {self._still_s:.1f} s: Betaflight was late")
         directory = self.directory.finish(outcome, reason)
@@ -171,6 +152,10 @@ class _Flight:
             outcome, reason, directory, self.directory.metrics, self.directory.factor,
             self.link.describe_refused(),
         )  # fmt: skip
+
+    def _fly_a_step(self) -> str | None:
+        self._step()
+        return "landed" if self._stage == "over" else None
 
     def _step(self) -> None:
         plant, link = self.plant, self.link

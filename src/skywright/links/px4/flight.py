@@ -10,15 +10,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from skywright.core.interrupt import check_interrupt
 from skywright.core.threads import on_one_thread
 from skywright.description.loader import Description
-from skywright.errors import InputError, SimulationError
+from skywright.errors import InputError
 from skywright.links.px4.parameters import build_airframe
 from skywright.links.px4.sensors import Px4Sensors
-from skywright.links.px4.server import AutopilotFailed, Px4Server
+from skywright.links.px4.server import Px4Server
 from skywright.links.px4.telemetry import Telemetry
 from skywright.links.sitl.directory import SitlDirectory
+from skywright.links.sitl.fly import fly_to_end
 from skywright.links.sitl.pace import Pace
 from skywright.links.sitl.plant import SitlPlant
 from skywright.links.sitl.result import SitlResult
@@ -99,27 +99,16 @@ class _Flight:
 
     def fly(self) -> SitlResult:
         """Fly to the end."""
-        outcome, reason = "finished", "the duration is over"
-        try:
-            while self.plant.t < self.options.duration_s - 1e-9:
-                check_interrupt()
-                self._step()
-                if self._has_been_left():
-                    reason = f"no PX4 for {self.options.wait_s:g} s"
-                    break
-        except KeyboardInterrupt:
-            reason = "ended by the user"
-        except AutopilotFailed as error:
-            outcome, reason = "aborted", str(error)
-        except SimulationError as error:
-            outcome, reason = "diverged", str(error)
-        except InputError as error:  # the recording cannot be written: the disk is full
-            outcome, reason = "interrupted", str(error)
+        outcome, reason = fly_to_end(self.plant, self.options.duration_s, self._fly_a_step)
         directory = self.directory.finish(outcome, reason)
         return SitlResult(
             outcome, reason, directory, self.directory.metrics, self.directory.factor,
             self.server.describe_refused(),
         )  # fmt: skip
+
+    def _fly_a_step(self) -> str | None:
+        self._step()
+        return f"no PX4 for {self.options.wait_s:g} s" if self._has_been_left() else None
 
     def _step(self) -> None:
         lockstep, plant = self.server.lockstep, self.plant

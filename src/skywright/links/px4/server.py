@@ -14,11 +14,12 @@ from collections.abc import Callable
 from typing import Any
 
 from skywright.core.interrupt import check_interrupt
-from skywright.errors import InputError, SimulationError
+from skywright.errors import InputError
 from skywright.links.mavlink.stream import CAUSES as PACKETS
 from skywright.links.mavlink.stream import MavlinkStream
 from skywright.links.px4.lockstep import CAUSES as ANSWERS
 from skywright.links.px4.lockstep import Lockstep
+from skywright.links.sitl.fly import AutopilotFailed
 
 PORT = 4560
 """TCP port of PX4's first instance; instance N uses 4560 + N."""
@@ -28,10 +29,6 @@ VERSION_MAX = 20
 """Packets of MAVLink 1 without one of MAVLink 2 that end the run."""
 CHUNK = 4096  # bytes a read
 SENSE_S = 0.05  # s between looks at interrupts while waiting
-
-
-class AutopilotFailed(SimulationError):
-    """The autopilot does not answer any more, or is no PX4 in lockstep."""
 
 
 class Px4Server:
