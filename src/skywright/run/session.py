@@ -109,7 +109,7 @@ class Vehicle(Uav):
         """
         while self.closing:
             self.closing.pop()()
-        self.backend.close()  # type: ignore[attr-defined]
+        self.backend.close()
 
     def __enter__(self) -> Vehicle:
         return self

@@ -60,6 +60,9 @@ class Backend(Protocol):
     piloted: bool  # whether a pilot flies by the vehicle's own controls
     stopped: str  # why the motors stand although nothing here stopped them
 
+    def close(self) -> None:
+        """End the connection to a vehicle that is not simulated here."""
+
     @property
     def t(self) -> float:
         """Mission time (s)."""

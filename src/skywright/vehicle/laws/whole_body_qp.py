@@ -23,7 +23,7 @@ is law (4)'s and the arm's speeds are law (2)'s. Each control tick
   no limit binds. One vertex of the pyramid lies in the direction of sliding, so f^d is inside.
 - Servos follow a speed as T_v q'' = speed - q', so q''^d is law (2)'s speed and the command is
   q' + T_v q''.
-- T^d is what the allocation would tell. Where T^d, q''^d and f^d are within all limits they are
+- T^d are the thrusts of the allocation. Where T^d, q''^d and f^d are within all limits they are
   the solution, for the cost is zero there, and no solver runs. Else DAQP solves the program.
 - Joint rows may contradict each other beyond a stop: then those rows may be violated at a price. If
   that has no solution either, the allocation takes the wrench instead (`ThrustCommand.limits`).
