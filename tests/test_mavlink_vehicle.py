@@ -422,3 +422,8 @@ def test_a_host_without_an_address_is_told_as_such(kind: str, host: str) -> None
     """A name is looked up once: `udpout` would otherwise lose each packet and say nothing."""
     with pytest.raises(InputError, match="has no address"):
         Endpoint(parse_url(f"{kind}:{host}:14550"), 1, 1)
+
+
+def test_a_robot_without_mavlink_is_told_what_to_add() -> None:
+    done = CliRunner().invoke(main, ["serve", "hexarotor"])
+    assert done.exit_code == 2 and "serve hexarotor --mavlink URL" in done.output

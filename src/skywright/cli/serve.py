@@ -70,8 +70,17 @@ def serve(
     for name, value in given.items():
         if value:
             raise InputError(f"--{name} requires --mavlink URL")
+    from skywright.description.loader import list_missions
+    from skywright.description.robot.loader import list_robots
     from skywright.ground.serve import serve as run
     from skywright.ground.server import Address
+
+    robots, missions = ({e.name for e in found} for found in (list_robots(), list_missions()))
+    if target in robots - missions and not Path(target).exists():
+        raise InputError(
+            f"{target!r} is a robot: `skywright serve {target} --mavlink URL` lets it speak "
+            "MAVLink; valid without --mavlink: a mission or a run's directory"
+        )
 
     address = Address(host, port, names, certificate, key, unencrypted)
     options = asked.check().list_arguments() if asked.wanted else ()
