@@ -18,7 +18,7 @@ def build_table() -> str:
     with FLOWN.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     lines = [
-        "| condition | plan | flights | excursion (mm) | released at (deg) | decay (s) | both met |",
+        "| condition | plan | flights | excursion (mm) | released at (deg) | decay (s) | met |",
         "|---|---|---|---|---|---|---|",
     ]
 

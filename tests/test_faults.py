@@ -196,6 +196,12 @@ def test_the_page_has_todays_rules_and_faults():
     assert text == module.build_page(text), "run: python docs/generate_faults.py"
 
 
+def test_the_page_of_the_long_reach_has_its_flights():
+    module = load_script("docs/generate_long_reach.py")
+    text = module.PAGE.read_text(encoding="utf-8")
+    assert text == module.build_page(text), "run: python docs/generate_long_reach.py"
+
+
 # --- watching ------------------------------------------------------------------------------------
 
 

@@ -54,11 +54,11 @@ def fly(s: Supervisor[SensorInstall], way: InstallPlan) -> Flight:
     s.begin("navigate")
     fly_way(s, way.to_far, 1.0)
     s.wait(PARK_S)
-    if task.swing_deg > 0.0 and s.vehicle.read(ArmModel).swing >= 0:
-        if not _check_swing(s, math.radians(task.swing_deg), way):
-            s.end("failed")
-            _go_home(s, way)
-            return Flight(False, f"the push did not turn the link to {task.swing_deg:g} deg")
+    swings = task.swing_deg > 0.0 and s.vehicle.read(ArmModel).swing >= 0
+    if swings and not _check_swing(s, math.radians(task.swing_deg), way):
+        s.end("failed")
+        _go_home(s, way)
+        return Flight(False, f"the push did not turn the link to {task.swing_deg:g} deg")
     if task.hover_s > 0.0:
         s.begin("hover check")
         s.body.track(_hold_hand(s, way.hover_hand, task))
