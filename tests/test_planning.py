@@ -369,20 +369,20 @@ def test_a_clearance_is_told_with_its_key() -> None:
 
 def test_the_distance_of_a_climb_is_told_with_its_key() -> None:
     def ask(*sets: str) -> str:
-        start = ["mission.world=pipe", "mission.start_x_m=1.3", "mission.hover_height_m=2.5"]
+        start = ["mission.world=pipe", "mission.start_x_m=1.25", "mission.hover_height_m=2.5"]
         points = "mission.task.points=[{x_m=0.0, y_m=0.0, z_m=2.5}]"
         return str(
             plan_mission(load_description("waypoints", sets=[*start, points, *sets])).blocked_by
         )
 
     told = re.search(
-        r"take-off and landing at \(1\.30, 0\.00\) m: propeller0 and pipe come within "
+        r"take-off and landing at \(1\.25, 0\.00\) m: propeller\d and pipe come within "
         r"(\d\.\d+) m at a height of "
         r"\d\.\d+ m; at least 0\.1 m \(mission\.climb_clearance_m\) are required",
         ask(),
     )
     assert told is not None and 0.0 < float(told[1]) < 0.1
-    assert ask(f"mission.climb_clearance_m={0.95 * float(told[1])}") == "None"
+    assert ask("mission.climb_clearance_m=0.02") == "None"
     with pytest.raises(InputError, match=r"mission\.climb_clearance_m = -1"):
         ask("mission.climb_clearance_m=-1")
 
@@ -399,7 +399,11 @@ def test_a_soft_position_loop_is_told_before_what_its_depth_runs_into() -> None:
     arm = str(plan("mission.task.force_n=0.5", robot="f550-bridge").blocked_by)
     assert "propeller3 and pipe" in arm and "thin" not in arm and "depth" not in arm
     arm = str(plan(robot="f550-bridge").blocked_by)  # 222 mm deep: no depth helps this arm
-    assert "propeller3 and pipe" in arm and "20 mm inside the surface as with the 222 mm" in arm
+    assert "propeller3 and pipe" in arm
+    assert "also with the desired tip 20 mm inside the surface instead of 222 mm" in arm
+    said = str(plan("mission.task.depth_m=0.15").blocked_by)
+    assert re.match(r"mission\.task\.depth_m = 0\.15 m is too large, a push of [\d.]+ N at ", said)
+    assert said.endswith("; lower mission.task.depth_m")
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.analysis.identify.flight_log import FlightLog
+from skywright.analysis.identify.table import load_table
 from skywright.analysis.identify.ulog import load_ulog
 from skywright.core.arrays import Array
 from skywright.core.rotations import quat_to_rot
@@ -47,10 +48,14 @@ def load_log(path: Path, robot: Robot | None = None) -> FlightLog:
         raise InputError(f"{path}: {what}; give a run's directory, a recording or a ULog")
     if path.suffix == ".ulg":
         log = load_ulog(path, robot)
+    elif path.suffix == ".csv":
+        log = load_table(path, robot)
     elif path.suffix == ".mcap":
         log = _load_recording(path, robot)
     else:
-        raise InputError(f"{path}: unknown kind of log; valid: a run's directory, *.mcap, *.ulg")
+        raise InputError(
+            f"{path}: unknown kind of log; valid: a run's directory, *.mcap, *.ulg, *.csv"
+        )
     period = float(log.t[1] - log.t[0]) if len(log.t) > 1 else 0.0
     if period * int(np.sum(log.free)) < SHORTEST:
         raise InputError(
