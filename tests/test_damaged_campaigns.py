@@ -22,8 +22,8 @@ from skywright.run.rows import Row
 
 CAMPAIGN: dict[str, Any] = {"mission": "waypoints", "runs": 3, "seed": 1, "versions": {"a": "1"}}
 BAD = [
-    None, True, -1, 1.5, 10**400, float("nan"), float("inf"), -1e300, "text", "", [], {}, [1], {"a": 1},
-    [[[]]], "9" * 400, "n" * 60_000_000,
+    None, True, -1, 1.5, 10**400, float("nan"), float("inf"), -1e300, "text", "", [], {}, [1],
+    {"a": 1}, [[[]]], "9" * 400, "n" * 60_000_000,
 ]  # fmt: skip
 FILES = ("metrics.json", "mission.toml", "recording.mcap")
 
@@ -194,7 +194,8 @@ def test_metrics_of_a_run_are_read_by_their_type(
 ) -> None:
     phase = {"name": "hover", "start_s": 0.0, "end_s": 1.0, "outcome": "done"}
     good: dict[str, Any] = {
-        "phases": [phase], "timing": {"wall_s": 1.0}, "outcome": "failed", "reason": "", "faults": [],
+        "phases": [phase], "timing": {"wall_s": 1.0}, "outcome": "failed", "reason": "",
+        "faults": [],
     }  # fmt: skip
     for file in FILES:
         (tmp_path / file).write_text("")

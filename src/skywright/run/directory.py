@@ -179,6 +179,8 @@ def _read_phase(value: Any) -> PhaseRecord:
 def _read_acted(value: Any) -> Acted:
     """Read a rule that acted, likewise."""
     a = read_table(value, "a fault")
-    real = {k: read_real(a[k], f"a fault's {k}") for k in ("t_s", "value", "limit")}
-    words = {k: read_words(a[k], f"a fault's {k}") for k in ("rule", "unit", "response", "says")}
-    return Acted(**words, **real)
+    t, value, limit = (read_real(a[k], f"a fault's {k}") for k in ("t_s", "value", "limit"))
+    rule, unit, response, says = (
+        read_words(a[k], f"a fault's {k}") for k in ("rule", "unit", "response", "says")
+    )
+    return Acted(rule, t, value, limit, unit, response, says)
