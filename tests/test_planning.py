@@ -383,7 +383,9 @@ def test_the_distance_of_a_climb_is_told_with_its_key() -> None:
     )
     assert told is not None and 0.0 < float(told[1]) < 0.1
     assert ask("mission.climb_clearance_m=0.02") == "None"
-    with pytest.raises(InputError, match=r"mission\.climb_clearance_m = -1"):
+    with pytest.raises(
+        InputError, match=r"mission\.climb_clearance_m is -1; it must be at least 0"
+    ):
         ask("mission.climb_clearance_m=-1")
 
 
