@@ -74,7 +74,9 @@ def test_example_file_gives_its_weld(maker: ModuleType) -> None:
         "lean", "crossings",
     }  # fmt: skip
     assert out["lines"] == [out["line"]] and out["line"]["crossings"] == 5
-    assert set(out["thresholds"]) == {"lift_off", "weld"}
+    assert set(out["thresholds"]) == {"lift_off", "weld", "detection"}
+    assert out["thresholds"]["detection"] >= 0.99 * out["thresholds"]["weld"]
+    assert len(out["contrasts"]) == 1 and out["contrasts"][0] > 2.0
     check_line(out, maker)
     # the line is told from its first to its last crossing
     seen = np.array([x["p_m"] for x in out["crossings"]])
