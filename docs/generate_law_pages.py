@@ -36,7 +36,7 @@ def list_requirements(cls: Any) -> list[str]:
     if cls.needs_full_actuation:
         out.append("a fully actuated platform")
     if cls.commands_torque:
-        out.append("servos with `mode = \"torque\"`")
+        out.append('servos with `mode = "torque"`')
     if cls.controls_force:
         out.append("for force control with the arm: a probe that measures its force")
     return out

@@ -6,10 +6,10 @@ COMMON = {
     "start": "The estimator runs; the motors are off.",
     "take_off": "The platform climbs to its hover height.",
     "return": "The robot returns to a position above the take-off point.",
-    "draw back": "By an operator's order the robot draws back from the contact along its normal.",
+    "draw back": "The robot retreats from the contact along the normal, as the operator ordered.",
     "wait for order": "The robot holds until the operator orders retry or next.",
-    "manual": "A pilot moves the platform by the stick; the arms stay.",
-    "rejoin": "The robot flies back to where the mission goes on.",
+    "manual": "A pilot flies the platform by stick; the arms hold their joints.",
+    "rejoin": "The robot flies to the point where the mission continues.",
     "land": "The robot descends until the landing gear touches the ground; then the motors stop.",
 }
 
