@@ -146,7 +146,7 @@ def test_report_of_a_scan_is_complete(scan: RunResult) -> None:
     assert text.count(" met ") >= sum(r.passed for r in scan.requirements)
     for heading in ("Verdict", "Weld map", "Contact quality", "Signal of the instrument",
                     "Tip path", "Flight path", "Signals during contact",
-                    "The whole flight", "Plan and timing", "Phases as flown",
+                    "The whole flight", "Plan and timing", "Phases",
                     "Assumed numbers"):  # fmt: skip
         assert heading in text
     assert "Clearance and rotor margin of the plan" in text
@@ -167,7 +167,7 @@ def test_report_leads_to_everything_of_the_run(flight: RunResult, text_only: Non
     page = render_report(told)
     text = _Page(page).text
     links = re.findall(r"<nav .*?</nav>", page, re.DOTALL)[0]
-    for name in ("verdict", "motion", "the-whole-flight", "phases-as-flown", "all-metrics"):
+    for name in ("verdict", "motion", "the-whole-flight", "phases", "all-metrics"):
         assert f'href="#{name}"' in links and f'id="{name}"' in page
     year = time.gmtime(told.timing["started_unix_s"]).tm_year
     assert f"flown on {year}-" in text and "UTC" in text
