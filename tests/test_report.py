@@ -334,7 +334,7 @@ def test_run_without_samples(scan: RunResult) -> None:
         samples=scan.samples[:0], outcome="interrupted", reason="interrupted by the user"
     )
     text = _Page(render_report(empty)).text
-    assert "Nothing was recorded" in text and "interrupted by the user" in text
+    assert "The run recorded no samples" in text and "interrupted by the user" in text
 
 
 def test_no_weld_found(scan: RunResult, text_only: None) -> None:
