@@ -43,6 +43,7 @@ from skywright.reports.figures.style import (
     write_png,
 )
 from skywright.reports.page import add_contents
+from skywright.reports.phases import explain_phase
 from skywright.reports.progress import Progress
 from skywright.reports.render import Camera, Item, render_scene
 from skywright.reports.report import (
@@ -434,6 +435,22 @@ def test_phases_are_clipped_to_the_window(scan: RunResult) -> None:
 )  # fmt: skip
 def test_numbers_are_short(value: object, text: str) -> None:
     assert format_value(value) == text
+
+
+@pytest.mark.parametrize(
+    "kind, name, words",
+    [
+        ("waypoints", "hold 12", "at the way-point"),
+        ("bridge-contact", "hold 4 N", "one measurement"),
+        ("bridge-contact", "free press to 3 N", "in flight"),
+        ("bridge-contact", "free press", "operator's stick"),
+        ("scan", "take_off", "climbs"),
+        ("scan", "no such phase", ""),
+    ],
+)
+def test_a_phase_is_explained_by_its_name_or_by_how_its_name_begins(kind, name, words):
+    said = explain_phase(kind, name)
+    assert (words in said) if words else not said
 
 
 def test_pictures_of_the_docs_are_made_by_the_command(repository: Path) -> None:

@@ -15,5 +15,11 @@ COMMON = {
 
 
 def explain_phase(kind: str, name: str) -> str:
-    """Return what is done in the phase `name` of a mission of a kind, or ""."""
-    return load_kind(kind).figures().phases.get(name, COMMON.get(name, ""))
+    """Return what is done in the phase `name` of a mission of a kind, or "".
+
+    A key such as "hold *" explains every phase whose name begins so ("hold 2", "hold 5 N").
+    """
+    phases = {**COMMON, **load_kind(kind).figures().phases}
+    words = name.split()
+    names = [name, *(" ".join([*words[:n], "*"]) for n in range(len(words) - 1, 0, -1))]
+    return next((phases[key] for key in names if key in phases), "")
