@@ -524,4 +524,4 @@ def test_a_spike_is_kept_where_one_sample_may_be_a_weld(tmp_path):
     path = tmp_path / "b.csv"
     path.write_text("\n".join([lines[0], *lines[1::5]]) + "\n")
     notes = process_file(path, calibrate="0:7").notes
-    assert any("not left out, as 1.5 samples within a coil's footprint" in note for note in notes)
+    assert any("kept, because 1.5 samples within a coil's footprint" in note for note in notes)
