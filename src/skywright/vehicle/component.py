@@ -11,8 +11,8 @@ A component is a class with
   optional port: None where nothing in the vehicle fills it, at no cost.
 
 Steps are compiled by numba (`helper` decorates what they call; `words` and `table` read arrays by
-address), or run as plain Python (`compiled = False`, interactive mode only).
-They must not allocate: scratch is `local(3)` (core/scratch.py), memory belongs into `Me`.
+address), or run as plain Python (`compiled = False`, interactive mode only). They must not
+allocate: scratch is `local(3)` (core/scratch.py), memory belongs into `Me`.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from skywright.models.allocation import Allocator
     from skywright.models.arm_body import Deviation
     from skywright.models.nominal import Nominal
+    from skywright.models.rotor_loss import RotorsLeft
     from skywright.models.rotors import RotorSet
     from skywright.models.scene import Scene
     from skywright.models.spring_bench import Springs
@@ -322,6 +323,9 @@ class Law(Component):
 
     def check_robot(self, robot: Robot) -> None:
         """Raise InputError where a robot lacks what the law needs besides its rotors."""
+
+    def give_up_rotor(self, me: Any, left: RotorsLeft) -> None:
+        """Know that a rotor was lost: laws that tell thrusts override this."""
 
     def get_attitude_loop(self, robot: Robot) -> AttitudeGains | None:
         """Return the loop that a link's delay may make unstable; None: none that is known."""
