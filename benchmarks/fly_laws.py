@@ -18,19 +18,23 @@ from pathlib import Path
 
 from skywright.analysis.compare_laws.compare import compare_laws
 from skywright.analysis.compare_laws.report import tell_step, write_laws_page
+from skywright.core.find import list_kinds
 
 ROOT = Path(__file__).resolve().parent.parent
 KEPT = Path(__file__).resolve().parent / "laws"
 COMPARISONS = tomllib.loads((KEPT / "laws.toml").read_text(encoding="utf-8"))
 RUNS = 10
+ALL = "all"
+"""In place of a list of laws: every built-in one."""
 
 
 def fly(name: str, runs: int, out: Path, workers: int) -> str:
     """Fly one comparison and write its file; returns how many flights succeeded."""
     c = COMPARISONS[name]
     found = compare_laws(
-        c["laws"], c["mission"], robot=c.get("robot"), sets=c.get("sets", ()), cases=c["cases"],
-        runs=runs, seed=1, out=out / name, workers=workers, step=tell_step,
+        list_kinds("law") if c["laws"] == ALL else c["laws"], c["mission"], robot=c.get("robot"),
+        sets=c.get("sets", ()), vary=c.get("vary", ()), cases=c["cases"], runs=runs, seed=1,
+        out=out / name, workers=workers, step=tell_step,
     )  # fmt: skip
     write_laws_page(found, out / f"{name}.html")
     git = ["git", "-C", str(ROOT), "rev-parse", "--short=10", "HEAD"]
