@@ -63,6 +63,8 @@ def build_matrix(found: Iterable[dict[str, Any]], refusals: Refusals) -> str:
             f = cells.get((law, column))
             if f is None:
                 row.append("–")
+            elif not f["runs"] and not f["refused"]:
+                row.append("not flown")
             elif f["refused"]:
                 row.append(f"refused ({refusals.mark(law, f['refused'])})")
             else:
@@ -76,6 +78,8 @@ def build_table(name: str, asked: dict[str, Any], refusals: Refusals) -> str:
     found = json.loads((KEPT / f"{name}.json").read_text(encoding="utf-8"))
     shown = asked["shown"]
     runs = max(f["runs"] for f in found["flown"])
+    if not runs:
+        return ""  # only refusals are known, which the matrix shows
     few = "" if runs == RUNS else f" --runs {runs}"
     beyond = {(d["law"], d["case"], d["metric"]) for d in found["differences"] if d["significant"]}
     lines = [
@@ -114,7 +118,7 @@ def build_page(text: str) -> str:
         result["sets"] = asked[name].get("sets", [])
     refusals = Refusals()
     matrix = build_matrix(results, refusals)
-    tables = [build_table(n, asked[n], refusals) for n in flown]
+    tables = [table for n in flown if (table := build_table(n, asked[n], refusals))]
     parts = ["### Every law in every main mission", matrix]
     if refusals.known:
         why = ["Why a law is refused, before take-off:", "", *refusals.list_lines()]

@@ -38,6 +38,8 @@ LEAST = 0.03
 """Share of the mean thrust that the least loaded rotor keeps above its lower limit."""
 SIDES = 32
 """Of the polygon that stands for the circle of equal lean."""
+ROUNDS = 12
+"""Of the programme, each with the cosine of the lean before."""
 
 
 class RotorsLeft(NamedTuple):
@@ -114,7 +116,11 @@ def _give_up_yaw(
 def _lean(
     allocator: Allocator, lost: int, weight: float, p_BC: Array, tilt_max: float
 ) -> tuple[Array, Array, Array] | None:
-    """Return P, preload and up (3,) in B of the least lean with a reserve at all limits."""
+    """Return P, preload and up (3,) in B of the least lean with a reserve at all limits.
+
+    The search begins at level: a lean at which the rotors cannot make the weight over its cosine is
+    not found. A robot falls before it gets there.
+    """
     n = allocator.P.shape[0]
     left = [i for i in range(n) if i != lost]
     B = allocator.B[:, left]
@@ -127,27 +133,26 @@ def _lean(
     turn = np.array([[0.0, -p_BC[2], p_BC[1]], [p_BC[2], 0.0, -p_BC[0]], [-p_BC[1], p_BC[0], 0.0]])
     at_com = weight * np.vstack([np.eye(3), turn])  # wrench of weights along x, y and z
     angle = 2.0 * math.pi * np.arange(SIDES) / SIDES
-    # variables: thrusts, horizontal parts of up, and their size, which is to be least
+    # variables: thrusts, horizontal parts of up over its vertical one, and their size, the least
     size = np.hstack([
         np.zeros((SIDES, len(left))), np.cos(angle)[:, None], np.sin(angle)[:, None],
         -np.ones((SIDES, 1)),
     ])  # fmt: skip
-    equal = np.hstack([B, -at_com[:, :2], np.zeros((6, 1))])
     bounds = [*zip(low + spare, high - spare, strict=True), *[(None, None)] * 3]
     cost = np.append(np.zeros(len(left) + 2), 1.0)
     up = np.array([0.0, 0.0, 1.0])
-    for _ in range(8):
+    for _ in range(ROUNDS):
+        down = up[2] * at_com
         found = linprog(
-            cost, A_ub=size, b_ub=np.zeros(SIDES), A_eq=equal, b_eq=up[2] * at_com[:, 2],
+            cost, A_ub=size, b_ub=np.zeros(SIDES),
+            A_eq=np.hstack([B, -down[:, :2], np.zeros((6, 1))]), b_eq=down[:, 2],
             bounds=bounds, method="highs",
         )  # fmt: skip
         if found.status != 0:
             return None
-        flat = np.asarray(found.x[len(left) : len(left) + 2])
-        if math.hypot(*flat) >= 1.0:
-            return None
-        up[:2], up[2] = flat, math.sqrt(1.0 - float(flat @ flat))
-    if math.hypot(*flat) > math.sin(min(tilt_max, math.pi / 2)) + 1e-6:
+        up = np.append(found.x[len(left) : len(left) + 2], 1.0)
+        up /= np.linalg.norm(up)
+    if math.acos(up[2]) > tilt_max + 1e-6:
         return None
     hover = at_com @ up
     # of the thrusts for it, those that are farthest from their limits

@@ -159,10 +159,13 @@ def compare_laws(
         if text.strip().startswith("mission.law"):
             raise InputError(f"{text}: the laws are what is compared; leave it out")
     known, built_in = list_cases(base), list_kinds("law")
-    refused = {}
-    if not vary:
-        for law in (x for x in names if x in built_in):
-            refused[law] = _find_reason(mission, robot, world, (*sets, f"mission.law={law}"), seed)
+    refused = (
+        {}
+        if vary
+        else find_refusals(
+            [law for law in names if law in built_in], mission, robot, world, sets, seed
+        )
+    )
     planned: list[tuple[str, Case, Campaign | str]] = []
     for case in chosen:
         for law in names:
@@ -219,15 +222,22 @@ def _name_folder(law: str) -> str:
     return plain if plain == law else f"{plain}-{hashlib.sha256(law.encode()).hexdigest()[:8]}"
 
 
-def _find_reason(
-    mission: str, robot: str | None, world: str | None, sets: Sequence[str], seed: int | None
-) -> str:
-    """Return why the mission with these settings is refused before take-off, or ""."""
-    try:
-        plan = plan_mission(load_description(mission, robot, world, sets, seed))
-    except InputError as error:
-        return str(error)
-    return "" if plan.feasible else plan.blocked_by
+def find_refusals(
+    laws: Sequence[str], mission: str, robot: str | None = None, world: str | None = None,
+    sets: Sequence[str] = (), seed: int | None = None,
+) -> dict[str, str]:  # fmt: skip
+    """Return, by law, why the mission is refused with it before take-off, or ""."""
+    out = {}
+    for law in laws:
+        try:
+            plan = plan_mission(
+                load_description(mission, robot, world, [*sets, f"mission.law={law}"], seed)
+            )
+        except InputError as error:
+            out[law] = str(error)
+        else:
+            out[law] = "" if plan.feasible else plan.blocked_by
+    return out
 
 
 def _find_refusal(rows: Sequence[Row]) -> str:
