@@ -85,7 +85,7 @@ def _judge_response(s: Samples, phases: list[PhaseRecord]) -> dict[str, float]:
     """
     acted = next((i for i, p in enumerate(phases[:-1]) if p.outcome == "failed"), None)
     after = s[s["phase"] > (len(phases) if acted is None else acted)]
-    if not len(after):
+    if not len(after) or not has_columns(s, "ref_p_WB"):
         return {}
     off = after["p_WB"] - after["ref_p_WB"]
     off[:, 2] = np.minimum(off[:, 2], 0.0)
