@@ -227,4 +227,5 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
             )
         if not all(map(math.isfinite, given.tolist())):
             raise InputError(f"action: {given} is not finite; valid: numbers from -1 to 1")
-        np.clip(given, -1.0, 1.0, out=self._action)
+        np.maximum(given, -1.0, out=self._action)  # np.clip takes five times as long
+        np.minimum(self._action, 1.0, out=self._action)
