@@ -17,6 +17,8 @@ PAGE = DOCS / "reference" / "laws.md"
 KEPT = DOCS.parent / "benchmarks" / "laws"
 BEGIN = "<!-- laws: begin, made by docs/generate_laws.py, do not edit -->"
 END = "<!-- laws: end -->"
+ALL = "all"
+"""Of the comparisons that ask for every built-in law: they have a column of the matrix."""
 RUNS = 10
 """Flights of a law in a case that benchmarks/fly_laws.py flies by default."""
 
@@ -44,18 +46,24 @@ class Refusals:
         return [f"- ({chr(ord('a') + i)}) {why}" for i, why in enumerate(self.known)]
 
 
+def name_column(one: dict[str, Any]) -> str:
+    """Return mission and robot of a comparison."""
+    return f"`{one['mission']}`, `{one['robot']}`"
+
+
 def build_matrix(found: Iterable[dict[str, Any]], refusals: Refusals) -> str:
     """Return which law flew which mission: runs of the case `nominal` that met all requirements."""
     cells: dict[tuple[str, str], dict[str, Any]] = {}
+    found = list(found)
+    columns = [name_column(one) for one in found if one["laws"] == ALL]
     for one in found:
-        if any(key.startswith("plant.faults") for key in one.get("sets", [])):
+        column = name_column(one)
+        if column not in columns or one["changed"]:
             continue
-        column = f"`{one['mission']}`, `{one['robot']}`"
         for f in (f for f in one["flown"] if f["case"] == "nominal"):
             kept = cells.setdefault((f["law"], column), f)
             if f["runs"] > kept["runs"]:
                 cells[f["law"], column] = f
-    columns = list(dict.fromkeys(column for _, column in cells))
     lines = ["| law | " + " | ".join(columns) + " |", "|---|" + "---|" * len(columns)]
     for law in sorted({law for law, _ in cells}):
         row = []
@@ -115,7 +123,7 @@ def build_page(text: str) -> str:
     flown = [name for name in asked if (KEPT / f"{name}.json").is_file()]
     results = [json.loads((KEPT / f"{n}.json").read_text(encoding="utf-8")) for n in flown]
     for name, result in zip(flown, results, strict=True):
-        result["sets"] = asked[name].get("sets", [])
+        result |= {"laws": asked[name]["laws"], "changed": asked[name].get("sets", [])}
     refusals = Refusals()
     matrix = build_matrix(results, refusals)
     tables = [table for n in flown if (table := build_table(n, asked[n], refusals))]
