@@ -1,7 +1,9 @@
 """Where the time of a physics step goes, phase by phase of a mission.
 
-    python benchmarks/profile_steps.py MISSION [--set KEY=VALUE]...
+    python benchmarks/profile_steps.py MISSION [--set KEY=VALUE]... [--options]
 
+`--options` flies nothing: the scene as it stands on the ground is stepped with other options of
+MuJoCo, in turns, and what differs after 300 steps is told.
 MuJoCo's own timers run on the processor time of this thread, so that other programs disturb them
 little. `run` is everything between two steps of MuJoCo: control, sensors, and the mission's Python.
 Shares are of mj_step; broad and narrow phase are parts of the collision.
@@ -24,6 +26,7 @@ from skywright.run.backends import build_vehicle
 from skywright.run.planning import plan_mission
 from skywright.run.supervisor import Supervisor
 
+STEPS = 300
 CPU_OF_THREAD = 3
 """CLOCK_THREAD_CPUTIME_ID of Linux."""
 SHOWN = {
@@ -95,13 +98,47 @@ class Profile:
             )
 
 
+def compare_options(vehicle: Any) -> None:
+    """Print the time of a step with other options over that of the step as it is."""
+    model, data, spec = vehicle.scene.model, vehicle.sim.data, mujoco.mjtState.mjSTATE_INTEGRATION
+    mujoco.mj_step(model, data, nstep=200)
+    begin = np.empty(mujoco.mj_stateSize(model, spec))
+    mujoco.mj_getState(model, data, begin, spec)
+    flags, rounds = int(model.opt.disableflags), int(model.opt.noslip_iterations)
+    island, contact = mujoco.mjtDisableBit.mjDSBL_ISLAND, mujoco.mjtDisableBit.mjDSBL_CONTACT
+    cases = {
+        "as it is": (flags, rounds), "the same": (flags, rounds),
+        "islands": (flags & ~int(island), rounds), "no no-slip solver": (flags, 0),
+        "no contacts": (flags | int(contact), rounds),
+    }  # fmt: skip
+    times: dict[str, list[float]] = defaultdict(list)
+    places = {}
+    for _ in range(9):
+        for name, (model.opt.disableflags, model.opt.noslip_iterations) in cases.items():
+            mujoco.mj_setState(model, data, begin, spec)
+            mujoco.mj_forward(model, data)
+            since = time.thread_time()
+            mujoco.mj_step(model, data, nstep=STEPS)
+            times[name].append((time.thread_time() - since) / STEPS)
+            places[name] = data.qpos.copy()
+    first = np.median(times["as it is"])
+    print(f"{1e6 * first:.1f} us a step")
+    for name, spent in times.items():
+        away = np.max(np.abs(places[name] - places["as it is"]))
+        print(f"{name}: {np.median(spent) / first:.2f}, {away:.1e} m or rad away")
+
+
 def main() -> None:
     """Fly one mission and print its profile."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("mission")
     parser.add_argument("--set", action="append", default=[], dest="sets", metavar="KEY=VALUE")
+    parser.add_argument("--options", action="store_true")
     args = parser.parse_args()
     d = load_description(args.mission, sets=args.sets)
+    if args.options:
+        compare_options(build_vehicle(d))
+        return
     plan, vehicle = plan_mission(d), build_vehicle(d)
     if not plan.feasible:
         raise SystemExit(f"no plan: {plan.blocked_by}")
