@@ -79,12 +79,10 @@ class ReferenceBlock(Output):
 
 
 class Draws(Record):
-    """Random numbers, new at each call of the step: a row of a block.
-
-    `stream` names a stream of core/streams.py; a component from a file has one of its own.
-    """
+    """Random numbers, new at each call of the step: a row of a block."""
 
     stream: ClassVar[str] = ""
+    """Names a stream of core/streams.py; a component from a file has one of its own."""
 
 
 class Normal(Draws):
@@ -109,8 +107,7 @@ class Context:
     asked: frozenset[type[Record]]
     """Records that law, estimator and further parts ask for: some components run on demand."""
     records: dict[Any, NDArray[Any]]
-    """Records of the vehicle by (class, name), (1,) arrays; the robot's side sees none of the
-    plant's."""
+    """Records of the vehicle by (class, name), (1,) arrays; the robot's side has its own only."""
     springs: Springs  # of joints and force sensor, as believed
     named: tuple[Component, ...] = ()
     """Law, estimator and further parts, which the description names; likewise."""
@@ -352,8 +349,7 @@ class Law(Component):
         self, robot: Robot, world: World, frequencies: Array, h: float
     ) -> Array | None:
         """Return the change (n,) of the contact force per newton of a gust along the probe, at
-        `frequencies` (n,) rad/s and a physics step `h` (s); None: no loop on it, so 1 when slow.
-        """
+        `frequencies` (n,) rad/s and a physics step `h` (s); None: no loop on it, so 1 if slow."""
         return None
 
 
