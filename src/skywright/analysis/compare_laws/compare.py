@@ -236,7 +236,7 @@ def find_refusals(
         except InputError as error:
             out[law] = str(error)
         else:
-            out[law] = "" if plan.feasible else plan.blocked_by
+            out[law] = "" if plan.feasible else str(plan.blocked_by)
     return out
 
 
