@@ -53,6 +53,7 @@ from skywright.models.body_records import BodyModel, Kinematics
 from skywright.models.compliant_arms import is_compliant
 from skywright.models.link_motion import compute_joint_inertia
 from skywright.models.rigid_body import posture
+from skywright.models.rotor_loss import RotorsLeft
 from skywright.vehicle.allocation import compute_yaw_share
 from skywright.vehicle.bus import (
     Allocated,
@@ -177,6 +178,12 @@ class WholeBodyQp(ThreeLoops):
         for name in ("problem", "result", "H", "f", "A", "upper", "lower", "sense", "x"):
             me[name] = context.keep(getattr(p, name))
         context.keep(p.lam)
+
+    def give_up_rotor(self, me: Any, left: RotorsLeft) -> None:
+        """Leave a lost rotor no range, and ask the others for what the allocation would."""
+        n = len(left.preload)
+        me.P[:n], me.preload[:n] = left.P, left.preload
+        me.t_min[:n], me.t_max[:n] = left.t_min + left.preload, left.t_max + left.preload
 
     @staticmethod
     def step(
