@@ -28,10 +28,12 @@ FENCE = np.array([[-0.06, -0.06, -0.02], [0.06, 0.06, 0.1]])
 FACE = -0.003  # m: lower than the socket's face only a peg over the hole is led
 STICK_S = 0.25
 """s, lag of the speed behind the stick. The platform is told the acceleration as well: without it
-the peg's end moves 2.5 times as far as the stick asks at 1.6 rad/s, 48 deg late, and an operator who
-sees a position and steers a speed swings with it."""
+the peg's end moves 2.5 times as far as the stick asks at 1.6 rad/s, 48 deg late, and an operator
+who sees a position and steers a speed swings with it."""
 STAND, TOUCH = 0.15, 0.08  # of the bar's weight, that the peg's end bears outside the hole
-STIFFNESS = 100.0  # N/m, of both arms upward
+STIFFNESS = 100.0
+"""N/m, of both arms upward: shoulder and elbow (2.93 and 1.48 N m/rad, levers of 0.27 and 0.23 m)
+give 34, and three times that beyond 10 deg, where the weight of the bar bends them to."""
 SETTLE = 0.3
 """1/s, of the force on the peg's end: a quarter of the rate at which the weight is felt (0.8 s)."""
 CLOSE = 0.5  # 1/s: so much faster it may be lowered with each metre of the gap
@@ -75,7 +77,7 @@ class _Insertion:
 
     def step(self) -> bool:
         """Read the stick and fly a tick; returns whether the peg is in."""
-        leader, hole = self.leader, self.hole
+        leader = self.leader
         off = self._measure()
         felt = max(leader.weight - leader.carried, 0.0)
         seated = felt > FELT * self.pressed and self.depth > FULL * self.length
