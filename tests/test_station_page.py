@@ -11,11 +11,9 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from chromium_page import open_page
-from skywright.run.results import open_run
 from waiting import wait_for
 
 Evaluate = Callable[[str], object]
@@ -161,50 +159,6 @@ def test_the_robot_is_taken_over_flown_by_keys_and_given_back(
         assert abs(float(str(page(f"{where}.x"))) - began) < 0.1  # it came back
         _click(page, "next")
         wait_for(lambda: "waypoints: succeeded" in _text(page, "logbook"))
-
-
-def test_a_hand_is_moved_by_keys_let_go_and_the_work_aborted(
-    served: str, chromium: str, tmp_path: Path
-) -> None:
-    """The long arm below the pipe: what the keys did is in the recording."""
-    sets = ("mission.task.hover_s=0", "mission.task.swing_deg=0", "mission.task.survey=false")
-    with open_page(chromium, served, tmp_path / "p") as page:
-        wait_for(lambda: page("document.documentElement?.dataset.ready") == "yes")
-        _click(page, "take")
-        page("""(() => { const s = document.querySelector('#setup select');
-            s.value = 'sensor-install'; s.dispatchEvent(new Event('change'));
-            document.getElementById('byhand').checked = true; return true; })()""")
-        values = "\n".join(sets)
-        page(f"document.querySelector('#setup textarea').value = {values!r}")
-        _click(page, "start")
-        wait_for(lambda: page("window.skywright.player.count > 5"))
-        _choose_speed(page, 0)  # up to where the stick is asked for
-        wait_for(lambda: "asks for the operator" in _text(page, "alarms"))
-        _choose_speed(page, 1)
-        _control(page)
-        for code in ("Space", "KeyW"):
-            page(f"dispatchEvent(new KeyboardEvent('keydown', {{ code: {code!r} }}))")
-        began = float(_text(page, "clock").split(" ")[0])
-        wait_for(lambda: float(_text(page, "clock").split(" ")[0]) > began + 1.5)
-        for code in ("KeyW", "Space"):
-            page(f"dispatchEvent(new KeyboardEvent('keyup', {{ code: {code!r} }}))")
-        let_go = float(_text(page, "clock").split(" ")[0])
-        wait_for(lambda: float(_text(page, "clock").split(" ")[0]) > let_go + 1.5)
-        _control(page)
-        _click(page, "abort")
-        wait_for(lambda: "the operator ordered an abort" in _text(page, "alarms"))
-        _choose_speed(page, 0)
-        wait_for(lambda: "sensor-install: aborted" in _text(page, "logbook"))
-    run = open_run(tmp_path / "runs" / "sensor-install-1")
-    t, stick, hand = run["t"], run["operator_stick"], run["left_p_WH"]
-    moved = np.flatnonzero(np.abs(stick[:, 0]) > 0.2)
-    assert len(moved) and np.all(stick[:, 1:] == 0.0)  # ahead, and nothing else
-    first, last = moved[0], moved[-1]
-    assert np.linalg.norm(hand[last] - hand[first]) > 0.005
-    after = (t > t[last] + 0.5) & (t < t[last] + 1.0)
-    assert np.all(stick[after] == 0.0)  # let go
-    assert np.linalg.norm(np.ptp(hand[after], axis=0)) < 0.03
-    assert any(p.name == "come home" for p in run.phases)
 
 
 def test_wrong_values_are_told_and_the_station_goes_on(
