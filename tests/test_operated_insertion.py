@@ -57,7 +57,7 @@ def lead(
 def test_a_bar_on_its_peg_topples_from_a_load_far_above_what_its_end_may_bear() -> None:
     """About the crossbar: m g l holds it upright, the force on its end times h turns it over."""
     model = build_scene(D.robot, D.world).model
-    body = int(model.jnt_bodyid[model.joint("object peg").id])
+    body = model.body("object peg").id
     below = PEG.handle_height_m - float(model.body_ipos[body][2])
     share = below / (PEG.handle_height_m + PEG.length_m)
     assert share == pytest.approx(0.57, abs=0.01)
