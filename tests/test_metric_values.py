@@ -233,7 +233,7 @@ def test_a_line_that_is_off_its_weld() -> None:
     calibration: Any = None
     weld = WeldResult(
         none, none, none, none, none, none, none, none, 0.97, crossings, (line,), calibration,
-        pipe, (),
+        pipe, (), 2.5, (4.0, 3.2),
     )  # fmt: skip
     c = np.concatenate([np.full(200, x) for x in (-0.03, 0.0, 0.03)])
     path = (np.tile(np.linspace(-0.05, 0.09, 200), 3), c)
@@ -241,6 +241,7 @@ def test_a_line_that_is_off_its_weld() -> None:
     assert (m["weld.crossings"], m["weld.expected"], m["weld.missed"]) == (3.0, 3.0, 0.0)
     assert (m["weld.lines"], m["weld.lines_missed"], m["weld.false_alarms"]) == (1.0, 0.0, 0.0)
     assert m["weld.contact_fraction"] == pytest.approx(0.97)
+    assert m["weld.contrast"] == 3.2
     worst = 3.0 + 30.0 * math.tan(lean)
     assert m["weld.crossing_error_mm"] == pytest.approx(worst)
     assert m["weld.line_error_mm"] == pytest.approx(worst, rel=2e-3)
