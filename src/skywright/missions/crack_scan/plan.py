@@ -10,6 +10,7 @@ import numpy as np
 from skywright.errors import InputError
 from skywright.inspection.indications import COIL_WIDTH
 from skywright.missions.crack_scan.display import Array, Display, find_array, set_up_display
+from skywright.missions.crack_scan.lateral import compute_lateral_std
 from skywright.missions.crack_scan.task import CrackScan
 from skywright.missions.scan.fly import SETTLE, TRIM_TIMES
 from skywright.missions.scan.plan import ScanWay
@@ -31,6 +32,7 @@ class CrackWay(NamedTuple):
     display: Display  # on the block, before the flight
     swath_m: float  # of one pass
     pitch_m: float  # largest distance of passes
+    lateral_std_m: float  # of a pass, in the wind of the mission
     passes: int
     setup: Setup[CrackScan]  # to plan again with
 
@@ -54,7 +56,8 @@ def plan(setup: Setup[CrackScan]) -> MissionPlan[CrackWay]:
             f"{1e3 * swath:.0f} mm; valid: {math.degrees(2 * swath / pipe.diameter_m):.0f} deg or "
             "more, or fewer coils"
         )
-    pitch = compute_pitch(swath, array, task.procedure)
+    lateral = compute_lateral_std(setup)
+    pitch = compute_pitch(swath, array, task.procedure, lateral)
     passes = task.passes or 1 + math.ceil((arc - swath) / pitch - 1e-9)
     # the outer passes lie half a swath inside the sector, less what they may be off
     inside = arc - swath + (swath - pitch)
@@ -70,7 +73,11 @@ def plan(setup: Setup[CrackScan]) -> MissionPlan[CrackWay]:
         what = f"{passes} passes of {1e3 * task.pass_length_m:.0f} mm"
         lacking = find_lacking_energy(setup, found.duration_s, what)
         found = found._replace(feasible=lacking is None, blocked_by=lacking)
-    way = None if found.way is None else CrackWay(found.way, display, swath, pitch, passes, setup)
+    way = (
+        None
+        if found.way is None
+        else CrackWay(found.way, display, swath, pitch, lateral, passes, setup)
+    )
     return cast(MissionPlan[CrackWay], found._replace(way=cast(Any, way)))
 
 
@@ -94,18 +101,21 @@ def compute_swath(array: Array) -> float:
     return (table.width_m if table.coils > 1 else 0.0) + compute_coil_width(array)
 
 
-def compute_pitch(swath: float, array: Array, procedure: CrackProcedure) -> float:
+def compute_pitch(
+    swath: float, array: Array, procedure: CrackProcedure, lateral: float
+) -> float:  # fmt: skip
     """Return the largest distance (m) of passes that leaves gaps on 1 % of their length.
 
-    Both passes are off by `lateral_std_m`: p = w - 2.33 sqrt(2) s, and at most w less the overlap.
+    Both passes are off by `lateral` (m): p = w - 2.33 sqrt(2) s, and at most w less the overlap.
     Raises InputError where the lateral error leaves nothing.
     """
     overlap = procedure.overlap_fraction * compute_coil_width(array)
-    pitch = swath - max(2.33 * math.sqrt(2.0) * procedure.lateral_std_m, overlap)
+    pitch = swath - max(2.33 * math.sqrt(2.0) * lateral, overlap)
     if pitch < 0.001:
         raise InputError(
-            f"mission.task.procedure.lateral_std_m: {1e3 * procedure.lateral_std_m:g} mm leaves a "
-            f"pitch of {1e3 * pitch:.1f} mm of a swath of {1e3 * swath:.1f} mm; valid: 1 mm or "
-            "more; use an array, or lower the lateral error"
+            f"mission.task.procedure.lateral_std_m: {1e3 * procedure.lateral_std_m:g} mm, "
+            f"{1e3 * lateral:.2g} mm with the gusts of world.wind, leaves a pitch of "
+            f"{1e3 * pitch:.1f} mm of a swath of {1e3 * swath:.1f} mm; valid: 1 mm or more; use an "
+            "array, or lower the lateral error"
         )
     return pitch
