@@ -2,10 +2,10 @@
 
 The same finder takes a file in one block or a live stream in many. It works in % of full screen of
 a set-up display (notch_setup.py), where the lift-off lies to the right and notches point upwards.
-What is slow along the path (temperature, texture) is taken out by a running median. A weld may fill
-its window where the probe stays over it; sound metal beside it would then stand out as a crack does.
-So the running median counts only as far as it is near the level of sound metal, which is the median
-over a way SOUND times as long: what is taken out is at most half the threshold from it.
+What is slow along the path (temperature, texture) is taken out by a running median. A weld may
+fill its window where the probe stays over it; sound metal beside it would then stand out as a crack
+does. So what is taken out lies within half the threshold of the level of sound metal, which is the
+median over a way SOUND times as long.
 
 Crack and permeability turn the display alike, as both act through the surface impedance: phase does
 not separate them. Width does: a coil shows a crack about as wide as itself, a weld wider. What is
