@@ -7,9 +7,16 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
+from skywright.description.world.surface import unroll_points
 from skywright.errors import InputError
 from skywright.inspection.indications import COIL_WIDTH
-from skywright.missions.crack_scan.display import Array, Display, find_array, set_up_display
+from skywright.missions.crack_scan.display import (
+    Array,
+    Display,
+    find_array,
+    place_coils,
+    set_up_display,
+)
 from skywright.missions.crack_scan.lateral import compute_lateral_std
 from skywright.missions.crack_scan.task import CrackScan
 from skywright.missions.scan.fly import SETTLE, TRIM_TIMES
@@ -69,6 +76,9 @@ def plan(setup: Setup[CrackScan]) -> MissionPlan[CrackWay]:
     mission = d.mission.model_copy(update={"task": asked})
     found = plan_scan(cast(Any, Setup(d._replace(mission=mission))))
     if found.feasible:
+        askew = find_askew(array, setup, found.segments["scan"], swath, pitch)
+        found = found._replace(feasible=askew is None, blocked_by=askew)
+    if found.feasible:
         found = found._replace(duration_s=found.duration_s + _sum_touches(found.way))
         what = f"{passes} passes of {1e3 * task.pass_length_m:.0f} mm"
         lacking = find_lacking_energy(setup, found.duration_s, what)
@@ -79,6 +89,34 @@ def plan(setup: Setup[CrackScan]) -> MissionPlan[CrackWay]:
         else CrackWay(found.way, display, swath, pitch, lateral, passes, setup)
     )
     return cast(MissionPlan[CrackWay], found._replace(way=cast(Any, way)))
+
+
+def find_askew(
+    array: Array, setup: Setup[CrackScan], rows: Any, swath: float, pitch: float
+) -> str | None:
+    """Say that the array of a planned scan lies so askew to its passes that they leave gaps.
+
+    A level platform heads along the level part of the probe's axis, and the array turns with it.
+    """
+    cylinder = setup.cylinder
+    if cylinder is None or array.table.coils < 2:
+        return None
+    _, c, _ = unroll_points(cylinder, rows["p_WT"])
+    phi = c / cylinder.radius
+    zero = np.zeros(len(rows))
+    along, _ = place_coils(array, zero, zero, rows["R_WT"], cylinder.R_WP, phi)
+    skew = np.arcsin(np.minimum(np.ptp(along, axis=1) / array.table.width_m, 1.0))
+    k = int(np.argmax(skew))
+    left = swath - array.table.width_m * (1.0 - math.cos(float(skew[k])))
+    if left >= pitch - 1e-9:
+        return None
+    inclined = math.degrees(math.asin(abs(float(cylinder.R_WP[2, 1]))))
+    return (
+        f"the array lies {math.degrees(skew[k]):.0f} deg askew to its passes at phi = "
+        f"{math.degrees(phi[k]):.0f} deg and covers {1e3 * left:.0f} mm of the "
+        f"{1e3 * pitch:.0f} mm between them: near the top of a pipe that is inclined by {inclined:.1f} deg a level "
+        "platform turns with the normal; leave out that part of the sector"
+    )
 
 
 def _sum_touches(way: Any) -> float:
