@@ -114,8 +114,8 @@ def find_askew(
     return (
         f"the array lies {math.degrees(skew[k]):.0f} deg askew to its passes at phi = "
         f"{math.degrees(phi[k]):.0f} deg and covers {1e3 * left:.0f} mm of the "
-        f"{1e3 * pitch:.0f} mm between them: near the top of a pipe that is inclined by {inclined:.1f} deg a level "
-        "platform turns with the normal; leave out that part of the sector"
+        f"{1e3 * pitch:.0f} mm between them: near the top of a pipe that is inclined by "
+        f"{inclined:.1f} deg a level platform turns with the normal; leave that part out"
     )
 
 
