@@ -22,9 +22,9 @@ from skywright.run.setup import Setup
 from skywright.vehicle.loops import choose_bandwidths
 
 MORE = 1.5
-"""Times what the linear loop tells of gusts. In flights over the top with a mean of 1.5 and 2.5 m/s
-it was 1.4 to 1.5 (benchmarks/crack_lateral.py). Drag up to 20 % larger than nominal explains a
-part; the loop leaves out friction, and the holder that gives way behind the tip."""
+"""Fitted: times what the linear loop gives for gusts. Six flights over the top, with means of 1.5
+and 2.5 m/s, had 1.4 to 1.5 times its spread (benchmarks/crack_lateral.py). The cause is not known;
+the loop leaves out the drag's error, most of the friction, and the holder behind the tip."""
 
 
 def compute_lateral_std(setup: Setup[Any]) -> float:
