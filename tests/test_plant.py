@@ -150,29 +150,45 @@ def test_stepping_from_compiled_code_is_mujoco_s_own_step(description):
     assert a.qpos.tobytes() == b.qpos.tobytes()
 
 
-def test_a_stalled_servo_does_not_wind_up(description):
-    """Blocked for two seconds at full command, then freed at rest: no leap."""
+def build_servos(description):
+    """The arm's servos on a plant without gravity, as (scene, data, a step of the servos)."""
     scene = build_scene(description.robot, description.world, Deviation())
     m, d = scene.model, mujoco.MjData(scene.model)
-    context = build_context()
-    servos = VelocityServos("servos")
-    me = build_part(servos, context)
+    me, drive = build_part(VelocityServos("servos"), build_context()), view(ServoDrive)
     mj = view(
         MuJoCo, ctrl=d.ctrl.ctypes.data, nu=m.nu, act=d.act.ctypes.data, na=m.na,
-        qpos=d.qpos.ctypes.data, nq=m.nq,
+        qpos=d.qpos.ctypes.data, nq=m.nq, qvel=d.qvel.ctypes.data, nv=m.nv,
     )  # fmt: skip
-    drive = view(ServoDrive)
-    drive.motor[0] = 1.0
     m.opt.gravity[:] = 0.0
     q = np.array([0.2, 0.3])
     set_pose(scene, d, np.array([-3.0, 0, 5.0]), np.array([1.0, 0, 0, 0]), q)
     mujoco.mj_forward(m, d)
     d.act[:] = d.actuator_length[6:]
-    blocked = d.qpos.copy()
+    return scene, d, me, drive, lambda: VelocityServos.step(me, drive, mj)
+
+
+def test_a_stalled_servo_does_not_wind_up(description):
+    """Blocked for two seconds at full command, then freed at rest: no leap."""
+    scene, d, me, drive, step = build_servos(description)
+    drive.motor[0] = 1.0
+    blocked, begin = d.qpos.copy(), float(d.act[0])
     for _ in range(1000):
-        VelocityServos.step(me, drive, mj)
-        mujoco.mj_step(m, d, 2)
+        step()
+        mujoco.mj_step(scene.model, d, 2)
         d.qpos[:], d.qvel[:] = blocked, 0.0  # an unyielding hand
     lag = float(me.lag[0])
-    assert abs(d.act[0] - q[0]) < lag + 0.01
+    assert abs(d.act[0] - begin) < lag + 0.01
     assert lag < 0.2
+
+
+@pytest.mark.parametrize("speed", [1.0, 3.0])
+def test_a_fast_servo_without_a_load_does_not_stall(description, speed):
+    """Its command runs ahead by kv / kp times its speed, at 3 rad/s by more than the stall's."""
+    scene, d, me, drive, step = build_servos(description)
+    drive.motor[1] = speed
+    assert speed < 2.0 or me.damping_s[1] * speed > me.lag[1]
+    for _ in range(250):
+        step()
+        mujoco.mj_step(scene.model, d, 2)
+    motor = float(me.motor_from_joint[1, :2] @ d.qvel[me.qvel[:2]])
+    assert motor == pytest.approx(speed, rel=0.05)

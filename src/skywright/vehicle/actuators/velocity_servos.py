@@ -19,7 +19,8 @@ from skywright.vehicle.component import Component, words
 class VelocityServos(Component):
     """Writes MuJoCo's controls behind those of the rotors.
 
-    The integrated command of a stalled servo stops: it would leap when it comes free.
+    The integrated command of a stalled servo stops: it would leap when it comes free. A servo that
+    turns lags behind its command without a load, by kv / kp times its speed: that is no stall.
     """
 
     slot, side = "actuate", "plant"
@@ -30,14 +31,17 @@ class VelocityServos(Component):
         first: int  # control of the first servo
         servo: Annotated[Integers, MAX_JOINTS]  # of each joint, -1: passive
         qpos: Annotated[Integers, MAX_JOINTS]
+        qvel: Annotated[Integers, MAX_JOINTS]
         motor_from_joint: Annotated[Array, MAX_JOINTS, MAX_JOINTS]  # inverse of the belt
-        lag: Annotated[Array, MAX_JOINTS]  # rad, command ahead of the motor at the stall torque
+        lag: Annotated[Array, MAX_JOINTS]  # rad, command ahead of a motor that stalls
+        damping_s: Annotated[Array, MAX_JOINTS]  # s, kv / kp: by which one without load lags
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Look up joints, belt and stall torques."""
         robot, n = context.robot, context.scene.n_joints
         me.n, me.first = n, len(context.rotors.thrust_min)
         me.qpos[:n] = context.scene.places.joint_qpos
+        me.qvel[:n] = context.scene.places.joint_dof
         for j, limb in enumerate(list_joints(robot)):
             me.servo[j] = limb.servo
         servos = list_true_servos(robot, context.deviation)
@@ -45,11 +49,13 @@ class VelocityServos(Component):
         belt = np.eye(k) if robot.arm.belt is None else np.array(robot.arm.belt)
         me.motor_from_joint[:k, :k] = np.linalg.inv(belt)
         for j, (_, servo) in enumerate(servos):
-            me.lag[j] = servo.stall_torque_nm / compute_servo_gains(robot, j, servo)[0]
+            kp, kv = compute_servo_gains(robot, j, servo)
+            me.lag[j], me.damping_s[j] = servo.stall_torque_nm / kp, kv / kp
 
     @staticmethod
     def step(me: Me, drive: ServoDrive, mj: MuJoCo) -> None:
         ctrl, act, qpos = words(mj.ctrl, mj.nu), words(mj.act, mj.na), words(mj.qpos, mj.nq)
+        qvel = words(mj.qvel, mj.nv)
         for j in range(me.n):
             if me.servo[j] >= 0:
                 ctrl[me.first + me.servo[j]] = drive.motor[j]
@@ -57,6 +63,7 @@ class VelocityServos(Component):
             ahead = act[j]
             for i in range(me.n):
                 ahead -= me.motor_from_joint[j, i] * qpos[me.qpos[i]]
+                ahead -= me.damping_s[j] * me.motor_from_joint[j, i] * qvel[me.qvel[i]]
             if abs(ahead) > me.lag[j] and ahead * ctrl[me.first + j] > 0.0:
                 ctrl[me.first + j] = 0.0
 
