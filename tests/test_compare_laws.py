@@ -117,8 +117,22 @@ def test_laws_fly_the_same_seeds_and_a_law_that_cannot_is_told(tmp_path: Path) -
     page = tmp_path / "laws.html"
     write_laws_page(found, page)
     text = page.read_text()
-    assert "2 of 2" in text and "refused" in text and "cascade less thrust_vectoring" in text
+    assert "2 of 2" in text and "refused" in text and "cascade minus thrust_vectoring" in text
     assert "nan" not in text.lower().split("<h2")[1]
+
+
+def test_a_refusal_counts_for_its_own_case(tmp_path: Path) -> None:
+    """Nominally the wind is refused; in the calm case nothing is, and both laws fly."""
+    found = compare_laws(
+        ["backstepping", "backstepping_torque"], "wall-contact",
+        sets=["world.wind.kind=steady", "world.wind.mean_mps=14", "mission.task.forces_n=[2.0]"],
+        cases=["calm:world.wind.mean_mps=0"], runs=1, out=tmp_path / "laws", workers=1,
+    )  # fmt: skip
+    told = {(f.law, f.case): f for f in found.flown}
+    assert "wind of 14" in told["backstepping", "nominal"].refused
+    assert not told["backstepping", "nominal"].rows
+    assert len(told["backstepping", "calm"].rows) == 1
+    assert "14" not in told["backstepping_torque", "calm"].refused
 
 
 @pytest.mark.parametrize(

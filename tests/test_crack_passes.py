@@ -10,13 +10,14 @@ from scipy.linalg import solve_continuous_lyapunov
 
 from skywright.description.loader import load_description
 from skywright.description.world.spec import Pipe
-from skywright.description.world.surface import build_cylinder
+from skywright.description.world.surface import build_cylinder, roll_points, unroll_points
 from skywright.description.world.wind import compute_gust_scales
 from skywright.inspection.indications import FlawFinder
 from skywright.missions.crack_scan.again import SIGMAS, build_passes
-from skywright.missions.crack_scan.cover import build_sector, compute_cover, list_gaps
+from skywright.missions.crack_scan.cover import build_sector, compute_cover, find_middle, list_gaps
 from skywright.missions.crack_scan.lateral import MORE, compute_lateral_std
 from skywright.missions.crack_scan.plan import plan
+from skywright.missions.scan.coverage import unwrap
 from skywright.models.rigid_body import compute_body, posture
 from skywright.planning.scan import choose_axes
 from skywright.run.limits import compute_gust_drag
@@ -131,3 +132,18 @@ def test_sound_metal_beside_a_weld_is_no_crack() -> None:
     finder = FlawFinder()
     finder.add(0.01 * np.arange(len(s)), 1j * up, S, C)
     assert [x.nature for x in finder.find() if x.height > 0] == ["crack"]
+
+
+@pytest.mark.parametrize("centre", [90.0, 180.0, 350.0, -180.0])
+def test_a_sector_has_no_seam_in_its_middle(centre: float) -> None:
+    """A search that covers all of it says so, wherever the sector lies around the pipe."""
+    task = load_description("crack-scan", sets=[
+        "mission.task.side=angle", f"mission.task.centre_angle_deg={centre}"
+    ]).mission.task  # fmt: skip
+    pipe = build_cylinder(Pipe())
+    sector = build_sector(task, pipe.radius, 3.4e-3)
+    places, _ = roll_points(pipe, sector.cells[:, 0], sector.cells[:, 1])
+    s, c, _ = unroll_points(pipe, places)
+    c = unwrap(c, find_middle(task, pipe.radius), pipe.radius)
+    cover = compute_cover(sector, s, c)
+    assert cover.fraction == 1.0 and cover.hole_m < 1e-3

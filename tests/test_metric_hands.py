@@ -258,6 +258,15 @@ def test_a_slide_falls_short_where_the_tip_chatters_on_its_way_back() -> None:
     way = {"stations": [type("S", (), {"place": np.zeros(2)})()], "survey": None}
     m = judge_contact(build_flown("wall-contact", samples, phases, way))
     assert m["slide.length_fraction"] == pytest.approx(0.16 / 0.3)
+    again = [
+        phases[0]._replace(outcome="retry"),
+        phases[1],
+    ]  # that a slide was begun anew is no miss
+    m = judge_contact(build_flown("wall-contact", samples, again, way))
+    assert m["slide.length_fraction"] == pytest.approx(0.16 / 0.3)
+    again = [phases[0], phases[1]._replace(outcome="retry")]
+    m = judge_contact(build_flown("wall-contact", samples, again, way))
+    assert m["slide.length_fraction"] == pytest.approx(1.0)
 
 
 def test_a_peg_beside_and_in_its_hole() -> None:

@@ -127,11 +127,12 @@ def measure_contrasts(crossings: Sequence[Crossing], lines: int, level: float) -
     """Return the contrast of each of `lines` welds: its signal over the detection threshold.
 
     The signal is the median of its crossings' peaks; `level` (instrument units) is the least peak
-    that counts as a crossing. Without a line, all crossings are one weld.
+    that counts as a crossing. Without a line, all crossings are one weld. A line without crossings
+    of its own has NaN.
     """
     groups = [[x.peak for x in crossings if x.line == k] for k in range(lines)]
     groups = groups or [[x.peak for x in crossings]]
-    return [float(np.median(peaks)) / level for peaks in groups if peaks]
+    return [float(np.median(peaks)) / level if peaks else math.nan for peaks in groups]
 
 
 def tell_faint(contrasts: Sequence[float], level: float) -> list[str]:

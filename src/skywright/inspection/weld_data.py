@@ -74,7 +74,7 @@ class WeldReport(NamedTuple):
                 "weld": self.result.calibration.weld_threshold,
                 "detection": round(self.result.level, 4),
             },
-            "contrasts": [round(x, 3) for x in self.result.contrasts],
+            "contrasts": [None if math.isnan(x) else round(x, 3) for x in self.result.contrasts],
             "notes": list(self.notes),
         }
 

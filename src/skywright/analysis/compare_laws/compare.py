@@ -159,25 +159,22 @@ def compare_laws(
         if text.strip().startswith("mission.law"):
             raise InputError(f"{text}: the laws are what is compared; leave it out")
     known, built_in = list_cases(base), list_kinds("law")
-    refused = (
-        {}
-        if vary
-        else find_refusals(
-            [law for law in names if law in built_in], mission, robot, world, sets, seed
-        )
-    )
+    mine = [law for law in names if law in built_in]
+
+    refused = {} if vary else {
+        case.name: find_refusals(mine, mission, robot, world, (*sets, *case.sets), seed)
+        for case in chosen
+    }  # fmt: skip
     planned: list[tuple[str, Case, Campaign | str]] = []
     for case in chosen:
         for law in names:
             assignments = (*sets, *case.sets, f"mission.law={law}")
-            if why := refused.get(law):
-                planned.append((law, case, why))
-                continue
-            try:
-                planned.append((law, case, build_campaign(
+            try:  # a wrong key is no refusal
+                built = build_campaign(
                     mission, vary, robot=robot, world=world, seed=base.mission.seed,
                     sets=assignments,
-                )))  # fmt: skip
+                )  # fmt: skip
+                planned.append((law, case, refused.get(case.name, {}).get(law, "") or built))
             except InputError as error:
                 if case.name == NOMINAL or case not in known or vary:  # what was asked is wrong
                     raise

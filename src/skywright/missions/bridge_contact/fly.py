@@ -33,7 +33,8 @@ SETTLE_S = 1.0  # s, before a touch
 TIP_FELT_N = 0.5
 """N, of a tip on a spring with a sensor that tells hundredths of it."""
 SEATED_M = 0.03  # m, of the feet to the deck, as estimated
-SLIDE_NEAR = 2e-3  # m, of the estimated tip to the end of a slide
+SLIDE_NEAR, SLIDE_SHARE = 2e-3, 0.02
+"""m, of the estimated tip to the end of a slide, and the same as a share of a short slide."""
 SLIDE_STEPS, SLIDE_STEP = 4, 0.03
 """Moves with which a tip that friction holds back is led to the end, and the largest (m): at
 friction 0.6 it stays 1 to 2 cm behind."""
@@ -214,19 +215,22 @@ class Pilot(Presser):
         self.set_force("press to slide", task.slide_force_n, task.ramp_s)
         self.s.wait(task.settle_s)
         begin, length = self._locate_tip(), find_way(task, self.structure)
+        stood = np.array(self.s.vehicle.reference["p_WB"])
         self._slide_to("slide", begin + length)
         self._slide_to("slide back", begin)
+        if np.linalg.norm(self.s.vehicle.reference["p_WB"] - stood) > 2.0 * SLIDE_STEP:
+            self.go(None, p=stood, speed=task.slide_speed_mps)  # the tip stuck
 
     def _slide_to(self, phase: str, end: Array) -> None:
         """Slide until the estimated tip is at `end` (3,) along the way, or goes no farther."""
         task = self.contact
         name: str | None = phase
-        way = end - self._locate_tip()
-        along = find_way(task, self.structure)
+        way, along = end - self._locate_tip(), find_way(task, self.structure)
+        near = min(SLIDE_NEAR, SLIDE_SHARE * abs(task.slide_m))
         along = along * math.copysign(1.0, along @ way) / np.linalg.norm(along)
         for speed in (task.slide_speed_mps, *[0.5 * task.slide_speed_mps] * SLIDE_STEPS):
             lacks = float(along @ (end - self._locate_tip()))
-            if lacks < SLIDE_NEAR:  # a tip that sprang farther is not drawn back
+            if lacks < near and name is None:  # a tip that sprang farther is not drawn back
                 return
             step = lacks if name else min(lacks, SLIDE_STEP)
             at = np.array(self.s.vehicle.reference["p_WB"]) + step * along

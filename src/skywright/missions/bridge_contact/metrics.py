@@ -123,9 +123,13 @@ def compute_metrics(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
         if has_columns(s, "off_s"):
             out["slide.no_force_max_s"] = float(np.max(s["off_s"]))
         gone = min(
-            float(np.max(np.linalg.norm(tip - tip[0], axis=1)))
-            for i in SLIDE.find(phases)
-            if len(tip := samples["p_WT"][samples["phase"] == i])
+            (
+                float(np.max(np.linalg.norm(tip - tip[0], axis=1)))
+                for i in SLIDE.find(phases)
+                if phases[i].outcome not in ("retry", "taken over")  # it begins anew
+                and len(tip := samples["p_WT"][samples["phase"] == i])
+            ),
+            default=0.0,
         )
         out["slide.length_m"] = gone
         if run.task.slide_m:

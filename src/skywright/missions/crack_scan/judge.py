@@ -14,7 +14,7 @@ from skywright.inspection.indications import Indication
 from skywright.missions.crack_scan.plan import CrackWay
 from skywright.missions.crack_scan.search import Search, as_scan, find_search
 from skywright.missions.crack_scan.task import CrackScan
-from skywright.missions.scan.coverage import SCAN
+from skywright.missions.scan.coverage import SCAN, unwrap
 from skywright.missions.scan.metrics import get_surface
 from skywright.models.things.crack import Crack
 from skywright.planning.patterns import SIDES
@@ -57,7 +57,7 @@ def list_flaws(run: Flown[CrackScan, CrackWay]) -> tuple[list[Flaw], list[Flaw]]
     flaws, beside = list[Flaw](), list[Flaw]()
     for name, thing in run.setup.true.world.things.items():
         if isinstance(thing, Crack):
-            s, c = carry(true, known, thing)
+            s, c = carry(true, known, thing, middle * known.radius)
             around = abs(math.remainder(c / known.radius - middle, 2 * math.pi))
             inside = abs(s - task.centre_s_m) <= task.pass_length_m / 2
             asked = inside and around <= math.radians(task.arc_deg) / 2
@@ -65,11 +65,13 @@ def list_flaws(run: Flown[CrackScan, CrackWay]) -> tuple[list[Flaw], list[Flaw]]
     return flaws, beside
 
 
-def carry(true: Cylinder, known: Cylinder, crack: Crack) -> tuple[float, float]:
-    """Return (s, c) m of a crack's middle on the known pipe."""
+def carry(
+    true: Cylinder, known: Cylinder, crack: Crack, middle: float = 0.0
+) -> tuple[float, float]:
+    """Return (s, c) m of a crack's middle on the known pipe, c within half a turn of `middle`."""
     p, _ = roll_points(true, crack.s_m, true.radius * math.radians(crack.around_deg))
     s, c, _ = unroll_points(known, p)
-    return float(s[0]), float(c[0])
+    return float(s[0]), float(unwrap(c, middle, known.radius)[0])
 
 
 def match(

@@ -76,7 +76,8 @@ def plan(setup: Setup[CrackScan]) -> MissionPlan[CrackWay]:
     mission = d.mission.model_copy(update={"task": asked})
     found = plan_scan(cast(Any, Setup(d._replace(mission=mission))))
     if found.feasible:
-        askew = find_askew(array, setup, found.segments["scan"], swath, pitch)
+        spacing = inside / (passes - 1) if passes > 1 else 0.0
+        askew = find_askew(array, setup, found.segments["scan"], swath, min(pitch, spacing))
         found = found._replace(feasible=askew is None, blocked_by=askew)
     if found.feasible:
         found = found._replace(duration_s=found.duration_s + _sum_touches(found.way))
@@ -114,8 +115,8 @@ def find_askew(
     return (
         f"the array lies {math.degrees(skew[k]):.0f} deg askew to its passes at phi = "
         f"{math.degrees(phi[k]):.0f} deg and covers {1e3 * left:.0f} mm of the "
-        f"{1e3 * pitch:.0f} mm between them: near the top of a pipe that is inclined by "
-        f"{inclined:.1f} deg a level platform turns with the normal; leave that part out"
+        f"{1e3 * pitch:.0f} mm between them: near the top or the bottom of a pipe that is inclined "
+        f"by {inclined:.2f} deg a level platform turns with the normal; leave that part out"
     )
 
 

@@ -74,10 +74,10 @@ def find_asked_path(way: ScanWay, known: Cylinder, true: Cylinder) -> Array:
 def _carry(sphi: Array, known: Cylinder, true: Cylinder) -> Array:
     p, _ = roll_points(known, sphi[:, 0], known.radius * sphi[:, 1])
     s, c, _ = unroll_points(true, p)
-    return np.column_stack([s, _unwrap(c, true.radius * sphi[:, 1], true.radius)])
+    return np.column_stack([s, unwrap(c, true.radius * sphi[:, 1], true.radius)])
 
 
-def _unwrap(c: Array, near: Array | float, radius: float) -> Array:
+def unwrap(c: Array, near: Array | float, radius: float) -> Array:
     """Return c (n,) m plus whole turns, so that it lies within half a turn of `near`."""
     turn = 2.0 * math.pi * radius
     return np.asarray(c - turn * np.round((c - near) / turn))
@@ -89,7 +89,7 @@ def compute_scan_coverage(run: Flown[Scan, ScanWay], known: Cylinder) -> Coverag
     assert true is not None
     path = find_asked_path(run.way, known, true)
     along, around, _ = unroll_points(true, s["p_WT"])
-    around = _unwrap(around, float(np.mean(path[:, 1])), true.radius)
+    around = unwrap(around, float(np.mean(path[:, 1])), true.radius)
     good = (s["gap_max"] < GAP_LIMIT) & (s["tilt"] < TILT_LIMIT)
     tip = cKDTree(np.column_stack([along, around])[good]) if np.any(good) else None
     coil, task = Coil(), run.task

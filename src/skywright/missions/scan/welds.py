@@ -170,8 +170,9 @@ def judge_welds(
         "weld.lines_missed": float(len(lacking - faint - merged)),
         "weld.unresolved": float(len(faint | merged)),
     }
-    if weld.contrasts:
-        out["weld.contrast"] = min(weld.contrasts)
+    contrasts = [x for x in weld.contrasts if not math.isnan(x)]
+    if contrasts:
+        out["weld.contrast"] = min(contrasts)
     far = np.array([np.abs(e.curve.measure_distance(s, c)) for e in expected])
     far = far.reshape(len(expected), len(s))
     nearest = np.min(far, axis=0, initial=math.inf)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from skywright.core.record import Record
 from skywright.core.spec import Fraction, Positive
@@ -35,6 +35,20 @@ class Link(Fault):
         loss_fraction: Fraction = 1.0
         delay_s: Annotated[float, Field(ge=0.0, le=MOST_DELAY_S)] = 0.0
         motor_timeout_s: Positive = 0.5
+
+        @model_validator(mode="after")
+        def _check_effect(self) -> Self:
+            """Raise ValueError where a delay or nothing at all would show."""
+            if self.delay_s > 0.0 and self.loss_fraction == 1.0:
+                raise ValueError(
+                    "delay_s has no effect with loss_fraction = 1 (the default), which loses every "
+                    "packet: set loss_fraction to less, 0 for a delay alone"
+                )
+            if self.delay_s == 0.0 and self.loss_fraction == 0.0:
+                raise ValueError(
+                    "loss_fraction = 0 and delay_s = 0 leave the link as it is: set one of them"
+                )
+            return self
 
     class Me(Record):
         start: float  # s

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from skywright.core.record import Record, Vec3
 from skywright.core.spec import NonNegative, Positive
+from skywright.errors import InputError
 from skywright.models.capability import compute_capability
 from skywright.vehicle.bus import Clock
 from skywright.vehicle.component import Fault, InOut
@@ -47,7 +48,10 @@ class Squall(Fault):
     @classmethod
     def draw_table(cls, rng: np.random.Generator, robot: Any, world: Any) -> dict[str, Any] | None:
         """From any side, for a while or for good; None for a robot that holds in no wind."""
-        holds = float(np.nanmin(compute_capability(robot).wind_limit))
+        try:
+            holds = float(np.nanmin(compute_capability(robot).wind_limit))
+        except InputError:  # it cannot lift itself: it works on a bench
+            return None
         if not holds > 0.0:
             return None
         return {
