@@ -29,7 +29,6 @@ from skywright.links.px4.parameters import build_airframe
 from skywright.models.nominal import Nominal
 
 POSITION_EVERY = 5  # samples
-PREARM = 0x10000000
 SINK = 0.5  # m/s, of the mode Land
 LAND_S = 2.0  # s on the ground until it disarms
 
@@ -145,9 +144,7 @@ class FlyingPeer(Px4Peer):
                 )
             )
             self._say(
-                common.MAVLink_sys_status_message(
-                    PREARM, PREARM, PREARM, 0, 12000, -1, 90, 0, 0, 0, 0, 0, 0
-                )
+                common.MAVLink_sys_status_message(0, 0, 0, 0, 12000, -1, 90, 0, 0, 0, 0, 0, 0)
             )
 
     def _take(self, m: Any) -> None:

@@ -22,8 +22,6 @@ Array = NDArray[np.float64]
 AUTOPILOTS_NONE = 8  # MAV_AUTOPILOT_INVALID: a ground station, a camera
 PLACED = 0x10 | 0x8
 """ESTIMATOR_STATUS: a horizontal place, absolute or relative."""
-PREARM_CHECK = 0x10000000
-"""Of SYS_STATUS: the checks before arming pass."""
 BACK_MS = 1000  # by which the vehicle's clock must go back to count as a restart
 TEXTS = 20
 
@@ -45,7 +43,6 @@ class Heard:
         self.answer = math.inf  # s, when a TIMESYNC was answered; infinite: never
         self.place_ms = self.turn_ms = 0  # by the vehicle's clock, when they were so
         self.armed, self.mode, self.landed = False, Mode(0), 0
-        self.ready = False  # whether its own checks before arming pass, as far as it tells
         self.p, self.v = np.zeros(3), np.zeros(3)  # m, m/s: ENU, in the vehicle's local frame
         self.R_WB, self.w_B = np.eye(3), np.zeros(3)
         self.flags: int | None = None  # of ESTIMATOR_STATUS
@@ -108,7 +105,6 @@ class Heard:
         self.std = std if math.isfinite(std) else math.nan
 
     def _take_sys_status(self, m: Any, now: float) -> None:
-        self.ready = bool(m.onboard_control_sensors_health & PREARM_CHECK)
         self.charge = m.battery_remaining / 100.0 if m.battery_remaining >= 0 else math.nan
 
     def _take_gps_global_origin(self, m: Any, now: float) -> None:

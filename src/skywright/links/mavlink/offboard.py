@@ -40,6 +40,8 @@ OWN_S = 2.0  # s after a silence, likewise
 SPIN_S, LAND_S = 8.0, 60.0  # s for arming, and for coming down
 SET_MODE, ARM_DISARM = 176, 400
 LOW = 0.1  # m above the ground: a reference that ends there is flown by positions
+LIFT, LIFT_S = 0.25, 15.0
+"""m to which an autopilot lifts off before the reference goes on, and s that it may take."""
 APART = 5.0  # m between the vehicle and the mission's start, or it is another place
 
 
@@ -62,6 +64,10 @@ class Offboard(SimulatedVehicle):
         self._floor = self.robot.platform.gear_height_m
         self._force: BodyForce | None = None
         self._due = 0.0
+        self._low_z: float | None = None
+        """m, in the vehicle's frame: once in the air, no lower set-point but to land."""
+        self._again_s = 0.0
+        """s for which a refusal to start is not taken for the last word: an autopilot boots."""
 
     # --- meeting the vehicle -----------------------------------------------------------------
 
@@ -172,13 +178,27 @@ class Offboard(SimulatedVehicle):
         if self.piloted:
             self.link.lead(self._hold_here())
             return
+        down = float(self.tracking[0][-1]["p_WB"][2]) < self._floor + LOW
+        if not down and self._low_z is None and not self.link.heard.simulated:
+            self._lift()
         row = self.reference_now
         R, rate = np.array(row["R_WB"]), float(row["w_WB_B"][2])
         p = np.array(row["p_WB"]) - self._shift + R @ self._p_BC
         v, a = np.array(row["v_WB"]), np.array(row["a_WB"])
-        down = float(self.tracking[0][-1]["p_WB"][2]) < self._floor + LOW
+        if self._low_z is not None and not down and p[2] < self._low_z:
+            p[2], v[2], a[2], down = self._low_z, 0.0, 0.0, True
         f_B = None if self._force is None or down else self._force.compute()
         self.link.lead(Target(p, v, a + self._feed_forward(), R, rate, f_B))
+
+    def _lift(self) -> None:
+        """Leave the ground; the reference stands still while the autopilot ramps its thrust up."""
+        target = self._hold_here()
+        start = float(target.p[2])
+        self._low_z = start + LIFT
+        self.link.lead(target._replace(p=np.array([*target.p[:2], self._low_z])))
+        if not self.link.wait(lambda h: h.p[2] > start + 0.5 * LIFT, LIFT_S):
+            self._give_up(f"no take-off: it is still on the ground after {LIFT_S:g} s")
+        self._due = self.clock.now()
 
     def _feed_forward(self) -> Array:
         """Return the acceleration (3,) m/s^2 that answers forces which the mission plans."""
@@ -192,15 +212,23 @@ class Offboard(SimulatedVehicle):
 
     def _start(self) -> None:
         """Change to Offboard and turn the motors; mission time stands still."""
+        end = self.clock.now() + self._again_s
+        while says := self._try_to_start():
+            if self.clock.now() >= end:
+                break
+        if says:
+            self._give_up(f"no take-off: {says}")
+        self._armed = self._offboard = True
+        self._due = self.clock.now()
+
+    def _try_to_start(self) -> str:
+        """Change to Offboard and arm; returns why not, or ""."""
         self.link.lead(self._hold_here())
         self.link.wait(lambda h: False, 0.6)
         says = self._choose(modes.OFFBOARD) or self.link.command(ARM_DISARM, 1.0)
         if not says and not self.link.wait(lambda h: h.armed, SPIN_S):
             says = f"the vehicle did not arm within {SPIN_S:g} s"
-        if says:
-            self._give_up(f"no take-off: {says}")
-        self._armed = self._offboard = True
-        self._due = self.clock.now()
+        return says
 
     def _stop(self) -> None:
         """Let the autopilot land and stop its motors; mission time stands still."""
@@ -208,6 +236,7 @@ class Offboard(SimulatedVehicle):
         if not says and not self.link.wait(lambda h: not h.armed, LAND_S):
             says = f"the vehicle is still armed {LAND_S:g} s after it was told to land"
         self._armed = self._offboard = False
+        self._low_z = None
         self.link.lead(None)
         self._due = self.clock.now()
         if says:
