@@ -20,12 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.interrupt import check_interrupt
+from skywright.core.types import TASK_FORCE
 from skywright.errors import InputError, SimulationError
 from skywright.links.mavlink.endpoint import Endpoint, Url
 from skywright.links.mavlink.link import PERIOD, WANTED, VehicleLink
 from skywright.links.mavlink.offboard import CONNECT_S, Offboard
 from skywright.links.mavlink.stream import load_dialect
 from skywright.links.px4.check import find_refusal
+from skywright.links.px4.parameters import build_airframe
 from skywright.links.px4.sensors import FIRST_US, Px4Sensors
 from skywright.links.px4.server import PORT, Px4Server
 from skywright.links.sitl.earth import HOME
@@ -112,6 +114,7 @@ class Px4Vehicle(Offboard):
             server.stream.dialect, self.robot, world, kwargs["seed"], self._sockets.period
         )
         self._home = world.origin or HOME
+        self._mass = build_airframe(self.robot, self.world).mass
         self._told = world.localisation == "total-station"
         self._pose_due = self._step_due = 0.0
         self._pacer, self._met, self._was_locked = Pace(), False, False
@@ -231,6 +234,15 @@ class Px4Vehicle(Offboard):
         super()._lead()
         row, notes = self.reference_now, self._sockets.notes
         notes.p_WB_des[:], notes.v_WB_des[:] = row["p_WB"], row["v_WB"]
+
+    def _feed_forward(self) -> Array:
+        """Return the acceleration (3,) m/s^2 that carries what hands and probe shall exert."""
+        row, force = self.reference_now, np.zeros(3)
+        force += row["f_WH"][np.asarray(row["task"]) == TASK_FORCE].sum(axis=0)
+        if row["press"] > 0.5:
+            est = self.estimate
+            force += max(float(est["f_tip"]), 0.0) * est["R_WT"][:, 2]
+        return force / self._mass
 
     def give_up_rotor(self, i: int) -> bool:
         """Return False: PX4 allocates."""
