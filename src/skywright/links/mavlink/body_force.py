@@ -63,7 +63,8 @@ def find_forceless(robot: Robot, law: Law, gravity: float) -> str:
     if not tilt > math.radians(1.0):
         return f"the rotors of {robot.name!r} do not push sideways; fly it without ?force"
     kind = type(law)
-    if not (kind.needs_full_actuation and issubclass(kind.Me, PositionLoop)):  # type: ignore[attr-defined]
+    known = issubclass(kind.Me, PositionLoop) or getattr(kind, "follows_bandwidths", False)  # type: ignore[attr-defined]
+    if not (kind.needs_full_actuation and known):
         return (
             f"the law {kind.__name__} of {robot.name!r} has no position loop of its own whose "
             "delay is known; fly it without ?force"

@@ -65,12 +65,12 @@ def compute_force_units(B: Array, thrust_max: Array) -> Array:
     used = np.sum(size > 1e-7, axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
         scale = size.sum(axis=0) / used
-        return np.mean(thrust_max) / THRUST_COEFFICIENT / scale
+        return np.asarray(np.mean(thrust_max) / THRUST_COEFFICIENT / scale)
 
 
 def _compute_mix(B: Array) -> Array:
     """Return PX4's pseudo-inverse (n, 6) before it is scaled: torques, then forces."""
-    return np.linalg.pinv(np.vstack([B[3:], B[:3]]) * THRUST_COEFFICIENT, rcond=1e-6)
+    return np.asarray(np.linalg.pinv(np.vstack([B[3:], B[:3]]) * THRUST_COEFFICIENT, rcond=1e-6))
 
 
 def compute_gains(inertia: Array, torque_units: Array, lag: float) -> Gains:

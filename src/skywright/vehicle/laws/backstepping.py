@@ -24,7 +24,7 @@ It is a PID, so k_1, k_2 and lambda follow from the PID's stiffness, damping and
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from scipy.optimize import brentq
 
@@ -69,6 +69,8 @@ class Backstepping(Law):
     """Fills f_B, t_B and qd."""
 
     needs_full_actuation = controls_force = knows_modes = True
+    follows_bandwidths: ClassVar[bool] = True
+    """Whether the platform's position loop is the PID of the table's bandwidths, as here."""
     Table = LoopsTable
 
     class Me(ArmLoop, StandardLoop):
