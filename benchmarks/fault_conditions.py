@@ -1,9 +1,9 @@
 """Draw the faults of a campaign: `python benchmarks/fault_conditions.py MISSION`.
 
-Writes a table for `skywright campaign MISSION --vary FILE.csv --record all`: in each row one kind
-of fault, the kinds in turn, at a random time between take-off and landing; which rotor, joint or
-sensor fails, and how badly, the seed of the run draws. `benchmarks/judge_faults.py FOLDER/runs`
-judges the recordings.
+Writes a table for `skywright campaign MISSION --seed SEED --vary FILE.csv --record all`, with the
+mission's seed of SEEDS: in each row one kind of fault, the kinds in turn, at a random time between
+take-off and landing; which rotor, joint or sensor fails, and how badly, the seed of the run draws.
+`benchmarks/judge_faults.py FOLDER/runs` judges the recordings.
 """
 
 from __future__ import annotations
@@ -23,25 +23,42 @@ MISSIONS = {
     "bridge-contact": (5.0, 119.0),
 }  # fmt: skip
 """Mission -> s between which a fault begins: from the take-off to the landing of seed 1."""
+SEEDS = {mission: 2001 + i for i, mission in enumerate(MISSIONS)}
+"""Mission -> seed of its table and of its campaign: no two missions meet the same faults."""
+DELAY_S = 0.001
+"""s each way, of the control link in the rows with the fault `link`: the worlds of these missions
+have none, since law and rotors are on one computer. Every robot's attitude loop bears it."""
+NO_LINK, LINKED = "0.0", str(DELAY_S)
 
 
-def draw_table(mission: str, rows: int, seed: int) -> list[dict[str, Any]]:
-    """Draw all rows."""
-    rng, d = np.random.default_rng(seed), load_description(mission)
-    kinds = [
+def list_drawn(mission: str) -> list[str]:
+    """Return the kinds of fault of a mission: all but those that nothing in its world can have.
+
+    `random` stands for the others. `tool_dropped` needs a thing with a handle, which only
+    tool-install carries.
+    """
+    d = load_description(mission, sets=[f"world.link.delay_s={DELAY_S}"])
+    rng = np.random.default_rng(0)
+    return [
         k
         for k in list_kinds("fault")
         if k != "random" and find("fault", k).cls.draw_table(rng, d.robot, d.world) is not None
     ]
+
+
+def draw_table(mission: str, rows: int, seed: int) -> list[dict[str, Any]]:
+    """Draw all rows."""
+    rng, kinds = np.random.default_rng(seed), list_drawn(mission)
     out = []
     for i in range(rows):
-        start = round(float(rng.uniform(*MISSIONS[mission])), 2)
+        start, kind = round(float(rng.uniform(*MISSIONS[mission])), 2), kinds[i % len(kinds)]
         out.append(
             {
                 "plant.faults.fault.kind": "random",
-                "plant.faults.fault.among": f'["{kinds[i % len(kinds)]}"]',
+                "plant.faults.fault.among": f'["{kind}"]',
                 "plant.faults.fault.start_s": start,
                 "plant.faults.fault.end_s": start,
+                "world.link.delay_s": LINKED if kind == "link" else NO_LINK,
             }
         )
     return out
@@ -51,8 +68,9 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Draw the conditions of a campaign of faults.")
     parser.add_argument("mission", choices=MISSIONS)
     parser.add_argument("--rows", type=int, default=50)
-    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--seed", type=int)
     parser.add_argument("--out", type=Path)
     a = parser.parse_args()
     file = a.out or Path(__file__).with_name(f"faults-{a.mission}.csv")
-    save_table(draw_table(a.mission, a.rows, a.seed), file)
+    seed = SEEDS[a.mission] if a.seed is None else a.seed
+    save_table(draw_table(a.mission, a.rows, seed), file)

@@ -2,12 +2,12 @@
 
     python benchmarks/fly_faults.py [MISSION...] [--again RUN...] [--keep FOLDER] [--table FILE]
 
-Each run has the description and the seed that `skywright campaign MISSION --runs 50 --vary
-benchmarks/faults-MISSION.csv` gives it. A run is judged as soon as it has landed
-(benchmarks/judge_faults.py), and its recording goes, unless `--keep` names a folder. The table
-benchmarks/faults-judged.csv is written after each run; runs that it holds are not flown again,
-unless `--again` names their numbers, or `failed` for all that did not pass. A plan that exists
-not, or a run that diverges, is a row that does not pass.
+Each run has the description and the seed that `skywright campaign MISSION --runs 50 --seed SEED
+--vary benchmarks/faults-MISSION.csv` gives it (SEED: SEEDS of benchmarks/fault_conditions.py). A
+run is judged as soon as it has landed (benchmarks/judge_faults.py), and its recording goes, unless
+`--keep` names a folder. The table benchmarks/faults-judged.csv is written after each run; runs that
+it holds are not flown again, unless `--again` names their numbers, or `failed` for all that did not
+pass. A plan that exists not, or a run that diverges, is a row that does not pass.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from fault_conditions import MISSIONS
+from fault_conditions import MISSIONS, SEEDS
 from judge_faults import FIELDS, judge, to_row
 
 from skywright.analysis.campaign.spec import Campaign, build_campaign, draw_run, load_run
@@ -84,7 +84,7 @@ def main() -> None:
     commit = subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip()
     for mission in args.missions or MISSIONS:
         conditions = HERE / f"faults-{mission}.csv"
-        campaign = build_campaign(mission, [str(conditions)])
+        campaign = build_campaign(mission, [str(conditions)], seed=SEEDS[mission])
         count = len(conditions.read_text(encoding="utf-8").splitlines()) - 1
         for run in range(count):
             known = read_table(args.table).get((mission, run))

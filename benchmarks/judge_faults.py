@@ -9,8 +9,9 @@ still touched counts once. A flight passes when it is down, no collision began a
 acted, and a flight that did not succeed has a reason. What is touched, a model of the true scene
 tells, posed as recorded: an arm that hangs without torque meets the ground first, which at the
 speed of a landing is none, and neither is the ground for a robot that falls. Counted apart, as
-`own`, are contacts of the robot with itself or with what it carries alone: a forearm without
-torque swings against its base, and a tool that is set down on the ground meets the arms.
+`own`, are contacts of the robot with itself or with what it carries alone, `own_n` is their largest
+force: a forearm without torque swings against its base, and a tool that is set down on the ground
+meets the arms. A tool that the robot does not carry is met as anything else.
 `--table FILE` writes the result, one row a flight. Exit code 1 when one fails.
 """
 
@@ -39,6 +40,7 @@ OFF_N = 0.5  # N, of all rotors
 LINK_M = 1.0  # m, below which a link that hangs from the platform meets the ground
 STILL_MPS = 0.1
 LANDING_MPS = 0.5  # no faster does an arm that hangs down meet the ground
+CAME_M = 0.05  # m that what is carried moves at least from where a rule acted
 NEAR_M = 0.02  # shapes that are closer than this touch: the arm's springs are not posed
 
 
@@ -55,6 +57,7 @@ class Judged(NamedTuple):
     before: int
     later: int
     own: int
+    own_n: float
     is_down: bool
     passed: bool
     reason: str
@@ -111,14 +114,24 @@ def _is_landing(d: Description[Any], s: Any, falls: bool) -> bool:
     return (falls or slow) and list_touched(d, s).but_feet == {"ground"}
 
 
-def _is_own(d: Description[Any], s: Any, start: Any) -> bool:
-    """Whether only parts of the robot meet each other, or what it carries."""
-    met = list_touched(d, s)
-    model = build_scene(d.robot, d.true_world).model
+def _is_own(d: Description[Any], s: Any, k: int, at: float) -> bool:
+    """Whether only parts of the robot meet each other, or what came with it since a rule acted."""
+    met, model = list_touched(d, s[k]), build_scene(d.robot, d.true_world).model
     carried = {model.geom(g).name for g in find_movable(d, model)}
     if met.but_feet:
-        return met.but_feet <= carried
-    return bool(met.own - list_touched(d, start).own)
+        way = s["object0_p_WO"][k] - s["object0_p_WO"][s["t"] <= at][-1] if carried else np.zeros(3)
+        return met.but_feet <= carried and float(np.linalg.norm(way)) > CAME_M
+    return bool(met.own - list_touched(d, s[0]).own)
+
+
+def find_most(s: Any, begins: list[int]) -> float:
+    """Return the largest force (N) of the collisions that begin at some samples."""
+    most, on = 0.0, s["f_collision"] > TOUCH_N
+    for k in begins:
+        gone = np.flatnonzero(~on[k:])
+        last = k + int(gone[0]) if len(gone) else len(s)
+        most = max(most, float(np.max(s["f_collision"][k:last])))
+    return most
 
 
 def judge(folder: Path) -> Judged:
@@ -140,8 +153,8 @@ def judge(folder: Path) -> Judged:
     falls = any(a["response"] == "let_go" for a in acted)
     first = sum(s["t"][k] <= at for k in begins)
     others = [k for k in begins if s["t"][k] > at and not _is_landing(d, s[k], falls)]
-    own = sum(_is_own(d, s[k], s[0]) for k in others)
-    later = len(others) - own
+    mine = [k for k in others if _is_own(d, s, k, at)]
+    own, later = len(mine), len(others) - len(mine)
     has_reason = told["outcome"] == "succeeded" or bool(told["reason"])
     if told["outcome"] == "failed":  # the requirements say why
         has_reason = any(not r["passed"] for r in told["requirements"])
@@ -150,7 +163,8 @@ def judge(folder: Path) -> Judged:
     return Judged(
         folder.name, d.mission.name, what, fault.table.start_s,
         "+".join(a["rule"] for a in acted) or "-", at - fault.table.start_s, told["outcome"],
-        first, later, own, is_down, is_down and has_reason and later == 0, told["reason"],
+        first, later, own, find_most(s, mine), is_down, is_down and has_reason and later == 0,
+        told["reason"],
     )  # fmt: skip
 
 
@@ -177,7 +191,7 @@ def main() -> int:
         print(
             f"{mark} {r.run:12s} {r.mission:15s} {r.start_s:6.1f} s {r.fault[:60]:60s} "
             f"{r.rule:34s} {r.after_s:+6.2f} s {r.outcome:9s} "
-            f"hits {r.before}/{r.later}, own {r.own} "
+            f"hits {r.before}/{r.later}, own {r.own} ({r.own_n:.1f} N) "
             f"{'down' if r.is_down else 'NOT DOWN'} {r.reason[:70]}"
         )
     if a.table is not None:

@@ -59,6 +59,8 @@ def list_judged() -> list[str]:
 
     `sensor=localisation` and the like are one kind.
     """
+    if not JUDGED.exists():
+        return ["No flight has been judged yet."]
     with JUDGED.open(encoding="utf-8", newline="") as file:
         flights = list(csv.DictReader(file))
     missions = sorted({f["mission"] for f in flights})
@@ -75,12 +77,22 @@ def list_judged() -> list[str]:
         cells = [count([f for f in mine if f["mission"] == m]) for m in missions]
         rows.append(" | ".join([f"| {kind or 'all'}", *cells, f"{count(mine)} |"]))
     ended = sum(f["rule"] != "-" for f in flights)
-    own = sum(int(f["own"]) > 0 for f in flights)
+    own = [f for f in flights if int(f["own"]) > 0]
+    strict = sum(f["passed"] == "True" and f not in own for f in flights)
     rows += [
         "",
-        f"A rule ended {ended} of the {len(flights)} flights. In {own} the robot touched itself or "
-        "its load after that.",
+        f"A rule ended {ended} of the {len(flights)} flights. In {len(own)} the robot touched "
+        "itself or its load after that"
+        + (f", with {max(float(f['own_n']) for f in own):.0f} N at most" if own else "")
+        + f". With these contacts counted as collisions, {strict} flights pass.",
     ]
+    rows += [""] if own else []
+    for f in own:
+        when = f"{f['fault'].split(' jump')[0]} at {float(f['start_s']):g} s"
+        rows.append(
+            f"- `{f['mission']}` {int(f['run'])} ({when}): touched itself or its load "
+            f"{f['own']} times, {float(f['own_n']):.0f} N"
+        )
     bad = [f for f in flights if f["passed"] != "True"]
     if bad:
         rows += ["", "These flights did not pass:", ""]

@@ -1,6 +1,7 @@
 """Write the table of docs/howto/trust-a-verdict.md: `python docs/generate_oracle.py`.
 
 Each file of benchmarks/oracle is what `benchmarks/oracle.py --table` wrote of one campaign, each of
+benchmarks/oracle/fresh the same of requests that were drawn later with another seed, and each of
 benchmarks/oracle/refused what `benchmarks/oracle_refusals.py --table` wrote.
 """
 
@@ -14,13 +15,13 @@ BEGIN = "<!-- oracle: begin, made by docs/generate_oracle.py, do not edit -->"
 END = "<!-- oracle: end -->"
 
 
-def build_table() -> str:
+def build_table(folder: Path) -> str:
     """One line a mission: what was asked, flown, done, and how many verdicts are right."""
     lines = [
         "| mission | requests | refused | flown | of these met | verdict right | first wrong one |",
         "|---|---|---|---|---|---|---|",
     ]
-    for path in sorted(TABLES.glob("*.csv")):
+    for path in sorted(folder.glob("*.csv")):
         with path.open(encoding="utf-8") as file:
             rows = list(csv.DictReader(file))
         flown = [r for r in rows if r["outcome"] != "refused"]
@@ -50,14 +51,13 @@ def build_refusals() -> str:
 
 def build_page(text: str) -> str:
     """Return the page with its tables replaced."""
-    for begin, end, table in (
-        (BEGIN, END, build_table()),
-        (
-            BEGIN.replace("oracle:", "refusals:"),
-            END.replace("oracle:", "refusals:"),
-            build_refusals(),
-        ),
-    ):
+    tables = {
+        "oracle": build_table(TABLES),
+        "fresh": build_table(TABLES / "fresh"),
+        "refusals": build_refusals(),
+    }
+    for name, table in tables.items():
+        begin, end = BEGIN.replace("oracle:", f"{name}:"), END.replace("oracle:", f"{name}:")
         before, rest = text.split(begin)
         text = f"{before}{begin}\n\n{table}\n\n{end}{rest.split(end)[1]}"
     return text

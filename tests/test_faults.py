@@ -30,6 +30,7 @@ from skywright.run.parts import build_named, build_rules
 from skywright.run.planning import plan_mission
 from skywright.run.run import evaluate_directory, fly_and_evaluate, run_mission
 from skywright.vehicle.link_arc import compute_link_arc, plan_landing
+from skywright.vehicle.readings import ImuBatch
 from user_parts import HOVER, write_law
 
 ROOT = Path(__file__).parents[1]
@@ -195,6 +196,12 @@ def test_the_page_has_todays_rules_and_faults():
     assert text == module.build_page(text), "run: python docs/generate_faults.py"
 
 
+def test_the_page_of_the_long_reach_has_its_flights():
+    module = load_script("docs/generate_long_reach.py")
+    text = module.PAGE.read_text(encoding="utf-8")
+    assert text == module.build_page(text), "run: python docs/generate_long_reach.py"
+
+
 # --- watching ------------------------------------------------------------------------------------
 
 
@@ -323,6 +330,51 @@ def test_localisation_lost_for_good_lands_on_the_spot(tmp_path):
 )
 def test_a_fault_in_the_air_is_answered_by_its_rule(kind, keys, rule, within):
     check_down(fly("pipe-weld-scan", kind, start_s=8, **keys), rule, 8.0, within)
+
+
+def test_a_link_that_is_lost_for_good_is_a_fall_that_is_told():
+    sets = ["plant.faults.a.kind=link", "plant.faults.a.start_s=6"]
+    result = fly_and_evaluate(load_description("waypoints", "othex", sets=sets))
+    acted = [(a.rule, a.response) for a in result.acted]
+    assert acted == [("link_silent", "land_here"), ("link_lost", "let_go")]
+    assert 6.5 < result.acted[1].t_s < 6.6 and "link lost 0.5" in result.reason
+    s = result.samples
+    assert s["rotor_thrust"][s["t"] > 6.7].sum() == 0.0
+    assert np.linalg.norm(s["v_WB"][-1]) < 0.1 and s["p_WB"][-1, 2] < 0.3
+
+
+def test_a_link_gets_later_for_a_time():
+    class Ages:
+        def __init__(self):
+            self.seen = []
+
+        def on_plan(self, plan, description):
+            pass
+
+        def on_tick(self, t, phase, vehicle):
+            self.seen.append((t, vehicle.t - float(vehicle.look(ImuBatch).t)))
+
+        def close(self):
+            pass
+
+    ages = Ages()
+    keys = ("kind=link", "start_s=6", "for_s=2", "loss_fraction=0", "delay_s=0.004")
+    sets = [*(f"plant.faults.a.{k}" for k in keys), "world.link.delay_s=0.002"]
+    d = load_description("waypoints", "othex", sets=sets)
+    result = fly_and_evaluate(d, observers=[ages])
+    assert result.outcome == "succeeded", result.reason
+    t, age = np.array(ages.seen).T
+    usual, late = (np.median(age[m]) for m in ((t > 3) & (t < 6), (t > 6.1) & (t < 8)))
+    assert late - usual == pytest.approx(0.004, abs=1e-4)
+    assert np.median(age[t > 8.1]) == pytest.approx(usual, abs=1e-4)
+
+
+@pytest.mark.parametrize("robot", ["othex", "f550-bridge", "bimanual"])
+def test_no_squall_is_drawn_that_the_robot_does_not_hold(robot):
+    d, rng = load_description("waypoints", robot), np.random.default_rng(5)
+    holds = float(np.min(compute_capability(d.robot).wind_limit))
+    drawn = [find("fault", "squall").cls.draw_table(rng, d.robot, d.world) for _ in range(5)]
+    assert all(0.6 * min(holds, 12.0) <= x["speed_mps"] <= min(holds, 12.0) for x in drawn)
 
 
 def test_a_hexarotor_lands_without_a_rotor():

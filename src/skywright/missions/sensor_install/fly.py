@@ -33,7 +33,7 @@ CONTACT_N = 0.3  # N, estimated force at which the hand counts as touching
 CONTACT_S = 0.1  # s, for which it has to be felt
 SEARCH = 0.1  # m, how far beyond the expected surface the hand looks for it
 RAMP_S, SETTLE_S = 3.0, 4.0  # until the force is judged
-SWING_FORCE = 6.0  # N, of the push on the link
+SWING_FORCE, SWING_USUAL = 6.0, math.radians(10.0)  # N, of the push on the link, to this angle
 SWING_WAIT = 6.0  # s, watched from the link's turning back
 CALM = 0.3  # of the limits of speed and acceleration, near the pipe
 SLOW = 0.05  # of them, while the hand presses
@@ -54,8 +54,11 @@ def fly(s: Supervisor[SensorInstall], way: InstallPlan) -> Flight:
     s.begin("navigate")
     fly_way(s, way.to_far, 1.0)
     s.wait(PARK_S)
-    if task.swing_deg > 0.0 and s.vehicle.read(ArmModel).swing >= 0:
-        _check_swing(s, math.radians(task.swing_deg), way)
+    swings = task.swing_deg > 0.0 and s.vehicle.read(ArmModel).swing >= 0
+    if swings and not _check_swing(s, math.radians(task.swing_deg), way):
+        s.end("failed")
+        _go_home(s, way)
+        return Flight(False, f"the push did not turn the link to {task.swing_deg:g} deg")
     if task.hover_s > 0.0:
         s.begin("hover check")
         s.body.track(_hold_hand(s, way.hover_hand, task))
@@ -136,6 +139,11 @@ def _go_back(s: Supervisor, way: InstallPlan) -> None:
     if differs(s, way.q_good):
         s.arms.move_to(way.q_good)
         s.until_arrived()
+    _go_home(s, way)
+
+
+def _go_home(s: Supervisor, way: InstallPlan) -> None:
+    """Fly home from the place before the pipe."""
     fly_way(s, reverse_way(way.to_far), 1.0)
     s.arms.move_to(way.folded)
     s.until_arrived()
@@ -177,8 +185,11 @@ def _move_with_hand(s: Supervisor, p: Array, end: Array, hand: int = 0) -> None:
     s.until_arrived()
 
 
-def _check_swing(s: Supervisor, angle: float, way: InstallPlan) -> None:
+def _check_swing(s: Supervisor, angle: float, way: InstallPlan) -> bool:
     """Push the link until it will turn back at `angle` (rad); watch from there.
+
+    Returns whether it got so far. The platform gives way and damps, so that a force turns the link
+    to an angle at most: the push is as much stronger as the angle is larger.
 
     A push of tenths of a second: a slow pull would show how the platform comes back from having
     leant against it, not how a swing dies out. Of a pendulum, (q - rest)^2 + (q' / w)^2 is the
@@ -187,18 +198,22 @@ def _check_swing(s: Supervisor, angle: float, way: InstallPlan) -> None:
     s.begin("push the link")
     swing = int(s.vehicle.read(ArmModel).swing)
     rest, started = float(s.vehicle.estimate["q"][swing]), s.vehicle.t
-    s.devices.helper.push("pendulum", -SWING_FORCE * rot_z(way.yaw)[:, 0])
+    force = SWING_FORCE * angle / SWING_USUAL
+    s.devices.helper.push("pendulum", -force * rot_z(way.yaw)[:, 0])
     away, rate = 0.0, 0.0
     while math.hypot(away, rate / way.swing_rad_s) < angle and s.vehicle.t < started + SWING_WAIT:
         s.tick()
         away = float(s.vehicle.estimate["q"][swing]) - rest
         rate = float(s.vehicle.estimate["qd"][swing])
     s.devices.helper.push("pendulum", np.zeros(3))
+    if s.vehicle.t >= started + SWING_WAIT:
+        return False
     while rate * away > 0.0 and s.vehicle.t < started + SWING_WAIT:
         s.tick()
         rate = float(s.vehicle.estimate["qd"][swing])
     s.begin("swing check")
     s.wait(SWING_WAIT)
+    return True
 
 
 def _install(s: Supervisor, task: SensorInstall, way: InstallPlan) -> str:

@@ -1,13 +1,14 @@
-"""A control link that carries nothing for a time."""
+"""A control link that carries nothing, loses more or is later for a time."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
 from skywright.core.record import Record
-from skywright.core.spec import Positive
+from skywright.core.spec import Fraction, Positive
 from skywright.core.types import MAX_ROTORS
 from skywright.vehicle.bus import Clock, MuJoCo
 from skywright.vehicle.component import Fault, InOut, words
@@ -15,39 +16,50 @@ from skywright.vehicle.faults.localisation import FOR_GOOD
 from skywright.vehicle.link import ControlLink
 from skywright.vehicle.plant import RotorState
 
-ALL_LOST = 2.0
-"""A share that no draw exceeds."""
+MOST_DELAY_S = 0.2
+"""s; what is under way then still fits the link (link.py: DEPTH)."""
 
 
 class Link(Fault):
-    """Every packet is lost from `start_s` on, for `for_s`.
+    """Packets are lost, all by default, or later by `delay_s`, from `start_s` on, for `for_s`.
 
-    The motors' controllers stop them where no command came for `motor_timeout_s`, as real ones do.
+    The motors' controllers stop them where all are lost for `motor_timeout_s`, as real ones do.
     """
 
     needs_link = True
 
     class Table(Fault.Table):
-        """How long, and when motors stop."""
+        """How long, how many are lost, how much later each way, and when motors stop."""
 
         for_s: Positive = FOR_GOOD
+        loss_fraction: Fraction = 1.0
+        delay_s: Annotated[float, Field(ge=0.0, le=MOST_DELAY_S)] = 0.0
         motor_timeout_s: Positive = 0.5
 
     class Me(Record):
         start: float  # s
         end: float  # s
         timeout: float  # s
+        all: int  # 1: nothing arrives
         loss: int  # address of the link's loss
-        usual: float  # of packets
+        usual_loss: float  # of packets
+        worst_loss: float
+        delay: int  # address of the link's delay
+        usual_delay: float  # s
+        worst_delay: float  # s
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Find the link."""
         me.start, me.end = table.start_s, table.start_s + table.for_s
         me.timeout = table.motor_timeout_s
-        link = context.records[ControlLink.Me, "link"]
+        me.all = table.loss_fraction == 1.0
+        link, usual = context.records[ControlLink.Me, "link"], context.world.link
         fields = link.dtype.fields
         me.loss = link.ctypes.data + fields["loss"][1]
-        me.usual = context.world.link.loss_fraction
+        me.usual_loss = usual.loss_fraction
+        me.worst_loss = max(table.loss_fraction, usual.loss_fraction)
+        me.delay = link.ctypes.data + fields["delay"][1]
+        me.usual_delay, me.worst_delay = usual.delay_s, usual.delay_s + table.delay_s
 
     @classmethod
     def draw_table(cls, rng: np.random.Generator, robot: Any, world: Any) -> dict[str, Any] | None:
@@ -59,9 +71,10 @@ class Link(Fault):
 
     @staticmethod
     def step(me: Me, clock: Clock, mj: MuJoCo, rotors: InOut[RotorState]) -> None:
-        lost = clock.t >= me.start and clock.t < me.end
-        words(me.loss, 1)[0] = ALL_LOST if lost else me.usual
-        if lost and clock.t >= me.start + me.timeout:
+        bad = clock.t >= me.start and clock.t < me.end
+        words(me.loss, 1)[0] = me.worst_loss if bad else me.usual_loss
+        words(me.delay, 1)[0] = me.worst_delay if bad else me.usual_delay
+        if bad and me.all == 1 and clock.t >= me.start + me.timeout:
             ctrl = words(mj.ctrl, mj.nu)
             for i in range(MAX_ROTORS):
                 if i < rotors.n:

@@ -10,13 +10,15 @@ from pydantic import Field
 
 from skywright.core.record import Record, Vec3
 from skywright.core.spec import NonNegative, Positive
+from skywright.models.capability import compute_capability
 from skywright.vehicle.bus import Clock
 from skywright.vehicle.component import Fault, InOut
 from skywright.vehicle.faults.localisation import FOR_GOOD
 from skywright.vehicle.plant import Wind
 
-DRAWN_MPS = (6.0, 12.0)
-"""m/s; what the built-in robots hold ends between."""
+DRAWN_SHARE, DRAWN_MOST_MPS = (0.6, 1.0), 12.0
+"""Of the wind that the robot holds in every direction, and m/s at most: a squall that a mission
+draws. A stronger one carries the robot off: beside a structure nothing keeps it from that."""
 
 
 class Squall(Fault):
@@ -44,9 +46,12 @@ class Squall(Fault):
 
     @classmethod
     def draw_table(cls, rng: np.random.Generator, robot: Any, world: Any) -> dict[str, Any] | None:
-        """From any side, for a while or for good."""
+        """From any side, for a while or for good; None for a robot that holds in no wind."""
+        holds = float(np.nanmin(compute_capability(robot).wind_limit))
+        if not holds > 0.0:
+            return None
         return {
-            "speed_mps": float(rng.uniform(*DRAWN_MPS)),
+            "speed_mps": min(holds, DRAWN_MOST_MPS) * float(rng.uniform(*DRAWN_SHARE)),
             "toward_deg": float(rng.uniform(-180.0, 180.0)),
             "for_s": float(rng.choice([5.0, 20.0, FOR_GOOD])),
         }
