@@ -100,7 +100,7 @@ def test_the_arms_follow_in_the_plant(tmp_path: Path) -> None:
     """A script moves an arm while the autopilot hovers."""
     description = write(tmp_path, "f550-bridge")
     with peer(description) as (px4, backend):
-        vehicle = skywright.fly(description, backend=backend)
+        vehicle = skywright.fly(mission=tmp_path / "short.toml", backend=backend)
         try:
             assert vehicle.take_off(1.0)
             goal = np.array(vehicle.joints.q)
@@ -117,7 +117,7 @@ def test_the_arms_follow_in_the_plant(tmp_path: Path) -> None:
 def test_the_reference_stands_still_while_px4_starts_its_motors(tmp_path: Path) -> None:
     description = write(tmp_path)
     with peer(description) as (px4, backend):
-        vehicle = skywright.fly(description, backend=backend)
+        vehicle = skywright.fly(mission=tmp_path / "short.toml", backend=backend)
         try:
             plant: Any = vehicle.backend
             row = np.array(plant.reference)
