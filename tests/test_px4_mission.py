@@ -104,7 +104,7 @@ def test_the_arms_follow_in_the_plant(tmp_path: Path) -> None:
         try:
             assert vehicle.take_off(1.0)
             goal = np.array(vehicle.joints.q)
-            goal[0] += 0.3
+            goal[1] += 0.5
             assert vehicle.arms.move_to(goal)
             assert np.abs(np.array(vehicle.joints.q) - goal).max() < 0.05
             sent = px4.set_points[-1]
