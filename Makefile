@@ -6,6 +6,9 @@ STAMP := $(VENV)/.installed
 # Each process imports a thousand modules; parsing them anew takes six seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
+# Workers of `make test`. Tests that fly in real time wait: `make test WORKERS=3` fills two cores.
+WORKERS := 2
+
 .DEFAULT_GOAL := help
 .PHONY: help demo check test durations wheel lint bench docs page lock pictures claims evidence clean
 
@@ -23,10 +26,10 @@ demo: $(STAMP)  ## fly the pipe inspection: plan, scan, weld map, report
 
 check: $(STAMP)  ## style, types, import contracts and the quick tests: before each commit
 	@$(MAKE) --no-print-directory lint
-	$(BIN)/pytest -n 2 --quick -q
+	$(BIN)/pytest -n 2 --dist loadfile --quick -q
 
 test: $(STAMP)  ## the whole test suite
-	$(BIN)/pytest -n 2 --dist loadfile
+	$(BIN)/pytest -n $(WORKERS) --dist loadfile
 
 durations: $(STAMP)  ## run the suite and list anew which tests `make check` leaves out
 	rm -f .durations

@@ -3,7 +3,8 @@
     python benchmarks/fly_laws.py [NAME...] [--runs N] [--out FOLDER] [--workers N]
 
 Without NAME all are flown. An interrupted comparison in FOLDER is continued. NAME.json holds the
-commit, the date, and what `skywright compare laws --json` prints.
+commit, the date, and what `skywright compare laws --json` prints. `--runs 0` flies nothing: only
+what refuses a law before take-off is found.
 """
 
 from __future__ import annotations
@@ -15,34 +16,62 @@ import sys
 import tomllib
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
-from skywright.analysis.compare_laws.compare import compare_laws
+from skywright.analysis.compare_laws.compare import compare_laws, find_refusals
 from skywright.analysis.compare_laws.report import tell_step, write_laws_page
+from skywright.core.find import list_kinds
+from skywright.description.loader import load_description
 
 ROOT = Path(__file__).resolve().parent.parent
 KEPT = Path(__file__).resolve().parent / "laws"
 COMPARISONS = tomllib.loads((KEPT / "laws.toml").read_text(encoding="utf-8"))
 RUNS = 10
+ALL = "all"
+"""In place of a list of laws: every built-in one."""
 
 
 def fly(name: str, runs: int, out: Path, workers: int) -> str:
     """Fly one comparison and write its file; returns how many flights succeeded."""
     c = COMPARISONS[name]
+    laws = list_kinds("law") if c["laws"] == ALL else c["laws"]
     found = compare_laws(
-        c["laws"], c["mission"], robot=c.get("robot"), sets=c.get("sets", ()), cases=c["cases"],
-        runs=runs, seed=1, out=out / name, workers=workers, step=tell_step,
+        laws, c["mission"], robot=c.get("robot"), sets=c.get("sets", ()), vary=c.get("vary", ()),
+        cases=c["cases"], runs=runs, seed=1, out=out / name, workers=workers, step=tell_step,
     )  # fmt: skip
     write_laws_page(found, out / f"{name}.html")
-    git = ["git", "-C", str(ROOT), "rev-parse", "--short=10", "HEAD"]
-    result = {
-        "when": datetime.now(UTC).strftime("%Y-%m-%d"),
-        "commit": subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip(),
-        **found.to_json(),
-    }
-    text = json.dumps(result, indent=1, ensure_ascii=False) + "\n"
-    (KEPT / f"{name}.json").write_text(text, encoding="utf-8")
+    write(name, found.to_json())
     total = sum(len(f.rows) for f in found.flown)
     return f"{name}: {sum(f.succeeded for f in found.flown)} of {total} flights"
+
+
+def refuse(name: str) -> str:
+    """Write what refuses each law of a comparison, and nothing flown; returns how many fly."""
+    c = COMPARISONS[name]
+    laws = list_kinds("law") if c["laws"] == ALL else c["laws"]
+    refused = find_refusals(laws, c["mission"], c.get("robot"), None, c.get("sets", ()), 1)
+    d = load_description(c["mission"], c.get("robot"), None, c.get("sets", ()), 1)
+    write(name, {
+        "mission": d.mission.name, "robot": d.robot.name, "world": d.world.name, "seed": 1,
+        "reference": laws[0], "cases": {"nominal": []}, "differences": [], "cost_us": {},
+        "flown": [
+            {"law": law, "case": "nominal", "runs": 0, "succeeded": 0, "refused": why or None,
+             "medians": {}}
+            for law, why in refused.items()
+        ],
+    })  # fmt: skip
+    return f"{name}: {sum(not why for why in refused.values())} of {len(laws)} laws can fly"
+
+
+def write(name: str, result: dict[str, Any]) -> None:
+    """Write NAME.json with commit and date."""
+    git = ["git", "-C", str(ROOT), "rev-parse", "--short=10", "HEAD"]
+    head = {
+        "when": datetime.now(UTC).strftime("%Y-%m-%d"),
+        "commit": subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip(),
+    }
+    text = json.dumps({**head, **result}, indent=1, ensure_ascii=False) + "\n"
+    (KEPT / f"{name}.json").write_text(text, encoding="utf-8")
 
 
 def main() -> None:
@@ -58,7 +87,8 @@ def main() -> None:
             f"{', '.join(sorted(unknown))}: no such comparison; valid: {', '.join(COMPARISONS)}"
         )
     for name in args.names or COMPARISONS:
-        print(fly(name, args.runs, args.out, args.workers), flush=True)
+        say = fly(name, args.runs, args.out, args.workers) if args.runs else refuse(name)
+        print(say, flush=True)
 
 
 if __name__ == "__main__":

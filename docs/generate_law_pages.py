@@ -36,7 +36,7 @@ def list_requirements(cls: Any) -> list[str]:
     if cls.needs_full_actuation:
         out.append("a fully actuated platform")
     if cls.commands_torque:
-        out.append("servos that take torques")
+        out.append('servos with `mode = "torque"`')
     if cls.controls_force:
         out.append("for force control with the arm: a probe that measures its force")
     return out
@@ -57,11 +57,16 @@ def build_page(name: str) -> str:
     fields = cls.Table.model_fields
     if fields:
         lines += [
-            f"Keys of `[mission.law]` with `kind = \"{name}\"`; a dash: follows from the robot "
-            "([meanings](../reference/keys.md)).", "", "| key | default |", "|---|---|",
+            f"Keys of `[mission.law]` with `kind = \"{name}\"`. A dash marks a default that is "
+            "computed from the robot file ([meanings](../reference/keys.md)).", "",
+            "| key | default |", "|---|---|",
         ]  # fmt: skip
         lines += [f"| `{key}` | {tell_value(field.default)} |" for key, field in fields.items()]
         lines.append("")
+    lines.append(
+        "[Select a law](../howto/your-own-control-law.md) · "
+        "[Compare laws](../howto/compare-laws.md) · [Measured comparison](../reference/laws.md)"
+    )
     return "\n".join(lines).rstrip() + "\n"
 
 

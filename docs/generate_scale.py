@@ -20,8 +20,8 @@ def build_table() -> str:
     found = json.loads(KEPT.read_text(encoding="utf-8"))
     n = found["planned"]
     lines = [
-        "| mission | flight | start of a worker | a run over 1 worker | over 2 | handing out "
-        f"a run | {n} workers, planned: a run each | limited by | most useful workers |",
+        "| mission | flight | start of a worker | per run, 1 worker | per run, 2 workers | "
+        f"handing out a run | per run, {n} workers (computed) | limited by | most useful workers |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for m in found["missions"]:
@@ -36,9 +36,9 @@ def build_table() -> str:
     runs = found["missions"][0]["runs"]
     lines += [
         "",
-        f"Processor time, campaigns of {runs} runs, so that the start of each worker weighs "
-        f"heavily in a run; over {n} workers its start is left out. Wall times say nothing here: "
-        "the machine was shared.",
+        f"All times are processor times of campaigns of {runs} runs. The start of the workers is "
+        f"therefore a large part of the time per run; the computed time for {n} workers excludes "
+        "it. Wall times are not listed, because the machine was shared.",
     ]
     return "\n".join(lines)
 

@@ -28,9 +28,11 @@ import tomllib
 from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from hashlib import sha256
 from pathlib import Path
 from queue import Queue
 from random import Random
+from threading import Lock
 from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -198,12 +200,23 @@ def copy_checkout(folder: Path) -> None:
         shutil.copytree(ROOT / name, folder / name, copy_function=shutil.copy2)
     for name in ("pyproject.toml", "README.md", "CHANGELOG.md"):
         shutil.copy2(ROOT / name, folder / name)
+    stamps = [_find_stamps(top / "src" / "skywright") for top in (ROOT, folder)]
+    if stamps[0].exists():  # else the copy drops its compiled code: core/compiled_code.py
+        shutil.copy2(*stamps)
+
+
+def _find_stamps(root: Path) -> Path:
+    """Where the package at `root` keeps what its compiled code was made from."""
+    return root / "__pycache__" / f"skywright-{sha256(os.fsencode(root)).hexdigest()[:8]}.json"
 
 
 def run_tests(
     folder: Path, tests: list[str], limit_s: float, *, plain: bool, whole: bool = False
 ) -> tuple[list[str], float]:
-    """Return the tests that failed (one, unless `whole`), and the time it took."""
+    """Return the tests that failed (one, unless `whole`), and the time it took.
+
+    The limit is processor time, so that a loaded machine kills no mutant; asleep, ten times that.
+    """
     env = {
         **os.environ, "PYTHONPATH": f"{folder / 'src'}{os.pathsep}{folder / 'scripts'}",
         "OPENBLAS_NUM_THREADS": "1", "NUMBA_DISABLE_JIT": str(int(plain)),
@@ -214,15 +227,18 @@ def run_tests(
                *(["-p", "plain_python"] if plain else []), *tests]  # fmt: skip
     began = time.perf_counter()
     process = subprocess.Popen(
-        command, cwd=folder, env=env, text=True, start_new_session=True,
+        ["sh", "-c", f'ulimit -t {limit_s:.0f}; exec "$@"', "sh", *command],
+        cwd=folder, env=env, text=True, start_new_session=True,
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
     )  # fmt: skip
     try:
-        out, _ = process.communicate(timeout=limit_s)
+        out, _ = process.communicate(timeout=10.0 * limit_s)
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
-        return [f"no end after {limit_s:.0f} s"], time.perf_counter() - began
+        return [f"no end after {10.0 * limit_s:.0f} s"], time.perf_counter() - began
+    if process.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
+        return [f"no end after {limit_s:.0f} s of processor time"], time.perf_counter() - began
     lines = [w.split(" ", 1)[1] for w in out.splitlines() if w.startswith(("FAILED ", "ERROR "))]
     failed = [line.split(" - ")[0] for line in lines]
     if process.returncode and not failed:
@@ -272,6 +288,14 @@ def try_mutant(folder: Path, stages: list[Stage], mutant: Mutant) -> str:
     return ""
 
 
+def write_results(rows: list[dict]) -> None:
+    """Write the results so far: an interrupted run keeps what it has tried."""
+    with RESULTS.open("w", newline="") as stream:
+        writer = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--workers", type=int, default=2)
@@ -287,7 +311,8 @@ def main() -> int:
         if a.group in (None, m.group)
         and not (a.retry_survivors and known.get(m.key, {}).get("result") != "survived")
     ]  # fmt: skip
-    rows = {m: known[m.key] for m in mutants if m not in wanted and m.key in known}
+    rows = {m: known[m.key] for m in mutants if m.key in known}  # until they are tried again
+    writing = Lock()
     with tempfile.TemporaryDirectory(prefix="mutants-") as top:
         copies: Queue[Path] = Queue()
         for i in range(a.workers):
@@ -314,13 +339,12 @@ def main() -> int:
             if not test:
                 change = f"{mutant.before} -> {mutant.after}"
                 print(f"survived: {mutant.file}:{mutant.line} {change}", flush=True)
+            with writing:
+                write_results([rows[m] for m in mutants if m in rows])
 
         with ThreadPoolExecutor(a.workers) as pool:
             list(pool.map(work, wanted))
-    with RESULTS.open("w", newline="") as stream:
-        writer = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows[m] for m in mutants if m in rows)
+    write_results([rows[m] for m in mutants if m in rows])
     counts = Counter(r["result"] for r in rows.values())
     total = sum(counts.values())
     print(f"{counts['killed']} of {total} killed ({100 * counts['killed'] / total:.0f} %)")

@@ -1,7 +1,8 @@
 """Rules for the whole suite: no display, reproducible hypothesis, skips that CI does not allow.
 
 `pytest --quick` leaves out the tests that tests/slow.txt lists; `pytest --measure FILE` appends the
-processor time (s) of every test to FILE, from which `scripts/list_slow_tests.py` makes that list.
+processor time (s) of every test and of the fixtures that tests share to FILE, from which
+`scripts/list_slow_tests.py` makes that list.
 """
 
 from __future__ import annotations
@@ -57,13 +58,37 @@ def _read_processor_time() -> float:
     return t.user + t.system + t.children_user + t.children_system
 
 
+SET_UP: list[tuple[str, float]] = []
+"""Shared fixtures that the running test has set up, with their processor time (s)."""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_fixture_setup(fixturedef: pytest.FixtureDef[object]) -> Generator[None, object, object]:
+    before = _read_processor_time()
+    try:
+        return (yield)
+    finally:
+        if fixturedef.scope != "function":
+            SET_UP.append((_name(fixturedef), _read_processor_time() - before))
+
+
+def _name(fixture: pytest.FixtureDef[object]) -> str:
+    return f"{fixture.baseid}::{fixture.argname}"
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, bool, bool]:
+    SET_UP.clear()
     before = _read_processor_time()
     ran = yield
     if file := item.config.getoption("--measure"):
+        own = _read_processor_time() - before - sum(seconds for _, seconds in SET_UP)
+        known = getattr(item, "_fixtureinfo", None)
+        several = known.name2fixturedefs.values() if known else ()
+        shared = sorted({_name(f) for fs in several for f in fs if f.scope != "function"})
         with open(file, "a", encoding="utf-8") as out:
-            out.write(f"{_read_processor_time() - before:.2f}\t{item.nodeid}\n")
+            out.write("\t".join([f"{own:.2f}", item.nodeid, *shared]) + "\n")
+            out.writelines(f"{seconds:.2f}\tfixture {name}\n" for name, seconds in SET_UP)
     return ran
 
 

@@ -77,6 +77,23 @@ def test_equal_seeds_and_actions_give_equal_episodes(name: str) -> None:
     assert not np.array_equal(first[0][:5], other[0][:5])
 
 
+def test_a_longer_step_is_several_with_the_same_action(monkeypatch: pytest.MonkeyPatch) -> None:
+    env = build("WeldPress")
+    action = np.array([0.4], np.float32)
+    env.reset(seed=7)
+    short = [env.step(action) for _ in range(6)]
+    monkeypatch.setattr(env, "ticks", 3)
+    env.reset(seed=7)
+    for k in range(2):
+        seen, reward, terminated, truncated, info = env.step(action)
+        mine = short[3 * k : 3 * k + 3]
+        assert np.array_equal(seen, mine[-1][0]) and not (terminated or truncated)
+        assert reward == pytest.approx(np.mean([x[1] for x in mine]), rel=1e-12)
+        for value in env.values:
+            mean = np.mean([x[4][value.name] for x in mine])
+            assert info[value.name] == pytest.approx(mean, rel=1e-9)
+
+
 @pytest.mark.parametrize("name", PLACES)
 def test_actions_move_what_is_seen_and_a_rest_is_no_fault(name: str) -> None:
     env = build(name)

@@ -295,9 +295,10 @@ def test_a_link_later_than_the_attitude_loop_bears_is_refused_with_the_number():
     assert plan_mission(early).feasible
 
 
-def test_parallel_rotors_can_lose_one_and_tilted_ones_cannot():
+def test_parallel_rotors_can_lose_one_and_six_tilted_ones_cannot():
     for robot, dispensable in (
-        ("bimanual", (1, 2, 3, 4, 5, 6)), ("othex", ()), ("f550-bridge", ())
+        ("bimanual", (1, 2, 3, 4, 5, 6)), ("othex", ()), ("f550-bridge", ()),
+        ("omnicopter", (2, 3, 6, 7)),
     ):  # fmt: skip
         found = compute_capability(load_description("waypoints", robot).robot)
         assert found.dispensable == dispensable

@@ -245,6 +245,19 @@ def test_a_slide() -> None:
     assert m["slide.lost_s"] == pytest.approx(0.05)
     assert m["slide.no_force_max_s"] == pytest.approx(0.04)
     assert m["slide.length_m"] == pytest.approx(0.3)
+    assert m["slide.length_fraction"] == pytest.approx(1.0)
+
+
+def test_a_slide_falls_short_where_the_tip_chatters_on_its_way_back() -> None:
+    """What counts is how far the tip gets on the shorter way, not the path that it jitters."""
+    run0 = build_flown("wall-contact", *build_samples([("x", 1.0)]))
+    tip = np.zeros((200, 3))
+    tip[:100, 0] = np.linspace(0.0, 0.3, 100)
+    tip[100:, 0] = 0.3 - np.linspace(0.0, 0.15, 100) - 0.01 * (np.arange(100) % 2)
+    (samples, phases), _ = build_press(run0, [("slide", 1.0), ("slide back", 1.0)], p_WT=tip)
+    way = {"stations": [type("S", (), {"place": np.zeros(2)})()], "survey": None}
+    m = judge_contact(build_flown("wall-contact", samples, phases, way))
+    assert m["slide.length_fraction"] == pytest.approx(0.16 / 0.3)
 
 
 def test_a_peg_beside_and_in_its_hole() -> None:

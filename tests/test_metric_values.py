@@ -48,6 +48,29 @@ def test_energy_duration_saturation_and_estimate_of_any_flight() -> None:
     assert m["estimate.position_rms_mm"] == pytest.approx(5.0 / math.sqrt(1000.0))
 
 
+def test_how_a_robot_comes_down_after_a_rule_acted() -> None:
+    """Below or beside its reference it deviates; above it, as on the ground, it does not."""
+    n = np.arange(600)
+    off = np.zeros((600, 3))
+    off[50] = [9.0, 0.0, 0.0]  # before the rule
+    off[300], off[500] = [0.3, 0.0, -0.4], [0.0, 0.1, 2.0]
+    s, phases = build_samples(
+        [("hold 1", 2.0), ("land here", 3.0), ("let go", 1.0)],
+        **FLYING | {"p_WB": off, "ref_p_WB": np.zeros(3)},
+    )
+    assert "response.landed" not in compute_common_metrics(s, phases)
+    phases[0] = phases[0]._replace(outcome="failed")
+    m = compute_common_metrics(s, phases)
+    assert m["response.landed"] == 0.0
+    assert m["response.deviation_max_m"] == pytest.approx(0.5)
+    s = s[n < 500]
+    s["p_WB"][300] = 0.0
+    s["p_WB"][450] = [0.0, 0.1, 2.0]
+    m = compute_common_metrics(s, phases[:2])
+    assert m["response.landed"] == 1.0
+    assert m["response.deviation_max_m"] == pytest.approx(0.1)
+
+
 def test_a_servo_at_its_stall_torque_is_counted() -> None:
     n = np.arange(400)
     load = np.where(n < 2, 1.0, 0.3) + 0.7 * ((n >= 100) & (n < 160))  # a jerk at the start
@@ -233,7 +256,7 @@ def test_a_line_that_is_off_its_weld() -> None:
     calibration: Any = None
     weld = WeldResult(
         none, none, none, none, none, none, none, none, 0.97, crossings, (line,), calibration,
-        pipe, (),
+        pipe, (), 2.5, (4.0, 3.2),
     )  # fmt: skip
     c = np.concatenate([np.full(200, x) for x in (-0.03, 0.0, 0.03)])
     path = (np.tile(np.linspace(-0.05, 0.09, 200), 3), c)
@@ -241,6 +264,7 @@ def test_a_line_that_is_off_its_weld() -> None:
     assert (m["weld.crossings"], m["weld.expected"], m["weld.missed"]) == (3.0, 3.0, 0.0)
     assert (m["weld.lines"], m["weld.lines_missed"], m["weld.false_alarms"]) == (1.0, 0.0, 0.0)
     assert m["weld.contact_fraction"] == pytest.approx(0.97)
+    assert m["weld.contrast"] == 3.2
     worst = 3.0 + 30.0 * math.tan(lean)
     assert m["weld.crossing_error_mm"] == pytest.approx(worst)
     assert m["weld.line_error_mm"] == pytest.approx(worst, rel=2e-3)

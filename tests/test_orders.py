@@ -81,9 +81,9 @@ def test_orders_that_make_no_sense_are_refused_with_the_reason(tmp_path):
     assert result.outcome == "succeeded"
     assert [r.reason for r in operator.results] == [
         "next refused: the robot does not fly",
-        "next refused: take_off does not end early; only a hold does, or a contact after retract",
-        "retract refused: in take_off there is no contact that this mission could begin anew",
-        "retry refused: in hold 1 there is no contact that this mission could begin anew",
+        "next refused: take_off cannot be ended early; valid: a hold, or a contact after retract",
+        "retract refused: take_off has no contact that this mission can repeat",
+        "retry refused: hold 1 has no contact that this mission can repeat",
         "",
     ]
 
@@ -101,7 +101,7 @@ def test_a_press_is_drawn_back_held_and_tried_again(tmp_path):
     )
     result = fly(tmp_path, "wall-contact", operator, *PRESS)
     assert [r.reason for r in operator.results] == [
-        "", "retract refused: the robot has drawn back already: retry or next", "",
+        "", "retract refused: the robot has already retreated: order retry or next", "",
     ]  # fmt: skip
     names = name_phases(result)
     at = names.index("draw back")

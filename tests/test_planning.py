@@ -18,6 +18,7 @@ from skywright.core.rotations import exp_so3, quat_from_rot
 from skywright.core.types import MAX_JOINTS, REFERENCE
 from skywright.description.loader import load_description
 from skywright.description.world.surface import build_cylinder, unroll_points
+from skywright.errors import InputError
 from skywright.missions.scan import plan as scan_kind
 from skywright.models.body_records import Kinematics
 from skywright.models.geometry import build_clearance, compute_clearance
@@ -366,15 +367,45 @@ def test_a_clearance_is_told_with_its_key() -> None:
     assert "m < 0.200 m (mission.surface_clearance_m)" in told
 
 
+def test_the_distance_of_a_climb_is_told_with_its_key() -> None:
+    def ask(*sets: str) -> str:
+        start = ["mission.world=pipe", "mission.start_x_m=1.25", "mission.hover_height_m=2.5"]
+        points = "mission.task.points=[{x_m=0.0, y_m=0.0, z_m=2.5}]"
+        return str(
+            plan_mission(load_description("waypoints", sets=[*start, points, *sets])).blocked_by
+        )
+
+    told = re.search(
+        r"take-off and landing at \(1\.25, 0\.00\) m: propeller\d and pipe come within "
+        r"(\d\.\d+) m at a height of "
+        r"\d\.\d+ m; at least 0\.1 m \(mission\.climb_clearance_m\) are required",
+        ask(),
+    )
+    assert told is not None and 0.0 < float(told[1]) < 0.1
+    assert ask("mission.climb_clearance_m=0.02") == "None"
+    with pytest.raises(
+        InputError, match=r"mission\.climb_clearance_m is -1; it must be at least 0"
+    ):
+        ask("mission.climb_clearance_m=-1")
+
+
 def test_a_soft_position_loop_is_told_before_what_its_depth_runs_into() -> None:
     found = plan("robot.control.position_bandwidth_rad_s=2.2")
     said = str(found.blocked_by)
-    assert said.startswith("2 N at 10.9 N/m (mass times position_bandwidth_rad_s = 2.2 squared)")
-    assert "requires a depth of 184 mm" in said and "robot.control.position_bandwidth_rad_s" in said
+    assert said.startswith(
+        "the press is too deep: 2 N at 10.9 N/m (mass times "
+        "robot.control.position_bandwidth_rad_s = 2.2 rad/s squared) require the desired tip "
+        "184 mm inside the surface, where "
+    )
+    assert "with 20 mm the scan is possible: raise robot.control.position_bandwidth" in said
     arm = str(plan("mission.task.force_n=0.5", robot="f550-bridge").blocked_by)
     assert "propeller3 and pipe" in arm and "thin" not in arm and "depth" not in arm
     arm = str(plan(robot="f550-bridge").blocked_by)  # 222 mm deep: no depth helps this arm
-    assert "propeller3 and pipe" in arm and "20 mm inside the surface as with the 222 mm" in arm
+    assert "propeller3 and pipe" in arm
+    assert "also with the desired tip 20 mm inside the surface instead of 222 mm" in arm
+    said = str(plan("mission.task.depth_m=0.15").blocked_by)
+    assert re.match(r"mission\.task\.depth_m = 0\.15 m is too large, a push of [\d.]+ N at ", said)
+    assert said.endswith("; lower mission.task.depth_m")
 
 
 @pytest.mark.parametrize(

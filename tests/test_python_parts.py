@@ -349,7 +349,7 @@ def test_arrays_that_do_not_fit_are_refused(change, words):
 
 @pytest.mark.parametrize("title, kind", [("a `Capability`", Capability), ("a plan", MissionPlan)])
 def test_the_page_lists_attributes_that_exist(title: str, kind: type) -> None:
-    table = PAGE.partition(f"| of {title} |")[2].partition("\n\n")[0].splitlines()[2:]
+    table = PAGE.partition(f"| attribute of {title} |")[2].partition("\n\n")[0].splitlines()[2:]
     named = {name for row in table for name in re.findall(r"`(\w+)`", row.split("|")[1])}
     assert len(named) >= 8
     assert all(hasattr(kind, name) for name in named)

@@ -43,6 +43,7 @@ from skywright.reports.figures.style import (
     write_png,
 )
 from skywright.reports.page import add_contents
+from skywright.reports.phases import explain_phase
 from skywright.reports.progress import Progress
 from skywright.reports.render import Camera, Item, render_scene
 from skywright.reports.report import (
@@ -146,7 +147,7 @@ def test_report_of_a_scan_is_complete(scan: RunResult) -> None:
     assert text.count(" met ") >= sum(r.passed for r in scan.requirements)
     for heading in ("Verdict", "Weld map", "Contact quality", "Signal of the instrument",
                     "Tip path", "Flight path", "Signals during contact",
-                    "The whole flight", "Plan and timing", "Phases as flown",
+                    "The whole flight", "Plan and timing", "Phases",
                     "Assumed numbers"):  # fmt: skip
         assert heading in text
     assert "Clearance and rotor margin of the plan" in text
@@ -167,7 +168,7 @@ def test_report_leads_to_everything_of_the_run(flight: RunResult, text_only: Non
     page = render_report(told)
     text = _Page(page).text
     links = re.findall(r"<nav .*?</nav>", page, re.DOTALL)[0]
-    for name in ("verdict", "motion", "the-whole-flight", "phases-as-flown", "all-metrics"):
+    for name in ("verdict", "motion", "the-whole-flight", "phases", "all-metrics"):
         assert f'href="#{name}"' in links and f'id="{name}"' in page
     year = time.gmtime(told.timing["started_unix_s"]).tm_year
     assert f"flown on {year}-" in text and "UTC" in text
@@ -334,7 +335,7 @@ def test_run_without_samples(scan: RunResult) -> None:
         samples=scan.samples[:0], outcome="interrupted", reason="interrupted by the user"
     )
     text = _Page(render_report(empty)).text
-    assert "Nothing was recorded" in text and "interrupted by the user" in text
+    assert "The run recorded no samples" in text and "interrupted by the user" in text
 
 
 def test_no_weld_found(scan: RunResult, text_only: None) -> None:
@@ -434,6 +435,22 @@ def test_phases_are_clipped_to_the_window(scan: RunResult) -> None:
 )  # fmt: skip
 def test_numbers_are_short(value: object, text: str) -> None:
     assert format_value(value) == text
+
+
+@pytest.mark.parametrize(
+    "kind, name, words",
+    [
+        ("waypoints", "hold 12", "at the way-point"),
+        ("bridge-contact", "hold 4 N", "one measurement"),
+        ("bridge-contact", "free press to 3 N", "in flight"),
+        ("bridge-contact", "free press", "operator's stick"),
+        ("scan", "take_off", "climbs"),
+        ("scan", "no such phase", ""),
+    ],
+)
+def test_a_phase_is_explained_by_its_name_or_by_how_its_name_begins(kind, name, words):
+    said = explain_phase(kind, name)
+    assert (words in said) if words else not said
 
 
 def test_pictures_of_the_docs_are_made_by_the_command(repository: Path) -> None:

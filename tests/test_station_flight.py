@@ -265,7 +265,7 @@ def test_a_page_takes_the_robot_over_flies_it_and_gives_it_back(tmp_path: Path) 
     by_hand = s[(s["t"] > manual.start_s) & (s["t"] < manual.end_s)]
     assert np.max(np.linalg.norm(by_hand["p_WB"] - by_hand["p_WB"][0], axis=1)) > 0.2
     assert any(s["refusals"].get("next") == "" for s in told)
-    assert any("pilot has the robot" in s["refusals"].get("next", "") for s in told)
+    assert any("a pilot flies the robot" in s["refusals"].get("next", "") for s in told)
 
 
 def test_a_check_that_fails_keeps_it_on_the_ground_and_is_told(tmp_path: Path) -> None:

@@ -141,7 +141,7 @@ def test_the_robot_is_taken_over_flown_by_keys_and_given_back(
         wait_for(lambda: _text(page, "phase") == "hold 1")
         _choose_speed(page, 1)
         assert page("document.getElementById('retry').title").endswith(
-            "in hold 1 there is no contact that this mission could begin anew."
+            "hold 1 has no contact that this mission can repeat."
         )
         _control(page)
         _click(page, "fly")

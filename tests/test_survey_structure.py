@@ -193,7 +193,7 @@ def test_the_tip_finds_a_wall_before_it_presses(world: str) -> None:
     run = fly_and_evaluate(load(world, **{"world.localisation": "mocap"} | slippery))
     m = run.metrics
     assert run.outcome != "aborted", run.reason
-    assert m["contact.collisions"] == 0.0 and m["slide.length_m"] > 0.5
+    assert m["contact.collisions"] == 0.0 and m["slide.length_fraction"] >= 0.95
     assert m["slide.lost_s"] < 1e-9
     assert m["survey.touches"] == 6.0 and m["survey.missed"] == 0.0
     assert m["survey.surface_error_mm"] < 3.0

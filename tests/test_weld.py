@@ -277,6 +277,24 @@ def test_a_false_crossing_is_left_out(
     assert abs(math.remainder(line.angle - angle, math.pi)) < 1e-6
 
 
+@pytest.mark.parametrize(("share", "faint"), [(0.55, True), (1.0, False)])
+def test_a_faint_weld_is_told_with_its_signal_and_the_threshold(share: float, faint: bool) -> None:
+    weld = Weld(conductivity_change=-0.1 * share, permeability_change=-0.35 * share)
+    result = process(fly_scan(3, weld))
+    told = [note for note in result.notes if "crossings can be missed" in note]
+    assert result.line is not None and result.level == pytest.approx(1.4, abs=0.15)
+    peak = float(np.median([x.peak for x in result.list_crossings(0)]))
+    assert result.contrasts == pytest.approx((peak / result.level,))
+    if faint:
+        assert told == [
+            f"the signal of the weld is {peak:.2g} units, {peak / result.level:.1f} times the "
+            f"detection threshold of {result.level:.2g} units: below 2 times, crossings can be "
+            "missed"
+        ]
+    else:
+        assert not told and result.contrasts[0] > 3.0
+
+
 def test_no_weld_no_line() -> None:
     for seed in range(6):
         result = process(fly_scan(seed, None))

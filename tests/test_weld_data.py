@@ -74,7 +74,9 @@ def test_example_file_gives_its_weld(maker: ModuleType) -> None:
         "lean", "crossings",
     }  # fmt: skip
     assert out["lines"] == [out["line"]] and out["line"]["crossings"] == 5
-    assert set(out["thresholds"]) == {"lift_off", "weld"}
+    assert set(out["thresholds"]) == {"lift_off", "weld", "detection"}
+    assert out["thresholds"]["detection"] >= 0.99 * out["thresholds"]["weld"]
+    assert len(out["contrasts"]) == 1 and out["contrasts"][0] > 2.0
     check_line(out, maker)
     # the line is told from its first to its last crossing
     seen = np.array([x["p_m"] for x in out["crossings"]])
@@ -522,4 +524,4 @@ def test_a_spike_is_kept_where_one_sample_may_be_a_weld(tmp_path):
     path = tmp_path / "b.csv"
     path.write_text("\n".join([lines[0], *lines[1::5]]) + "\n")
     notes = process_file(path, calibrate="0:7").notes
-    assert any("not left out, as 1.5 samples within a coil's footprint" in note for note in notes)
+    assert any("kept, because 1.5 samples within a coil's footprint" in note for note in notes)

@@ -14,10 +14,10 @@
 #define SKW_NAME 24
 
 enum skw_kind {
-    SKW_OPERATION = 1, /* asks for a task; until acknowledged, at 5 Hz */
+    SKW_OPERATION = 1, /* requests a task; until acknowledged, at 5 Hz */
     SKW_STICK = 2, /* velocity reference of an input device; 20 to 100 Hz */
     SKW_JOINTS = 3, /* joint references from outside; 50 Hz */
-    SKW_STATE = 4, /* state of the arms as the robot's computer knows it; 50 Hz */
+    SKW_STATE = 4, /* estimated and measured state of the arms; 50 Hz */
     SKW_DEFLECTION = 5, /* the board of the deflection encoders; 200 Hz */
     SKW_ACKNOWLEDGEMENT = 6, /* answers an operation; one for each operation */
 };
@@ -35,7 +35,7 @@ enum skw_code {
     SKW_CODE_GRASP = 11, /* grasping */
     SKW_CODE_FORCE = 12, /* force control */
     SKW_CODE_VISUAL = 13, /* visual servoing */
-    SKW_CODE_ALIVE = 14, /* keeps the session open; needed where nothing else is sent for 5 s */
+    SKW_CODE_ALIVE = 14, /* keeps the session open; needed if nothing else is sent for 5 s */
 };
 enum skw_result {
     SKW_RESULT_ACCEPTED = 0, /* is done now */
@@ -58,7 +58,7 @@ typedef struct {
 
 typedef struct {
     uint32_t operation; /* number of the request; grows, equal in repetitions */
-    uint16_t code; /* what is asked for */
+    uint16_t code; /* requested task */
     uint16_t reserved; /* 0 */
 } skw_operation;
 
@@ -101,8 +101,8 @@ typedef struct {
 
 typedef struct {
     uint32_t operation; /* number of the request */
-    uint16_t code; /* what was asked for */
-    uint16_t result; /* what became of it */
+    uint16_t code; /* requested task */
+    uint16_t result; /* result of the request */
     uint32_t opened; /* in the answer to `connect`: the session's number */
     uint32_t reserved; /* 0 */
     uint64_t echo_us; /* us, `time_us` of the operation */

@@ -1,4 +1,4 @@
-"""A robot and what it can do."""
+"""A robot and its capability."""
 
 import math
 

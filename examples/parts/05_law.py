@@ -1,4 +1,4 @@
-"""A control law stepped on one's own state."""
+"""A control law stepped on your own state."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""An estimator on one's own arrays; here those that a run recorded."""
+"""An estimator on your own arrays; here those that a run recorded."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -14,4 +14,4 @@ found = skywright.run_estimator(
 )  # fmt: skip
 true = np.array([np.interp(found["t"], run["t"], x) for x in run["platform.p_W"].T]).T
 error = np.linalg.norm(found["p_WB"] - true, axis=1)[found["t"] > 2.0]
-print(f"{1e3 * np.sqrt(np.mean(error**2)):.2f} mm in the mean square")
+print(f"{1e3 * np.sqrt(np.mean(error**2)):.2f} mm rms")

@@ -1,4 +1,4 @@
-"""A motion planned in one's own scene of shapes."""
+"""A motion planned in your own scene of shapes."""
 
 import skywright
 from skywright import Box, Cylinder, Sphere

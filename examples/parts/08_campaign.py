@@ -1,4 +1,4 @@
-"""A campaign: one mission flown many times under drawn conditions."""
+"""A campaign: one mission flown many times under random conditions."""
 
 import skywright
 

@@ -1,6 +1,6 @@
 """Skywright: simulate, plan, control and fly multirotors with arms that touch things.
 
-Four functions do what the command line does:
+Four functions correspond to commands of the command line:
 
     import skywright
 
@@ -11,8 +11,8 @@ Four functions do what the command line does:
     again = skywright.evaluate(result.directory)
 
 The parts behind them can be used alone; docs/reference/python.md lists what is stable.
-Units are SI and radians; any other unit is in the name. Importing the package opens no files and
-loads no other library: what a function needs is imported when it is first asked for.
+Units are SI and radians; names with another unit state it. Importing the package opens no files
+and loads no other library; each function imports its libraries at its first use.
 """
 
 from __future__ import annotations
@@ -132,8 +132,8 @@ def load(
     """Load a mission with its robot and world.
 
     `mission` is a built-in name, a file, or a finished run's directory. `sets` maps dotted keys to
-    values (`{"world.pipe.diameter_m": 0.3}`) or lists `KEY=VALUE` texts as on the command line.
-    Raises InputError naming file and key on anything that is wrong.
+    values (`{"world.pipe.diameter_m": 0.3}`), or is a list of `KEY=VALUE` strings as on the command
+    line. Raises InputError, which names file and key, if the input is invalid.
     """
     from skywright.description.loader import load_description
 
@@ -141,9 +141,9 @@ def load(
 
 
 def plan(description: Description | str | os.PathLike[str]) -> MissionPlan:
-    """Plan a mission without flying it; see `MissionPlan` for what comes back.
+    """Plan a mission without flying it; returns a `MissionPlan`.
 
-    A plan that does not exist has `feasible` False and the reason in `blocked_by`.
+    If no plan exists, `feasible` is False and `blocked_by` states the reason.
     Raises InputError when the robot cannot lift itself.
     """
     from skywright.models.capability import check_can_fly
@@ -176,14 +176,14 @@ def run(
 
     `out` is the directory (default: the next free `runs/<mission>-N`). `view` shows the run live in
     the browser, `progress` a bar on stderr, `report` writes `report.html` and `replay.html`;
-    `records` is an SQLite file to which contact measurements are added. `operator` says who is at
-    the stick, in missions that have one ("view", "udp:PORT", "model:careful"; ground/operators.py).
-    `gateway` ("udp:PORT") publishes the arms' state to others; `gateway_key` is a file with the key
-    that its packets are sealed with. `station` (FD:FOLDER) is how a ground station that started
-    this process is reached. `servos` ("serial:PORT") drives the arms' real servos; the platform is
+    `records` is an SQLite file to which contact measurements are added. `operator` is the source of
+    the stick, in missions with one ("view", "udp:PORT", "model:careful"; ground/operators.py).
+    `gateway` ("udp:PORT") publishes the state of the arms; `gateway_key` is a file with the key
+    that seals its packets. `station` (FD:FOLDER) is the connection to a ground station that started
+    this process. `servos` ("serial:PORT") drives the arms' real servos; the platform is
     simulated. `live` publishes the flight to ROS 2 and Foxglove (links/broadcast/options.py).
     `command` is the command line that the report states.
-    `backend` is "physics", "kinematic" (references are followed exactly, without forces), or
+    `backend` is "physics", "kinematic" (follows references exactly, without forces), or
     "mavlink:URL" (a vehicle over MAVLink flies the platform).
     Raises InputError when the input is wrong (nothing was started) and InfeasibleError when no
     plan exists. An interrupted or diverged run is returned with that `outcome`.

@@ -1,4 +1,4 @@
-"""The parts of the public Python API: each does one job alone, on one's own data.
+"""The parts of the public Python API, each for one task on your own data.
 
 Names are imported from `skywright` itself; docs/reference/python.md shows each in a script. SI and
 radians; frames W (ENU, z up), B (platform, FLU), T (tip). Wrong input raises InputError.
@@ -46,8 +46,8 @@ Path_ = str | os.PathLike[str]
 def load_robot(robot: Path_, *, sets: Sets = ()) -> Robot:
     """Load a robot by its built-in name or file; `sets` changes values ("robot.platform.mass_kg").
 
-    What comes back are frozen, validated tables; keys with units in their names. Raises InputError
-    naming file and key.
+    Returns frozen, validated tables, whose keys contain their units. Raises InputError, which names
+    file and key.
     """
     from skywright.description.robot.loader import load_robot as load
 
@@ -64,10 +64,10 @@ def load_world(world: Path_) -> World:
 def compute_capability(
     robot: Robot | Path_, *, posture: str | Sequence[float] = "extended"
 ) -> Capability:
-    """Compute what a robot can do at rest: forces (N), tilts (rad), wind (m/s), payload, power.
+    """Compute the static limits of a robot: forces (N), tilts (rad), wind (m/s), payload, power.
 
     `posture` is "extended", "folded", "worst", or the joints' angles (rad). Directions are
-    horizontal in B, from +x counter-clockwise. Raises InputError when it cannot lift itself.
+    horizontal in B, from +x counter-clockwise. Raises InputError if the robot cannot lift itself.
     """
     from skywright.models import capability
 
@@ -75,7 +75,7 @@ def compute_capability(
 
 
 def build_mjcf(robot: Robot | Path_, world: World | Path_ = "open", **more: Any) -> str:
-    """Return robot and world as MJCF, as simulated; with `nominal=True` as controllers believe.
+    """Return robot and world as MJCF, as simulated; with `nominal=True` the nominal model.
 
     SI and radians, numbers to six digits; MuJoCo's world frame is W. Rotors are forces on the
     body `platform`, not actuators.
@@ -102,10 +102,10 @@ def build_urdf(robot: Robot | Path_) -> str:
 def build_vehicle(description: Description | Path_) -> SimulatedVehicle:
     """Build the simulated vehicle of a mission, motors off at its start, to tick it in a loop.
 
-    `vehicle.tick()` runs 20 ms and tells `t` (s) and whether the tracked motion has `arrived`;
-    `Uav(vehicle)` commands it. `vehicle.save()` and `vehicle.restore(state, seed)` go back to a
-    state, bit for bit, or with other noise. `vehicle.last_sample` (1,) holds the columns of a
-    recording, `vehicle.estimate` what the controllers see.
+    `vehicle.tick()` runs 20 ms and returns `t` (s) and whether the tracked motion has `arrived`;
+    `Uav(vehicle)` commands it. `vehicle.save()` and `vehicle.restore(state, seed)` return to a
+    state, bit for bit or with other noise. `vehicle.last_sample` (1,) holds the columns of a
+    recording, `vehicle.estimate` the estimate that controllers receive.
     """
     from skywright.run.backends import build_vehicle as build
 
@@ -127,14 +127,14 @@ def fly(
 ) -> Vehicle:
     """Return a vehicle that a script flies, on the ground with its motors off.
 
-    Robot and world are those of `mission` where they are not given; its phases are not flown.
-    Commands wait until they have ended. `backend` is "physics", "kinematic" (references are
+    Robot and world default to those of `mission`, whose phases are not flown. A command returns
+    when it has ended. `backend` is "physics", "kinematic" (references are
     followed exactly), "mavlink:URL" (a vehicle over MAVLink), or "recording": `mission` is then a
     run's directory, which is played.
-    `checklist` says whether `[mission.checklist]` and the spin check are passed before the motors
-    turn. `parts` are further components, such as those of real servos (links/servo_bus/arms.py).
-    `live` publishes the vehicle to ROS 2 and Foxglove, whose commands it takes at every tick.
-    Raises InputError on anything that is wrong.
+    `checklist` selects whether `[mission.checklist]` and the spin check are evaluated before the
+    motors start. `parts` are further components, such as real servos (links/servo_bus/arms.py).
+    `live` publishes the vehicle to ROS 2 and Foxglove, and accepts commands of ROS 2 at every tick.
+    Raises InputError if an argument is invalid.
     """
     from skywright.run.session import open_recording, open_vehicle
 
@@ -160,7 +160,7 @@ def fly(
 
 
 def build_law(description: Description | Path_) -> LawStep:
-    """Build the control law of a mission, to step it on one's own state; see `LawStep`."""
+    """Build the control law of a mission, to step it on your own state; see `LawStep`."""
     from skywright.vehicle.stepped import LawStep
 
     return LawStep(build_vehicle(description))
@@ -177,16 +177,16 @@ def run_estimator(
     R_fix: ArrayLike | None = None,
     heading: ArrayLike | None = None,
 ) -> NDArray[Any]:
-    """Run the estimator of a mission on one's own inertial samples and fixes of the place.
+    """Run the estimator of a mission on your own inertial samples and position fixes.
 
     `t` (n,) s, evenly spaced; `gyro` (n, 3) rad/s and `accel` (n, 3) m/s^2 (specific force), in
     B; fixes at `t_fix` (m,) s on the same clock: `p_fix` (m, 3) m in W, and with motion capture
-    `R_fix` (m, 3, 3), else (satellites) `heading` (m,) rad of B's x axis. Places are of B's
-    origin, with satellites of the antenna; the robot is then at rest at first. Noise is that of
-    the sensors that robot and world of the mission describe.
+    `R_fix` (m, 3, 3), else (satellites) `heading` (m,) rad of B's x axis. Positions are
+    those of B's origin, with satellites those of the antenna; the robot must then be at rest at
+    the start. The estimator assumes the sensor noise of the mission's robot and world.
 
-    Returns one row a control period, a structured array: `t`, `p_WB`, `v_WB`, `R_WB`, `w_WB_B`,
-    `p_std` (m, stated deviations) and `ready`, false until the estimator has begun.
+    Returns a structured array with one row per control period: `t`, `p_WB`, `v_WB`, `R_WB`,
+    `w_WB_B`, `p_std` (m, stated deviations) and `ready`, false until the estimate is valid.
     """
     from skywright.vehicle.stepped import EstimatorRun
 
@@ -219,10 +219,10 @@ def plan_motion(
     """Plan a motion of platform and arm among `Box`, `Cylinder` and `Sphere` over the ground.
 
     `start` and `goal` are x, y, z (m) and yaw (rad) with the arm folded, or `Configuration`s with
-    the joints' angles q (rad). `margin` (m) is kept from everything. Returns the corners of the
-    way: `p_WB` (k, 3) m, `yaw` (k,) rad, `q` (k, joints) rad, straight between each other, and
-    its `clearance` (m). The same `seed` gives the same way.
-    Raises InfeasibleError whose `blocked_by` says what is in the way.
+    the joints' angles q (rad). `margin` (m) is the least distance to all shapes. Returns the
+    corners of the path, `p_WB` (k, 3) m, `yaw` (k,) rad and `q` (k, joints) rad, which straight
+    lines connect, and its `clearance` (m). Equal seeds give equal paths.
+    Raises InfeasibleError, whose `blocked_by` names the obstacle.
     """
     from skywright.planning.shapes import plan_between
 
@@ -245,10 +245,10 @@ def campaign(
     """Fly a mission `runs` times, keys drawn from distributions: {"world.wind.mean_mps":
     "uniform(0, 5)"}.
 
-    `out` is the folder (default: one under `campaigns/`); the same call continues what is there.
-    `workers` is the number of processes (default: all cores). The result has `rows` (one a run:
-    outcome, metrics, what varied), the `verdict` and the `folder`.
-    Raises InputError before anything flies.
+    `out` is the folder (default: one under `campaigns/`); the same call continues a campaign.
+    `workers` is the number of processes (default: all cores). The result has `rows` (one per run:
+    outcome, metrics, varied values), the `verdict` and the `folder`.
+    Raises InputError before the first flight.
     """
     from skywright.analysis.campaign.campaign import run_campaign
     from skywright.analysis.campaign.spec import build_campaign
@@ -271,7 +271,7 @@ def weld(data: Path_, **options: Any) -> WeldReport:
 
 
 def locate(*data: Path_, **options: Any) -> LocateReport:
-    """Fuse the recordings of a total station and of a tracking camera, or judge a trajectory.
+    """Fuse the recordings of a total station and a tracking camera, or evaluate a trajectory.
 
     `data` are files as of `skywright locate`; `options` its flags (`station`, `camera`,
     `reference`, `align`, `span`, `time_offset`, `prism`, `compare`, ...).
@@ -288,8 +288,8 @@ def identify(
 ) -> Identification:
     """Fit a robot's parameters to flights: run directories, recordings or PX4 ULogs.
 
-    `robot` is needed for a ULog; `mass` (kg) is what the robot weighed. `found.to_json()` has
-    every parameter with its interval.
+    `robot` is required for a ULog; `mass` (kg) is the measured mass of the robot.
+    `found.to_json()` has every parameter with its interval.
     """
     from skywright.analysis.identify.identify import identify as identify_logs
 

@@ -63,11 +63,9 @@ def _page(out: Path) -> Iterator[Path]:
     "--set", "sets", multiple=True, metavar="KEY=VALUE",
     help="Change the world, e.g. world.pipe.diameter_m=0.3. May be repeated.",
 )  # fmt: skip
-@click.option("--no-fly", is_flag=True, help="Leave out what needs flights.")
-@click.option("--seeds", type=int, default=2, show_default=True, help="Flights a wind.")
-@click.option(
-    "--workers", type=int, help="Fly in so many processes; default: one after the other in this."
-)
+@click.option("--no-fly", is_flag=True, help="Omit the rows that need flights.")
+@click.option("--seeds", type=int, default=2, show_default=True, help="Flights per wind speed.")
+@click.option("--workers", type=int, help="Number of processes.  [default: fly in this process]")
 @click.option("--ray", metavar="local|ADDRESS", help="Fly on a Ray cluster (extra 'cluster').")
 @out_option
 @as_json_option
@@ -101,7 +99,7 @@ def robots(
 @out_option
 @as_json_option
 def runs(a: Path, b: Path, out: Path, as_json: bool) -> None:
-    """Compare two runs: settings and metrics that differ, and the main series over each other."""
+    """Compare two runs: settings and metrics that differ, and overlaid plots of the main series."""
     from skywright.analysis.compare_runs.overlay import compare_runs
     from skywright.analysis.compare_runs.report import print_overlay, write_overlay_page
     from skywright.run.results import open_run
@@ -117,7 +115,7 @@ def runs(a: Path, b: Path, out: Path, as_json: bool) -> None:
 
 @compare.command()
 @click.argument("names", metavar="A,B,...")
-@click.option("--mission", metavar="M", required=True, help="Mission that all laws fly.")
+@click.option("--mission", metavar="M", required=True, help="Mission to fly with every law.")
 @layers
 @click.option(
     "--case",
@@ -134,7 +132,7 @@ def runs(a: Path, b: Path, out: Path, as_json: bool) -> None:
     help="Draw a value for each run, the same for all laws, as in a campaign. May be repeated.",
 )
 @click.option(
-    "--runs", "count", type=int, default=10, show_default=True, help="Runs of a law in a case."
+    "--runs", "count", type=int, default=10, show_default=True, help="Runs per law and case."
 )
 @click.option("--workers", type=int, help="Processes on this machine.  [default: all cores]")
 @click.option("--ray", metavar="local|ADDRESS", help="Fly on a Ray cluster (extra 'cluster').")

@@ -163,7 +163,8 @@ def identify(
 ) -> None:
     """Fit a robot's parameters to recorded flights.
 
-    LOG is a run's directory, a recording.mcap or a PX4 ULog; several flights of one robot add up.
+    LOG is a run's directory, a recording.mcap, a PX4 ULog or a table (.csv); several flights of
+    one robot add up.
     Beside the page a robot file is written (PAGE.toml) that a run takes as --robot.
     """
     from skywright.analysis.identify.identify import identify as identify_logs

@@ -139,7 +139,7 @@ def _print_names(found: dict[str, list[Entry]]) -> None:
         text = click.wrap_text(", ".join(names), 88, f"{kind:10}", " " * 10)
         click.echo(text)
     click.echo(f"{'parts':10}{', '.join(PARTS)}")
-    click.echo("skywright list WORD tells more of each; skywright show NAME of one")
+    click.echo("skywright list WORD describes each of a group; skywright show NAME describes one")
 
 
 @click.command()

@@ -14,7 +14,7 @@ from skywright.errors import InputError
     help="Serve the robot's servos on a pseudo-terminal, until Ctrl-C.",
 )  # fmt: skip
 @click.option("--last", type=click.IntRange(0, 253), default=32, show_default=True,
-              help="Largest id that is asked.")  # fmt: skip
+              help="Largest servo id to query.")  # fmt: skip
 def servos(port: str | None, emulate: str | None, last: int) -> int:
     """List the servos on a bus with their positions, supply and errors."""
     if (port is None) == (emulate is None):

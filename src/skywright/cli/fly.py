@@ -38,7 +38,7 @@ from skywright.errors import InputError
 @click.option(
     "--gateway",
     metavar="udp:[HOST:]PORT",
-    help="Publish the arms' state to others by UDP, at the pace of the wall clock.",
+    help="Publish the state of the arms by UDP; a connected flight runs in real time.",
 )
 @click.option(
     "--gateway-key",

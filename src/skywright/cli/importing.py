@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 @click.argument("file", metavar="FILE", type=click.Path(path_type=Path))
 @click.option(
     "--arm", metavar="FILE", type=click.Path(path_type=Path),
-    help="Arm from a file of its own, welded to the robot.",
+    help="File of an arm, which is welded to the robot.",
 )  # fmt: skip
 @click.option(
     "--mount", metavar="X,Y,Z[,R,P,Y]", default="0,0,0",
@@ -32,13 +32,15 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--rotor", "rotors", multiple=True, metavar="X,Y,Z,ccw|cw[,AX,AY,AZ]",
-    help="Rotor in place of those of the file (m). May be repeated.",
+    help="Rotor (m); replaces all rotors of the file. May be repeated.",
 )  # fmt: skip
 @click.option(
     "--set", "sets", multiple=True, metavar="KEY=VALUE",
-    help="Answer or change a key of the robot file. May be repeated.",
+    help="Set a missing key of the robot file, or change one. May be repeated.",
 )  # fmt: skip
-@click.option("--assume", is_flag=True, help="Take guesses, marked so, for what is missing.")
+@click.option(
+    "--assume", is_flag=True, help="Use assumed values, marked as such, for missing ones."
+)
 @click.option(
     "--out", metavar="NAME", type=click.Path(path_type=Path),
     help="Folder of the robot file.  [default: the name of FILE]",
@@ -51,8 +53,8 @@ def import_(
 ) -> None:  # fmt: skip
     """Write a robot file for a robot described in MJCF, URDF or SDF.
 
-    What FILE does not say is asked on a terminal; elsewhere it has to be given. The robot file is
-    compared with MuJoCo's model of FILE before it is written.
+    On a terminal, the command prompts for values that FILE lacks; otherwise give them by --set. The
+    robot file is compared with MuJoCo's model of FILE before it is written.
     """
     from skywright.core.keys import parse_assignment
     from skywright.core.toml_files import parse_value

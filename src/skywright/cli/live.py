@@ -71,11 +71,11 @@ def _load(text: str) -> list[Any]:
 )
 @click.option(
     "--seconds", type=click.FloatRange(0.0, 1e6, min_open=True),
-    help="End after so long.  [default: Ctrl-C]",
+    help="Duration (s) of the recording.  [default: until Ctrl-C]",
 )  # fmt: skip
 @click.option(
     "--idle", type=click.FloatRange(0.0, 1e6, min_open=True),
-    help="End when nothing has come for so long (s), after the first sample.",
+    help="End after this time (s) without a sample; counts from the first sample.",
 )  # fmt: skip
 @as_json_option
 def receive(

@@ -86,7 +86,7 @@ class _Ceiling(click.ParamType):
     "--vary",
     multiple=True,
     metavar="KEY=DIST",
-    help="MISSION: as in campaign; vary what makes the flaw large or small, too.",
+    help="MISSION: distribution of a key, as in campaign; include keys of the flaw's size.",
 )
 @click.option("--size", metavar="NAME", help="MISSION: measure of a flaw.  [default: its first]")
 @layers

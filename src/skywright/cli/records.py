@@ -49,20 +49,30 @@ if TYPE_CHECKING:
     "--component.",
 )
 @click.option(
-    "--columns", metavar="SPEC", help="Its own names: value=Wall[mm],t=Time[ms],x=X[m],..."
+    "--columns",
+    metavar="SPEC",
+    help="Column names of the table: value=Wall[mm],t=Time[ms],x=X[m],...",
 )
 @click.option(
-    "--lag", type=float, default=0.0, metavar="S", help="Time that its values lag its places by."
+    "--lag",
+    type=float,
+    default=0.0,
+    metavar="S",
+    help="Delay (s) of the values relative to the positions.",
 )
-@click.option("--measured", metavar="UTC", help="When it was measured; its times count from here.")
+@click.option(
+    "--measured", metavar="UTC", help="Date of the measurement; times of the table count from it."
+)
 @click.option("--required", type=float, metavar="MM", help="Required thickness of the component.")
-@click.option("--registration", type=float, metavar="M", help="Standard deviation of its frame.")
+@click.option(
+    "--registration", type=float, metavar="M", help="Standard deviation of the table's frame."
+)
 @click.option(
     "--datums",
     metavar="TABLE",
     type=click.Path(path_type=Path),
-    help="Datum points (.csv: name, x_m, y_m, z_m, u95_m) of --structure, or as --flight measured "
-    "them: they register flights in the frame of the asset.",
+    help="Datum points (.csv: name, x_m, y_m, z_m, u95_m) of --structure, or measured by --flight. "
+    "They register flights in the frame of the asset.",
 )
 @click.option("--csv", "table", type=click.Path(path_type=Path), help="Export as CSV.")
 @click.option("--geojson", type=click.Path(path_type=Path), help="Export as GeoJSON.")
@@ -80,10 +90,14 @@ if TYPE_CHECKING:
 @click.option(
     "--report",
     type=click.Path(path_type=Path),
-    help="Page of one --flight that is handed over (.html; .pdf with Chromium installed).",
+    help="Report of one --flight for hand-over (.html; .pdf with Chromium installed).",
 )
 @click.option(
-    "--deviation", "deviations", multiple=True, metavar="TEXT", help="To be stated in --report."
+    "--deviation",
+    "deviations",
+    multiple=True,
+    metavar="TEXT",
+    help="Deviation from the procedure, stated in --report.",
 )
 @click.option(
     "--origin", metavar="LON,LAT[,HEIGHT]", help="Geographic position of the world's origin."

@@ -28,11 +28,11 @@ def _parse_speed(context: click.Context, option: click.Parameter, text: str) -> 
 @click.argument("robot")
 @click.option(
     "--autopilot", type=click.Choice(["px4", "betaflight"]), default="px4", show_default=True,
-    help="Which one flies it.",
+    help="Autopilot that flies the robot.",
 )  # fmt: skip
 @click.option(
     "--mission", default="waypoints", show_default=True,
-    help="Start and seed; betaflight flies its way-points.",
+    help="Mission of start and seed; betaflight also flies its way-points.",
 )  # fmt: skip
 @click.option("--world", help="World (name or file).  [default: open]")
 @click.option(
@@ -55,7 +55,7 @@ def _parse_speed(context: click.Context, option: click.Parameter, text: str) -> 
 )  # fmt: skip
 @click.option(
     "--telemetry", type=click.IntRange(0, 65535), default=13280, show_default=True,
-    help="UDP port on which PX4's estimate and set-points are heard; 0: none.",
+    help="UDP port for PX4's estimate and set-points; 0: none.",
 )  # fmt: skip
 @click.option(
     "--speed", default="1", show_default=True, callback=_parse_speed, metavar="FACTOR",
@@ -63,15 +63,15 @@ def _parse_speed(context: click.Context, option: click.Parameter, text: str) -> 
 )  # fmt: skip
 @click.option(
     "--wait", type=click.FloatRange(0.0, 86400.0), default=120.0, show_default=True,
-    help="Time (s) for PX4 to connect, or to come back.",
+    help="Time (s) for PX4 to connect, or to reconnect.",
 )  # fmt: skip
 @click.option(
     "--patience", type=click.FloatRange(0.1, 86400.0),
-    help="Time (s) that an answer of the autopilot is waited for.  [default: 30 px4, 2 betaflight]",
+    help="Longest wait (s) for an answer of the autopilot.  [default: 30 px4, 2 betaflight]",
 )  # fmt: skip
 @click.option(
     "--duration", type=click.FloatRange(0.0, 1e6, min_open=True),
-    help="Simulated time (s) after which it ends.  [default: until Ctrl-C]",
+    help="Simulated time (s) of the flight.  [default: until Ctrl-C]",
 )  # fmt: skip
 @click.option("--out", type=click.Path(path_type=Path), help="Run directory.")
 @as_json_option

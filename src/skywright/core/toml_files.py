@@ -188,12 +188,6 @@ def merge_layers(layers: list[Layer]) -> tuple[Tree, dict[str, Source], dict[str
     sources: dict[str, Source] = {}
     origin: dict[str, str] = {}
 
-    def forget(prefix: str) -> None:
-        for key in [k for k in origin if k == prefix or k.startswith(prefix + ".")]:
-            del origin[key]
-        for key in [k for k in sources if k == prefix or k.startswith(prefix + ".")]:
-            del sources[key]
-
     def merge(into: Tree, over: Tree, prefix: str, layer: Layer) -> None:
         for name, value in over.items():
             key = f"{prefix}{name}"
@@ -206,17 +200,19 @@ def merge_layers(layers: list[Layer]) -> tuple[Tree, dict[str, Source], dict[str
                     f"{layer.label}: {key} is a table with the keys "
                     f"{neighbours('', old)}; found {describe_value(value)}"
                 )
-            had_source = key in sources
-            forget(key)
+            had_source = sources.pop(key, None) is not None
+            if isinstance(old, list):
+                for sub in [k for k in sources if k.startswith(key + ".")]:
+                    del sources[sub]
             into[name] = value
             origin[key] = layer.label
             if key in layer.sources:
                 sources[key] = layer.sources[key]
             elif had_source:
                 sources[key] = Source("set", layer.label)
-            for sub, source in layer.sources.items():  # numbers inside a list of tables
-                if sub.startswith(key + "."):
-                    sources[sub] = source
+            if isinstance(value, list):  # numbers inside a list of tables
+                found = layer.sources.items()
+                sources.update({k: v for k, v in found if k.startswith(key + ".")})
 
     for layer in layers:
         merge(tree, layer.tree, "", layer)

@@ -6,6 +6,7 @@ once a file.
 
 from __future__ import annotations
 
+import pickle
 import sys
 from collections.abc import Mapping
 from functools import lru_cache
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from skywright.core import toml_files
+from skywright.core.bounded import LARGEST_TOML, read_text
 from skywright.core.toml_files import Layer, Tree
 from skywright.description.parts import normalise_layer
 from skywright.errors import InputError
@@ -26,8 +28,18 @@ RENAMED: Mapping[str, str] = {
 
 def load_layer(path: Path, label: str | None = None, problems: list[str] | None = None) -> Layer:
     """Read one description file as `core.toml_files.load_layer` does, old keys renamed."""
-    layer = toml_files.load_layer(path, label, problems)
+    if problems is None:
+        label = label or str(path)
+        layer: Layer = pickle.loads(_build_layer(read_text(path, LARGEST_TOML, label=label), label))
+    else:
+        layer = toml_files.load_layer(path, label, problems)
     return normalise_layer(rename_keys(layer), path.parent)
+
+
+@lru_cache(maxsize=32)
+def _build_layer(text: str, label: str) -> bytes:
+    """Parse a text once: a hundred runs load the same robot. Its reader may change its copy."""
+    return pickle.dumps(toml_files.build_layer(text, label))
 
 
 def rename_keys(layer: Layer) -> Layer:

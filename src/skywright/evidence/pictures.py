@@ -18,6 +18,7 @@ from skywright.analysis.compare.figures import draw_pair, draw_reach, draw_react
 from skywright.description.loader import load_description
 from skywright.description.robot.loader import load_robot
 from skywright.errors import InputError, SkywrightError
+from skywright.missions.skills.plan_flight import load_plan_description
 from skywright.models.capability import compute_capability
 from skywright.reports.capability import write_capability_figure
 from skywright.reports.figures.style import house_style, write_png
@@ -60,6 +61,7 @@ SHOTS = {
     "crack-scan": Shot("scan", 0.6, (-0.75, -0.75, 0.35), 3.0, (0.5, 0.0, 0.0)),
     "excitation": Shot("excite working", 0.3, distance=2.6),
     "flight-modes": Shot("hold angle", side=(-0.3, -1.0, 0.2), distance=2.8),
+    "follow-plan": Shot("plan", 0.55, (-0.3, -1.0, 0.3), 8.0, (0.3, 0.0, -0.2)),
     "impact": Shot("impact", 0.1, (-0.6, -1.0, 0.2), 3.8, (0.2, 0.0, -0.45)),
     "pipe-weld-scan": Shot("scan", 0.98, (-0.75, -0.75, 0.35), 3.0, (0.5, 0.0, 0.0)),
     "sensor-install": Shot("force", 0.8, (-1.0, -0.7, 0.2), 3.8, (0.0, 0.0, -0.45)),
@@ -69,6 +71,9 @@ SHOTS = {
     "waypoints": Shot("waypoint 2", distance=2.8, side=(-0.8, -1.0, 0.4)),
 }
 """Mission -> its still, docs/images/missions/MISSION.webp."""
+
+PLANNED = "bar-transport"
+"""Mission whose plan file `follow-plan` flies; it comes before it."""
 
 ROBOTS = {"capability-othex.png": "othex"}
 """File -> robot whose capability it shows."""
@@ -110,7 +115,11 @@ def write_pictures(folder: Path, say: Callable[[str], None] = print) -> list[Pat
     announce_compilation()
     with tempfile.TemporaryDirectory() as scratch:
         for mission in SHOTS:
-            description = load_description(mission)
+            description = (
+                load_plan_description(Path(scratch) / PLANNED / "plan.csv")
+                if mission == "follow-plan"
+                else load_description(mission)
+            )
             out = Path(scratch) / mission
             result = run_mission(description, out=out, observers=[Progress()])
             for path in draw_run(mission, result, folder):

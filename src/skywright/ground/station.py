@@ -143,7 +143,7 @@ class Station:
                 self._control_changed()
         elif kind in STEERING and not mine:
             self.counts["not in control"] += 1
-            watcher.tell("told", text="Take control first: another page, or nobody, has it.")
+            watcher.tell("told", text="Take control first: this page does not have it.")
         elif kind == "stick":
             self._pass_stick(watcher, content, now)
         elif kind == "start":
@@ -307,7 +307,7 @@ class Station:
             now = time.monotonic()
             self.control.forgive(now - before - TICK_S)
             if self.control.expire(now):
-                self.note = f"Control fell free: the controller was silent for {LEASE_S:g} s."
+                self.note = f"Control was released: the controller was silent for {LEASE_S:g} s."
                 self._control_changed()
             self._count()
             if self.watchers:

@@ -1,6 +1,7 @@
 """Crossings of a path with welds, and which of them lie on one line."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +23,9 @@ SHOWN = 0.7
 """Least share of the path's passes over a further line that must be crossings of it."""
 LEAST_SLANT = math.sin(math.radians(3.0))
 """Of a path across a line: below, a distance along the line's normal tells nothing of the path."""
+FAINT = 2.0
+"""Times the detection threshold, below which crossings of a weld can be missed: of 80 crossings of
+constructed scans 66 are found at 1.6 times, 75 at 1.9, 79 at 2.1 and 80 from 2.3 times on."""
 CLEAR = 0.01
 """m from a line's middle: beyond a weld's half-width and the coil."""
 
@@ -117,3 +121,25 @@ def assign(x: Crossing, lines: list[WeldLine]) -> Crossing:
     """Return the crossing with the index of its line; -1 where it lies off all of them."""
     k = find_owner(x, lines)
     return x._replace(line=k if is_near(x, lines[k]) else -1)
+
+
+def measure_contrasts(crossings: Sequence[Crossing], lines: int, level: float) -> list[float]:
+    """Return the contrast of each of `lines` welds: its signal over the detection threshold.
+
+    The signal is the median of its crossings' peaks; `level` (instrument units) is the least peak
+    that counts as a crossing. Without a line, all crossings are one weld.
+    """
+    groups = [[x.peak for x in crossings if x.line == k] for k in range(lines)]
+    groups = groups or [[x.peak for x in crossings]]
+    return [float(np.median(peaks)) / level for peaks in groups if peaks]
+
+
+def tell_faint(contrasts: Sequence[float], level: float) -> list[str]:
+    """Return a note for each weld whose signal is near the detection threshold."""
+    return [
+        f"the signal of {'the weld' if len(contrasts) == 1 else f'weld {k}'} is "
+        f"{x * level:.2g} units, {x:.1f} times the detection threshold of {level:.2g} units: "
+        f"below {FAINT:g} times, crossings can be missed"
+        for k, x in enumerate(contrasts, 1)
+        if x < FAINT
+    ]

@@ -101,9 +101,9 @@ def reject_spikes(
     if taken >= LEAST_SAMPLES:
         return spikes, note + "left out"
     return np.zeros(t.size, bool), note + (
-        f"not left out, as {taken:.2g} samples within a coil's footprint of {FOOTPRINT * 1e3:g} mm "
-        f"do not tell interference from a weld (needed: {LEAST_SAMPLES:g}; scan slower, or sample "
-        "faster)"
+        f"kept, because {taken:.2g} samples within a coil's footprint of {FOOTPRINT * 1e3:g} mm do "
+        f"not distinguish interference from a weld (needed: {LEAST_SAMPLES:g}; scan slower, or "
+        "sample faster)"
     )
 
 

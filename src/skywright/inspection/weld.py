@@ -19,7 +19,15 @@ from skywright.inspection.calibration import (
     robust_std,
     to_complex,
 )
-from skywright.inspection.crossings import WIDE, Crossing, assign, find_normal, separate_lines
+from skywright.inspection.crossings import (
+    WIDE,
+    Crossing,
+    assign,
+    find_normal,
+    measure_contrasts,
+    separate_lines,
+    tell_faint,
+)
 from skywright.inspection.spikes import reject_spikes
 from skywright.inspection.weld_line import HALF_WIDTH, LAG_PRIOR, WeldLine
 
@@ -54,6 +62,8 @@ class WeldResult(NamedTuple):
     calibration: Calibration  # with the weld axis that was used
     surface: Cylinder
     notes: tuple[str, ...]
+    level: float  # instrument units, least peak of a crossing
+    contrasts: tuple[float, ...]  # of each line, or of all crossings: median peak over `level`
 
     @property
     def line(self) -> WeldLine | None:
@@ -360,6 +370,9 @@ def process_scan(
         notes.append("one crossing only: the line is not determined")
     elif crossings:
         notes.append("the crossings are too close together to determine the line")
+    level = max(calibration.weld_threshold - base, SIGNIFICANCE * noise)
+    contrasts = measure_contrasts(crossings, len(lines), level)
+    notes += tell_faint(contrasts, level)
     count = int(valid.sum())
     return WeldResult(
         t=t,
@@ -376,4 +389,6 @@ def process_scan(
         calibration=calibration,
         surface=surface,
         notes=tuple(notes),
+        level=level,
+        contrasts=tuple(contrasts),
     )

@@ -72,7 +72,9 @@ class WeldReport(NamedTuple):
             "thresholds": {
                 "lift_off": self.result.calibration.lift_off_threshold,
                 "weld": self.result.calibration.weld_threshold,
+                "detection": round(self.result.level, 4),
             },
+            "contrasts": [round(x, 3) for x in self.result.contrasts],
             "notes": list(self.notes),
         }
 

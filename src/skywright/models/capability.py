@@ -18,7 +18,7 @@ from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 from skywright.models.hover import check_can_fly, check_hover, choose_posture, find_worst_posture
 from skywright.models.rigid_body import build_body_model, compute_body, compute_tip
-from skywright.models.rotor_loss import list_dispensable
+from skywright.models.rotor_loss import list_rotors_left
 from skywright.models.rotors import build_rotors, compute_electrical_power
 from skywright.models.statics import (
     UP,
@@ -67,6 +67,7 @@ class Capability(NamedTuple):
     hover_power: float  # W, avionics included
     endurance: float  # s
     dispensable: tuple[int, ...]  # rotors, from 1, without each of which it can land in control
+    lean_without: tuple[float, ...]  # rad, at which it then hovers, for each of them
     payload: float  # kg at B's origin, beyond what is on board
     vertical_force: float  # N, largest at level attitude without torque about the centre of mass
     force_polytope: Array  # (v, 3) N, no torque about the centre of mass
@@ -91,6 +92,7 @@ class Capability(NamedTuple):
             "hover_power_w": self.hover_power,
             "endurance_s": self.endurance,
             "dispensable_rotors": list(self.dispensable),
+            "lean_without_rotor_deg": np.degrees(self.lean_without).round(3).tolist(),
             "rotors": [
                 {
                     "position_m": r.position[i].tolist(),
@@ -182,6 +184,7 @@ def compute_capability(
     power += robot.battery.avionics_power_w
     usable = robot.battery.energy_wh * 3600.0 * robot.battery.usable_fraction
     wind = compute_wind_limits(layout, body, directions, tilt_max)
+    left = list_rotors_left(layout.rotors, weight, p_BC, tilt_max)
     return Capability(
         robot=robot.name,
         posture=label,
@@ -204,7 +207,8 @@ def compute_capability(
         hover_thrust=hover,
         hover_power=power,
         endurance=usable / power,
-        dispensable=list_dispensable(layout.rotors, weight, p_BC),
+        dispensable=tuple(left),
+        lean_without=tuple(x.lean for x in left.values()),
         payload=max(compute_ray(layout, level, wrench_at(gravity * UP, np.zeros(3))).hi, 0.0),
         vertical_force=compute_ray(layout, np.zeros(6), wrench_at(UP, p_BC)).hi,
         force_polytope=compute_polytope(layout, np.zeros(6), np.vstack([np.eye(3), arm])),

@@ -22,8 +22,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # loads scipy.signal and scipy.stats (0.5 s) at its first use
 from numpy.typing import NDArray
-from scipy.signal import fftconvolve
 from scipy.special import j1
 
 from skywright.core.arrays import Array
@@ -196,6 +196,6 @@ def build_crack_table(
         counts = np.interp(profile, [0.0, *depths], [0.0, *np.maximum.accumulate(long) / unit])
         counts = counts * compute_depth_factor(profile, skin)
         field = np.stack([_field_along(coil, metal, frequency, a, away, gap) for a in x.tolist()])
-        whole = fftconvolve(field**2, counts[None], mode="valid", axes=1)
+        whole = scipy.signal.fftconvolve(field**2, counts[None], mode="valid", axes=1)
         out[g] = scale * whole[:, n :: round(CELL / step)][:, : y.size]
     return CrackTable(out)

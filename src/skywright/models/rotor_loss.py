@@ -4,16 +4,27 @@ A platform with parallel rotors needs vertical force, roll and pitch torque to s
 can give up yaw: with five rotors of a hexarotor left, the one opposite to the lost one must nearly
 stand still for the yaw torques to cancel, and then it can no longer help to control roll or pitch.
 So yaw is not commanded any more, and the thrusts are those of least sum of squares that leave the
-opposite rotor little. A platform whose law commands lateral force at a level attitude, with six
-tilted rotors, loses a direction of its wrench with each rotor; it cannot fly on with that law.
+opposite rotor little.
+
+A platform whose law commands force and torque in any direction needs seven rotors or more that are
+left, because thrusts are positive: six rotors with limits T >= T_min > 0 make a wrench and all its
+neighbours only where none of them is at its limit. With six tilted rotors each loss takes a
+direction of the wrench away; that law cannot fly on. With eight, the seven that are left make all
+six components, B T = w, T = P w + s N with the one null vector N. Where N has zeros, the thrusts of
+these rotors follow from the wrench alone, and level hover may ask for less than T_min of one. Then
+the platform may hover leaned: the least lean with a reserve at all limits is a linear programme
+in the thrusts and the horizontal force (the weight seen from B), solved again for the cosine of
+the lean.
 """
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linprog
 
 from skywright.core.arrays import Array
 from skywright.models.allocation import Allocator, build_allocator
@@ -25,18 +36,59 @@ SPARE = 0.1
 """Share of a rotor's range that is left for control at hover."""
 LEAST = 0.03
 """Share of the mean thrust that the least loaded rotor keeps above its lower limit."""
+SIDES = 32
+"""Of the polygon that stands for the circle of equal lean."""
+ROUNDS = 12
+"""Of the programme, each with the cosine of the lean before."""
 
 
-def compute_allocation_without(
-    allocator: Allocator, lost: int, weight: float, p_BC: Array
-) -> Array | None:
-    """Return P (n, 6), thrusts per wrench without rotor `lost`; None where none can hover.
+class RotorsLeft(NamedTuple):
+    """How the rotors that are left are told; rows of the lost one are zero."""
 
-    `weight` (N) acts at p_BC (3,) m. The columns of lateral force and of yaw torque are zero.
+    P: Array  # (n, 6) thrust (N) per wrench
+    preload: Array  # (n,) N, of thrusts that add up to no wrench
+    t_min: Array  # (n,) N, less the preload
+    t_max: Array  # (n,) N, less the preload
+    R_WB: Array  # (3, 3) attitude, but for its heading, at which they hold the robot
+    holds_heading: bool
+
+    @property
+    def lean(self) -> float:
+        """Lean (rad) at which they hold the robot."""
+        return math.acos(min(max(float(self.R_WB[2, 2]), -1.0), 1.0))
+
+
+def compute_rotors_left(
+    allocator: Allocator, lost: int, weight: float, p_BC: Array, tilt_max: float
+) -> RotorsLeft | None:
+    """Return how the others hold `weight` (N) at p_BC (3,) m without rotor `lost`, or None.
+
+    `tilt_max` (rad): lean that a law which commands six components may be asked for; 0 for a law
+    that does not follow a commanded attitude.
     """
+    if float(np.min(allocator.t_max - allocator.t_min)) <= 0.0:  # another one is lost already
+        return None
+    found = (
+        _lean(allocator, lost, weight, p_BC, tilt_max)
+        if allocator.full
+        else _give_up_yaw(allocator, lost, weight, p_BC)
+    )
+    if found is None:
+        return None
+    P, preload, up = found
+    t_min = allocator.t_min + allocator.preload - preload
+    t_max = allocator.t_max + allocator.preload - preload
+    t_min[lost] = t_max[lost] = 0.0
+    return RotorsLeft(P, preload, t_min, t_max, _stand_up(up), bool(allocator.full))
+
+
+def _give_up_yaw(
+    allocator: Allocator, lost: int, weight: float, p_BC: Array
+) -> tuple[Array, Array, Array] | None:
+    """Return P, no preload and up. The columns of lateral force and of yaw torque are zero."""
     n = allocator.P.shape[0]
     left = [i for i in range(n) if i != lost]
-    if allocator.full or len(left) < 5:
+    if len(left) < 5:
         return None
     B = allocator.B[np.ix_([2, 3, 4], left)]  # vertical force, roll and pitch torque
     if np.linalg.matrix_rank(B) < 3:
@@ -58,13 +110,84 @@ def compute_allocation_without(
         return None
     P: NDArray[Any] = np.zeros((n, 6))
     P[np.ix_(left, [2, 3, 4])] = found
-    return P
+    return P, np.zeros(n), np.array([0.0, 0.0, 1.0])
 
 
-def list_dispensable(rotors: RotorSet, weight: float, p_BC: Array) -> tuple[int, ...]:
-    """Return the rotors, from 1, without each of which `weight` (N) at p_BC (3,) m is held."""
+def _lean(
+    allocator: Allocator, lost: int, weight: float, p_BC: Array, tilt_max: float
+) -> tuple[Array, Array, Array] | None:
+    """Return P, preload and up (3,) in B of the least lean with a reserve at all limits.
+
+    The search begins at level: a lean at which the rotors cannot make the weight over its cosine is
+    not found. A robot falls before it gets there.
+    """
+    n = allocator.P.shape[0]
+    left = [i for i in range(n) if i != lost]
+    B = allocator.B[:, left]
+    sizes = np.linalg.svd(B, compute_uv=False)
+    if len(left) < 7 or sizes[-1] < 1e-3 * sizes[0]:
+        return None
+    low = (allocator.t_min + allocator.preload)[left]
+    high = (allocator.t_max + allocator.preload)[left]
+    spare = SPARE * (high - low)
+    turn = np.array([[0.0, -p_BC[2], p_BC[1]], [p_BC[2], 0.0, -p_BC[0]], [-p_BC[1], p_BC[0], 0.0]])
+    at_com = weight * np.vstack([np.eye(3), turn])  # wrench of weights along x, y and z
+    angle = 2.0 * math.pi * np.arange(SIDES) / SIDES
+    # variables: thrusts, horizontal parts of up over its vertical one, and their size, the least
+    size = np.hstack([
+        np.zeros((SIDES, len(left))), np.cos(angle)[:, None], np.sin(angle)[:, None],
+        -np.ones((SIDES, 1)),
+    ])  # fmt: skip
+    bounds = [*zip(low + spare, high - spare, strict=True), *[(None, None)] * 3]
+    cost = np.append(np.zeros(len(left) + 2), 1.0)
+    up = np.array([0.0, 0.0, 1.0])
+    for _ in range(ROUNDS):
+        down = up[2] * at_com
+        found = linprog(
+            cost, A_ub=size, b_ub=np.zeros(SIDES),
+            A_eq=np.hstack([B, -down[:, :2], np.zeros((6, 1))]), b_eq=down[:, 2],
+            bounds=bounds, method="highs",
+        )  # fmt: skip
+        if found.status != 0:
+            return None
+        up = np.append(found.x[len(left) : len(left) + 2], 1.0)
+        up /= np.linalg.norm(up)
+    if math.acos(up[2]) > tilt_max + 1e-6:
+        return None
+    hover = at_com @ up
+    # of the thrusts for it, those that are farthest from their limits
+    room = np.vstack(
+        [
+            np.hstack([-np.eye(len(left)), np.ones((len(left), 1))]),
+            np.hstack([np.eye(len(left)), np.ones((len(left), 1))]),
+        ]
+    )
+    middle = linprog(
+        np.append(np.zeros(len(left)), -1.0), A_ub=room, b_ub=np.concatenate([-low, high]),
+        A_eq=np.hstack([B, np.zeros((6, 1))]), b_eq=hover, bounds=[(None, None)] * (len(left) + 1),
+        method="highs",
+    )  # fmt: skip
+    P: NDArray[Any] = np.zeros((n, 6))
+    P[left] = np.linalg.pinv(B)
+    preload: NDArray[Any] = np.zeros(n)
+    preload[left] = np.asarray(middle.x[:-1]) - P[left] @ hover
+    return P, preload, up
+
+
+def _stand_up(up: Array) -> Array:
+    """Return the smallest rotation (3, 3) that turns `up` (3,) in B to the vertical."""
+    v = np.array([up[1], -up[0], 0.0])  # up x z
+    cross = np.array([[0.0, 0.0, v[1]], [0.0, 0.0, -v[0]], [-v[1], v[0], 0.0]])
+    return np.asarray(np.eye(3) + cross + cross @ cross / (1.0 + up[2]))
+
+
+def list_rotors_left(
+    rotors: RotorSet, weight: float, p_BC: Array, tilt_max: float
+) -> dict[int, RotorsLeft]:
+    """Return, by number from 1, the rotors without each of which `weight` (N) is held, and how."""
     allocator = build_allocator(rotors)
-    found = [
-        compute_allocation_without(allocator, i, weight, p_BC) for i in range(len(rotors.axis))
-    ]
-    return tuple(i + 1 for i, P in enumerate(found) if P is not None)
+    found = {
+        i + 1: compute_rotors_left(allocator, i, weight, p_BC, tilt_max)
+        for i in range(len(rotors.axis))
+    }
+    return {i: left for i, left in found.items() if left is not None}

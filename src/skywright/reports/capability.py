@@ -68,9 +68,15 @@ def _say_losses(c: Capability) -> str:
     n = len(c.hover_thrust)
     if not c.dispensable:
         return "cannot land after the loss of any rotor"
+    how = (
+        f"leaning {math.degrees(max(c.lean_without)):.0f} deg"
+        if c.layout.full
+        else "without yaw control"
+    )
     if len(c.dispensable) == n:
-        return f"lands after the loss of any one of its {n} rotors, without yaw control"
-    return f"lands after the loss of rotor {', '.join(map(str, c.dispensable))}, but not of another"
+        return f"lands after the loss of any one of its {n} rotors, {how}"
+    which = ", ".join(map(str, c.dispensable))
+    return f"lands after the loss of rotor {which}, {how}, but not of another"
 
 
 def _polar(axes: Axes, title: str) -> PolarAxes:

@@ -74,7 +74,7 @@ def build_inspection_report(
     readings, found = store.find_readings(flight=flight), store.find_indications(flight=flight)
     calibrations, covered = store.list_calibrations(flight), store.list_coverages(flight)
     if not (readings or found or calibrations or covered):
-        raise InputError(f"{store.path}: flight {flight} read and found nothing")
+        raise InputError(f"{store.path}: flight {flight} has no readings and no indications")
     names = {entry.component for some in (readings, found, covered) for entry in some}
     parts = [c for c in store.list_components(one.asset) if c.name in names]
     procedure = None if one.procedure is None else store.get_procedure(one.procedure)

@@ -6,14 +6,20 @@ COMMON = {
     "start": "The estimator runs; the motors are off.",
     "take_off": "The platform climbs to its hover height.",
     "return": "The robot returns to a position above the take-off point.",
-    "draw back": "By an operator's order the robot draws back from the contact along its normal.",
+    "draw back": "The robot retreats from the contact along the normal, as the operator ordered.",
     "wait for order": "The robot holds until the operator orders retry or next.",
-    "manual": "A pilot moves the platform by the stick; the arms stay.",
-    "rejoin": "The robot flies back to where the mission goes on.",
+    "manual": "A pilot flies the platform by stick; the arms hold their joints.",
+    "rejoin": "The robot flies to the point where the mission continues.",
     "land": "The robot descends until the landing gear touches the ground; then the motors stop.",
 }
 
 
 def explain_phase(kind: str, name: str) -> str:
-    """Return what is done in the phase `name` of a mission of a kind, or ""."""
-    return load_kind(kind).figures().phases.get(name, COMMON.get(name, ""))
+    """Return what is done in the phase `name` of a mission of a kind, or "".
+
+    A key such as "hold *" explains every phase whose name begins so ("hold 2", "hold 5 N").
+    """
+    phases = {**COMMON, **load_kind(kind).figures().phases}
+    words = name.split()
+    names = [name, *(" ".join([*words[:n], "*"]) for n in range(len(words) - 1, 0, -1))]
+    return next((phases[key] for key in names if key in phases), "")

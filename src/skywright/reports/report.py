@@ -27,6 +27,11 @@ FILES = {
     "metrics.json": "metrics",
 }  # fmt: skip
 
+CONTACT_OFFSET = (
+    " During contact the platform is intentionally offset from its reference, which lies inside "
+    "the surface."
+)
+
 
 def list_figures(kind: str) -> dict[str, Callable[[RunResult], Figure | None]]:
     """Return the figures of missions of a kind by name; each is None with nothing to show."""
@@ -127,8 +132,8 @@ def _draw_motion(result: RunResult) -> list[Picture | None]:
         ),
         build_picture(
             "The whole flight", series.draw_flight_series(result),
-            "Bands are phases. Dashed red lines are limits. During contact the platform "
-                "is intentionally offset from its reference, which lies inside the surface.",
+            "Bands are phases. Dashed red lines are limits."
+                + (CONTACT_OFFSET if result.description.robot.probe else ""),
             zoom=True,
         ),
     ]  # fmt: skip

@@ -213,6 +213,9 @@ def print_weld(report: Any, picture: Path) -> None:
         angle = f"{line['angle_deg']:.2f} deg +- {line['std_angle_deg']:.2f} deg"
         table.add_row("angle from the circumference", angle)
     table.add_row("radius of the surface", f"{found['surface']['radius_m']:.4f} m")
+    if found["contrasts"]:
+        times = ", ".join(f"{x:.1f}" for x in found["contrasts"])
+        table.add_row("signal over the detection threshold", times)
     for name, value in found["thresholds"].items():
         table.add_row(f"threshold {name}", format_number(value))
     console.print(table)

@@ -23,6 +23,8 @@ OFF_SURFACE = 1e-4
 """m, gap above which the tip counts as off the surface; below lies the soft contact model."""
 STALLED = 0.999
 """Share of its stall torque at which a servo makes all that it can."""
+LET_GO = "let go"
+"""Phase in which the motors are stopped in the air (run/faults/_response.py)."""
 OUTAGE = 0.6
 """s without a sample of the localisation that count as an outage."""
 
@@ -73,7 +75,25 @@ def compute_common_metrics(
         out["estimate.position_rms_mm"] = 1e3 * float(np.sqrt(np.mean(error**2)))
         out["estimate.position_max_mm"] = 1e3 * float(np.max(error))
         out.update(_judge_localisation(samples[flying], error, dt[flying]))
-    return out
+    return out | _judge_response(samples[flying], phases)
+
+
+def _judge_response(s: Samples, phases: list[PhaseRecord]) -> dict[str, float]:
+    """How the robot came down after a rule acted, which ends the phase that was flown as failed.
+
+    On the ground it stays above its reference, which sinks on: that is no deviation.
+    """
+    acted = next((i for i, p in enumerate(phases[:-1]) if p.outcome == "failed"), None)
+    after = s[s["phase"] > (len(phases) if acted is None else acted)]
+    if not len(after) or not has_columns(s, "ref_p_WB"):
+        return {}
+    off = after["p_WB"] - after["ref_p_WB"]
+    off[:, 2] = np.minimum(off[:, 2], 0.0)
+    fell = any(p.name == LET_GO for p in phases)
+    return {
+        "response.landed": 0.0 if fell else 1.0,
+        "response.deviation_max_m": float(np.max(np.linalg.norm(off, axis=1))),
+    }
 
 
 def _find_longest(on: NDArray[np.bool_], dt: Array) -> float:

@@ -86,6 +86,15 @@ COMMON: Measures = {
         "mean heading error while a way-point is held; worst way-point",
     ),
     "position.final_error_m": ("m", "mean distance from the last way-point while it is held"),
+    "response.landed": (
+        "",
+        "1 if the robot came down with running motors after a fault rule acted, 0 if it fell",
+    ),
+    "response.deviation_max_m": (
+        "m",
+        "largest distance of the platform from its reference after a fault rule acted; only the "
+        "horizontal distance where the platform is above it",
+    ),
 }
 """Metric -> unit and meaning."""
 

@@ -87,15 +87,15 @@ class Orders:
         if not s.kind.flies or s.senses.told("active") < 0.5:
             says = "the robot does not fly"
         elif s.pilot.switch or s.pilot.flies:
-            says = "the pilot has the robot: give it back first"
+            says = "a pilot flies the robot: give it back first"
         elif s.senses.responding:
-            says = "the response of a rule is flown"
+            says = "the robot flies the response of a fault rule"
         elif order == Order.RETRACT and self.waits:
-            says = "the robot has drawn back already: retry or next"
+            says = "the robot has already retreated: order retry or next"
         elif order == Order.NEXT and not (self._holds or self.waits):
-            says = f"{s.phase} does not end early; only a hold does, or a contact after retract"
+            says = f"{s.phase} cannot be ended early; valid: a hold, or a contact after retract"
         elif order != Order.NEXT and not (self._contact or self.waits):
-            says = f"in {s.phase} there is no contact that this mission could begin anew"
+            says = f"{s.phase} has no contact that this mission can repeat"
         return says and f"{order} refused: {says}"
 
     def give(self, order: Order) -> Result:

@@ -30,7 +30,6 @@ from skywright.run.setup import Setup
 Array = NDArray[np.float64]
 
 CLIMB_STEP = 0.05  # m, between clearance checks of take-off and landing
-CLIMB_MARGIN = 0.1  # m, kept from everything on the way up and down
 
 
 class MissionPlan(NamedTuple, Generic[P]):
@@ -118,14 +117,15 @@ def _find_blocked_climb(setup: Setup[Any]) -> str | None:
     """Say what stands in the way between the ground and the hover point, or return None."""
     robot, hover, query = setup.robot, setup.hover, setup.clearance_aloft
     folded, attitude = posture(robot, "folded"), rot_z(float(hover[3]))
-    ground = robot.platform.gear_height_m
+    ground, margin = robot.platform.gear_height_m, setup.description.mission.climb_clearance_m
     for z in np.linspace(ground, hover[2], max(math.ceil((hover[2] - ground) / CLIMB_STEP), 1) + 1):
         at = np.array([hover[0], hover[1], z])
         found = compute_clearance(query, at, attitude, folded)
-        if found.distance < CLIMB_MARGIN:
+        if found.distance < margin:
             pair = f"{query.names[found.robot_geom]} and {query.names[found.other_geom]}"
             return (
                 f"take-off and landing at ({hover[0]:.2f}, {hover[1]:.2f}) m: {pair} come within "
-                f"{max(found.distance, 0.0):.3f} m < {CLIMB_MARGIN:.2f} m at a height of {z:.2f} m"
+                f"{max(found.distance, 0.0):.3f} m at a height of {z:.2f} m; at least {margin:g} m "
+                "(mission.climb_clearance_m) are required"
             )
     return None

@@ -1,4 +1,4 @@
-"""What a run recorded and found, as arrays by name: `run = open_run(DIR); run["tip.p_W"]`."""
+"""Samples and results of a run, as arrays by name: `run = open_run(DIR); run["tip.p_W"]`."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class Run:
     """A run's directory, finished or not, read back.
 
     `run[NAME]` is a column of the samples (100 Hz): (n,), or (n, k) for vectors; SI and radians.
-    Quaternions are wxyz. NAME is that of docs/reference/messages.md (`p_WT`), or for poses and
-    velocities whose it is and what (`tip.p_W`, `estimate.platform.v_W`); `names` lists both.
+    Quaternions are wxyz. NAME is that of docs/reference/messages.md (`p_WT`); poses and
+    velocities also have names of body and quantity (`tip.p_W`, `estimate.platform.v_W`).
     A name that begins with a slash is a stream with a time of its own, a structured array with
     its `t` (s): `run["/sensors/inertial"]["gyro"]`.
     """
@@ -80,10 +80,10 @@ class Run:
         return self.recording.samples[self._columns[name]]
 
     def to_dataframe(self) -> Any:
-        """Return the samples as a pandas DataFrame over `t` (s), a column a number.
+        """Return the samples as a pandas DataFrame over `t` (s), one column per number.
 
         Vectors in a frame end in `_x`, `_y`, `_z`, quaternions in `_w`, `_x`, `_y`, `_z`, others
-        in `_0`, `_1`, ... Raises InputError where pandas is not installed (extra `pandas`).
+        in `_0`, `_1`, ... Raises InputError if pandas is not installed (extra `pandas`).
         """
         try:
             import pandas
@@ -98,7 +98,7 @@ class Run:
 def open_run(directory: str | os.PathLike[str]) -> Run:
     """Read the directory that a run wrote, or NAME.partial of one that did not end.
 
-    Raises InputError when it is no run's directory, or a file in it is damaged.
+    Raises InputError if it is not a run directory, or if a file in it is damaged.
     """
     return Run(Path(directory))
 

@@ -65,7 +65,7 @@ class Subscriber(NamedTuple):
 
 
 class Vehicle(Uav):
-    """What `skywright.fly` returns: commands of `Uav`, which wait, and everything beside them."""
+    """What `skywright.fly` returns: the commands of `Uav`, which wait, arms, probe and streams."""
 
     def __init__(
         self, backend: Backend, supervisor: Supervisor[Any] | None, arrival: Arrival | None,
@@ -103,7 +103,7 @@ class Vehicle(Uav):
         return dispatch_plan(self, file)
 
     def close(self) -> None:
-        """End what was opened for the vehicle: links beside it, and one to a real vehicle.
+        """Close all connections of the vehicle, also that to a real vehicle.
 
         A `with` block calls it.
         """
@@ -136,7 +136,7 @@ class Vehicle(Uav):
 
     @property
     def reference(self) -> Odometry:
-        """Pose and speeds that the platform shall have."""
+        """Commanded pose and speeds of the platform."""
         return read_reference(self.backend)
 
     @property
@@ -146,7 +146,7 @@ class Vehicle(Uav):
 
     @property
     def battery(self) -> float:
-        """Share of the battery's energy that is left; NaN where nothing measures it."""
+        """Remaining share of the battery's energy; NaN without a gauge."""
         return read_battery(self.backend)
 
     @property

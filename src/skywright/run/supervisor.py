@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, Generic
 
+import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.find import blame
@@ -82,6 +83,7 @@ class Supervisor(Generic[T]):
         self.checked: list[Checked] = []  # the pre-flight checks
         self.way: Any = plan.way
         self.turns = False  # the rotors that are left do not hold the heading
+        self.R_hold: NDArray[np.float64] | None = None  # at which they hold the robot, heading 0
         self._open: tuple[str, float] | None = None
         self.senses, self.trail, self.surroundings = (
             Senses(vehicle, mission.fence, mission.noise_sigmas),

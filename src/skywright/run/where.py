@@ -72,6 +72,7 @@ COMMON_WHERE: Mapping[str, Where] = {
     "platform.tilt_max_deg": TRACKED,
     "position.hold_error_m": HELD,
     "heading.hold_error_deg": HELD,
+    "response.": Where(note="after a fault rule acted, while the rotors turn"),
     "position.final_error_m": Where(("hold*",), "the last one"),
 }
 """Where the metrics of every kind are measured, by name or by how the name begins."""

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from skywright.core.compiled import table, words
 from skywright.core.record import Array, Record
+from skywright.core.rotations import mat_vec
 from skywright.core.scratch import local
 from skywright.core.types import MAX_JOINTS, MAX_ROTORS
 from skywright.description.robot.limbs import takes_torque
 from skywright.models.allocation import allocate, thrust_to_speed
 from skywright.models.compliant_arms import is_compliant
-from skywright.models.rotor_loss import compute_allocation_without
+from skywright.models.rotor_loss import RotorsLeft, compute_rotors_left
 from skywright.models.rotor_reaction import compute_reaction_times
 from skywright.vehicle.bus import (
     Allocated,
@@ -56,6 +57,9 @@ class RotorAllocation(Component):
         t_z: float  # N m, on its way
         thrust: Annotated[Array, MAX_ROTORS]  # N
         preload: Annotated[Array, MAX_ROTORS]  # N
+        # to the frame in which the rotors that are left lift along z; of use after a loss only
+        leans: float
+        R_lean: Annotated[Array, 3, 3]
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
@@ -70,27 +74,40 @@ class RotorAllocation(Component):
         """
         a, weight = context.allocator, context.mass * context.world.gravity_mps2
         me.share, me.missed = compute_yaw_share(context), MISSED * weight
-        self._own = a._replace(P=a.P.copy(), t_min=a.t_min.copy(), t_max=a.t_max.copy())
+        self._own = a._replace(
+            P=a.P.copy(), t_min=a.t_min.copy(), t_max=a.t_max.copy(), preload=a.preload.copy()
+        )
         me.B, me.P = context.keep(a.B), context.keep(self._own.P)
         me.t_min, me.t_max = context.keep(self._own.t_min), context.keep(self._own.t_max)
         me.full, me.n, me.k_f = a.full, len(a.t_min), a.k_f
         me.preload[: len(a.preload)] = a.preload
 
-    def give_up(self, i: int, weight: float, p_BC: NDArray[Any]) -> bool:
-        """Use rotor `i` no more; False where the others cannot hold `weight` (N) at p_BC (3,) m."""
-        own, P = self._own, compute_allocation_without(self._own, i, weight, p_BC)
-        if P is None:
-            return False
-        own.P[:], own.t_min[i], own.t_max[i] = P, 0.0, 0.0
-        return True
+    def give_up(
+        self, me: Any, i: int, weight: float, p_BC: NDArray[Any], tilt_max: float
+    ) -> RotorsLeft | None:
+        """Use rotor `i` no more; None where the others cannot hold `weight` (N) at p_BC (3,) m.
+
+        What is given up at a limit is given up about the axis along which they lift: `allocate`
+        works in a frame that has it for z.
+        """
+        own, left = self._own, compute_rotors_left(self._own, i, weight, p_BC, tilt_max)
+        if left is None:
+            return None
+        own.t_min[:], own.t_max[:] = left.t_min, left.t_max
+        own.preload[:] = me.preload[: len(left.preload)] = left.preload
+        me.leans, me.R_lean = float(left.lean > 0.0), left.R_WB
+        own.P[:, :3], own.P[:, 3:] = left.P[:, :3] @ left.R_WB.T, left.P[:, 3:] @ left.R_WB.T
+        return left
 
     def save(self) -> Any:
         """Return which rotors are used, and how."""
-        return [x.copy() for x in (self._own.P, self._own.t_min, self._own.t_max)]
+        own = self._own
+        return [x.copy() for x in (own.P, own.t_min, own.t_max, own.preload)]
 
     def restore(self, saved: Any) -> None:
         """Use them so again."""
-        for x, was in zip((self._own.P, self._own.t_min, self._own.t_max), saved, strict=True):
+        own = self._own
+        for x, was in zip((own.P, own.t_min, own.t_max, own.preload), saved, strict=True):
             x[:] = was
 
     @staticmethod
@@ -114,10 +131,20 @@ class RotorAllocation(Component):
         else:
             me.t_z += (cmd.t_B[2] - me.t_z) * me.share
             t_B[0], t_B[1], t_B[2] = cmd.t_B[0], cmd.t_B[1], me.t_z
-            flag = allocate(
-                B, P, words(me.t_min, n), words(me.t_max, n), me.full, cmd.f_B, t_B,
-                est.R_WB[2], body.p_BC, thrust,
-            )  # fmt: skip
+            if me.leans > 0.5:
+                f, t, up, c = local(3), local(3), local(3), local(3)
+                mat_vec(me.R_lean, cmd.f_B, f)
+                mat_vec(me.R_lean, t_B, t)
+                mat_vec(me.R_lean, est.R_WB[2], up)
+                mat_vec(me.R_lean, body.p_BC, c)
+                flag = allocate(
+                    B, P, words(me.t_min, n), words(me.t_max, n), me.full, f, t, up, c, thrust
+                )
+            else:
+                flag = allocate(
+                    B, P, words(me.t_min, n), words(me.t_max, n), me.full, cmd.f_B, t_B,
+                    est.R_WB[2], body.p_BC, thrust,
+                )  # fmt: skip
             out.saturated = float(flag)
             for i in range(n):
                 thrust[i] += me.preload[i]
@@ -127,11 +154,11 @@ class RotorAllocation(Component):
                     told, low, high, me.preload, B, cmd.f_B, t_B, me.missed, out.saturated, thrust
                 )
         for r in range(3):
-            f = t = 0.0
+            force = torque = 0.0
             for i in range(n):
-                f += B[r, i] * thrust[i]
-                t += B[r + 3, i] * thrust[i]
-            out.f_B_alloc[r], out.t_B_alloc[r] = f, t
+                force += B[r, i] * thrust[i]
+                torque += B[r + 3, i] * thrust[i]
+            out.f_B_alloc[r], out.t_B_alloc[r] = force, torque
         thrust_to_speed(thrust, n, me.k_f, drive.speed)
 
 

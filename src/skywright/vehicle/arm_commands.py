@@ -44,31 +44,33 @@ def _entry(says: str, *needs: Need, interrupts: bool = True) -> Entry:
 
 _HANDS, _FORCE = (N.HANDS,), (N.HANDS, N.FORCE_SENSING)
 ARM_TABLE: dict[ArmCommand, Entry] = {
-    A.REST_POSE: _entry("joints to the folded posture, as for take-off and landing", N.ARMS),
-    A.OPERATION_POSE: _entry("joints to the working posture", N.ARMS),
-    A.MOVE_TO: _entry("joints to angles, in a play time or as fast as they may", N.ARMS),
-    A.HANDS_TO: _entry("hands on straight lines to points in W: (23)", *_HANDS),
+    A.REST_POSE: _entry("move the joints to the folded posture (take-off, landing)", N.ARMS),
+    A.OPERATION_POSE: _entry("move the joints to the working posture", N.ARMS),
+    A.MOVE_TO: _entry("move the joints to angles, in a given time or at full speed", N.ARMS),
+    A.HANDS_TO: _entry("move the hands on straight lines to points in W: (23)", *_HANDS),
     A.HANDS_TO_MARKER: _entry(
-        "hands to places in the frame of a marker that is seen: (23)", N.HANDS, N.MARKER
+        "move the hands to points in the frame of a visible marker: (23)", N.HANDS, N.MARKER
     ),
-    A.PUSH: _entry("hands exert forces, and go on: (25) to (28), with a place (31)", *_FORCE),
-    A.GRASP: _entry("both hands press towards each other, and go on: (31), (32)", *_FORCE),
-    A.RELEASE: _entry("loosen a grasp, then part the hands", *_FORCE),
-    A.BAR_TO: _entry("lead a bar held by both hands: (29), (30)", *_HANDS),
-    A.TORQUES: _entry("joints of an arm by torque: (22)", *_FORCE),
-    A.TORQUE_OFF: _entry("joints of an arm by zero torque: it gives way", *_FORCE),
-    A.TORQUE_ON: _entry("joints of an arm stay where they are", *_HANDS),
+    A.PUSH: _entry(
+        "exert forces until the next command: (25) to (28), with a position (31)", *_FORCE
+    ),
+    A.GRASP: _entry("press the hands together until the next command: (31), (32)", *_FORCE),
+    A.RELEASE: _entry("release a grasp, then move the hands apart", *_FORCE),
+    A.BAR_TO: _entry("move a bar held by both hands: (29), (30)", *_HANDS),
+    A.TORQUES: _entry("control the joints of an arm by torque: (22)", *_FORCE),
+    A.TORQUE_OFF: _entry("control the joints of an arm to zero torque: the arm yields", *_FORCE),
+    A.TORQUE_ON: _entry("hold the joints of an arm", *_HANDS),
     A.SENSE_POSITION: _entry(
-        "take a hand that rests on something as a sensor of the platform's place",
+        "use a hand that rests on a surface as a position sensor of the platform",
         N.HANDS, N.TOUCH, interrupts=False,
     ),
-    A.TARE: _entry("call the contact forces that are estimated over a time zero", *_HANDS),
-    A.SET_HANDS: _entry("follow a stream of points in W; without news the hands stay", *_HANDS),
+    A.TARE: _entry("set the zero of the contact forces to their mean over a time", *_HANDS),
+    A.SET_HANDS: _entry("follow a stream of points in W; if it stops, hold the hands", *_HANDS),
     A.HANDS_VELOCITY: _entry(
-        "follow a stream of velocities in W: (24); without news the hands stay", *_HANDS
+        "follow a stream of velocities in W: (24); if it stops, hold the hands", *_HANDS
     ),
     A.SET_FORCES: _entry(
-        "follow a stream of forces in W: (25) to (28); without news they fall to zero", *_FORCE
+        "follow a stream of forces in W: (25) to (28); if it stops, reduce them to zero", *_FORCE
     ),
 }  # fmt: skip
 """Every command of the arms: where it is accepted, whether it interrupts, what it needs."""

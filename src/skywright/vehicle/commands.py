@@ -83,14 +83,14 @@ NEEDS: dict[Need, str] = {
     Need.ORIGIN: "the world has `[world.origin]`",
     Need.HOME: "a home is set (the place of the first take-off, or `set_home`)",
     Need.ESTIMATE: "the estimator has a position, and its last fix is fresh",
-    Need.HOLDABLE: "tilt and speed are within what the position loops take over",
+    Need.HOLDABLE: "tilt and speed are within the limits of the position loops",
     Need.FREE_LINK: "a link that swings below the platform hangs free of the ground",
     Need.CONFIRMED: "`confirm=True` is given",
     Need.ARMS: "the back end offers arms",
     Need.HANDS: "the back end offers hands: compliant arms with the joints pitch, roll, yaw, elbow",
     Need.FORCE_SENSING: "joints of the arms measure their deflection",
     Need.MARKER: "the robot sees a marker, by its camera or by motion capture",
-    Need.TOUCH: "the hand feels at least 0.3 N",
+    Need.TOUCH: "the hand measures at least 0.3 N",
 }
 """What each requirement means, for messages and the documentation."""
 
@@ -114,7 +114,7 @@ IN_AIR = (S.TAKING_OFF, S.FLYING_AUTO, S.FLYING_MANUAL, S.LANDING)
 TABLE: dict[Command, Entry] = {
     C.ARM: Entry(
         (S.LANDED_DISARMED,), S.LANDED_DISARMED, S.LANDED_ARMED, False,
-        (Need.ESTIMATE, Need.CHECKLIST), "turn the motors, at the reference on the ground",
+        (Need.ESTIMATE, Need.CHECKLIST), "start the motors; the robot stays on the ground",
     ),
     C.DISARM: Entry(
         (S.LANDED_ARMED, S.LANDED_DISARMED), None, S.LANDED_DISARMED, True, (), "motors off",
@@ -122,11 +122,11 @@ TABLE: dict[Command, Entry] = {
     C.TAKE_OFF: Entry(
         LANDED, S.TAKING_OFF, S.FLYING_AUTO, False,
         (Need.ESTIMATE, Need.CHECKLIST, Need.FENCE),
-        "rise to a height; arms first where the vehicle is disarmed",
+        "climb to a height; a disarmed vehicle is armed first",
     ),
     C.LIFT_OFF: Entry(
         (S.LANDED_ARMED,), None, S.FLYING_AUTO, False, (Need.ESTIMATE, Need.FREE_LINK),
-        "streams of references lead the robot off the ground from now on",
+        "let streams of references lift the robot off the ground",
     ),
     C.GO_TO: Entry(
         AUTO, S.FLYING_AUTO, S.FLYING_AUTO, True, (Need.FENCE,),
@@ -138,51 +138,51 @@ TABLE: dict[Command, Entry] = {
     ),
     C.GO_HOME: Entry(
         AUTO, S.FLYING_AUTO, S.FLYING_AUTO, True, (Need.HOME, Need.FENCE),
-        "fly over the home, at the height of now",
+        "fly above the home position at the present height",
     ),
     C.SET_POSE: Entry(
         AUTO, None, None, True, (Need.FENCE,),
-        "follow a stream of poses; without news it stays at the last one",
+        "follow a stream of poses; if the stream stops, hold the last pose",
     ),
     C.SET_VELOCITY: Entry(
-        AUTO, None, None, True, (), "follow a stream of velocities; without news it holds",
+        AUTO, None, None, True, (), "follow a stream of velocities; if the stream stops, hold",
     ),
     C.SET_ATTITUDE: Entry(
         AUTO, None, None, True, (),
-        "follow a stream of attitudes and body forces; without news it is level and brakes",
+        "follow a stream of attitudes and body forces; if the stream stops, level and brake",
     ),
     C.SET_JOINTS: Entry(
         AUTO, None, None, True, (),
-        "follow a stream of joint angles beside that of poses; without news the arms stay",
+        "follow a stream of joint angles, also beside another stream; if it stops, hold",
     ),
     C.HOLD: Entry(
         (S.TAKING_OFF, S.FLYING_AUTO, S.LANDING), S.FLYING_AUTO, S.FLYING_AUTO, True,
-        (Need.FREE_LINK,), "brake and stay",
+        (Need.FREE_LINK,), "brake and hold the position",
     ),
     C.LAND: Entry(
         (S.TAKING_OFF, S.FLYING_AUTO), S.LANDING, S.LANDED_DISARMED, True, (),
-        "sink to the ground and stop the motors",
+        "descend to the ground and stop the motors",
     ),
     C.SET_HOME: Entry(
         (*LANDED, S.TAKING_OFF, S.FLYING_AUTO, S.FLYING_MANUAL, S.LANDING), None, None, False,
-        (Need.ESTIMATE,), "the home is the place of now",
+        (Need.ESTIMATE,), "make the present position the home position",
     ),
     C.TAKE_OVER: Entry(
         (S.LANDED_ARMED, *IN_AIR), None, S.FLYING_MANUAL, True, (),
-        "the pilot's switch: the stick is followed from now on",
+        "give control to the pilot's stick",
     ),
     C.STICK: Entry(
         (S.FLYING_MANUAL,), None, None, False, (),
-        "the pilot's stick; without news it is level and holds its height",
+        "input of the pilot's stick; if it stops, level and hold the height",
     ),
     C.RECOVER_FROM_MANUAL: Entry(
         (S.FLYING_MANUAL,), S.FLYING_AUTO, S.FLYING_AUTO, True,
         (Need.ESTIMATE, Need.HOLDABLE, Need.FREE_LINK),
-        "take over from the pilot: brake and stay",
+        "take control from the pilot: brake and hold the position",
     ),
     C.STOP_MOTORS: Entry(
         tuple(S), None, S.LANDED_DISARMED, True, (Need.CONFIRMED,),
-        "motors off at once, in the air as well: the robot falls",
+        "stop the motors at once, also in the air: the robot falls",
     ),
 }  # fmt: skip
 """Every command: where it is accepted, what it makes of the state, whether it interrupts."""

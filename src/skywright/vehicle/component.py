@@ -11,8 +11,8 @@ A component is a class with
   optional port: None where nothing in the vehicle fills it, at no cost.
 
 Steps are compiled by numba (`helper` decorates what they call; `words` and `table` read arrays by
-address), or run as plain Python (`compiled = False`, interactive mode only).
-They must not allocate: scratch is `local(3)` (core/scratch.py), memory belongs into `Me`.
+address), or run as plain Python (`compiled = False`, interactive mode only). They must not
+allocate: scratch is `local(3)` (core/scratch.py), memory belongs into `Me`.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from skywright.models.allocation import Allocator
     from skywright.models.arm_body import Deviation
     from skywright.models.nominal import Nominal
+    from skywright.models.rotor_loss import RotorsLeft
     from skywright.models.rotors import RotorSet
     from skywright.models.scene import Scene
     from skywright.models.spring_bench import Springs
@@ -78,12 +79,10 @@ class ReferenceBlock(Output):
 
 
 class Draws(Record):
-    """Random numbers, new at each call of the step: a row of a block.
-
-    `stream` names a stream of core/streams.py; a component from a file has one of its own.
-    """
+    """Random numbers, new at each call of the step: a row of a block."""
 
     stream: ClassVar[str] = ""
+    """Names a stream of core/streams.py; a component from a file has one of its own."""
 
 
 class Normal(Draws):
@@ -108,8 +107,7 @@ class Context:
     asked: frozenset[type[Record]]
     """Records that law, estimator and further parts ask for: some components run on demand."""
     records: dict[Any, NDArray[Any]]
-    """Records of the vehicle by (class, name), (1,) arrays; the robot's side sees none of the
-    plant's."""
+    """Records of the vehicle by (class, name), (1,) arrays; the robot's side has its own only."""
     springs: Springs  # of joints and force sensor, as believed
     named: tuple[Component, ...] = ()
     """Law, estimator and further parts, which the description names; likewise."""
@@ -323,6 +321,9 @@ class Law(Component):
     def check_robot(self, robot: Robot) -> None:
         """Raise InputError where a robot lacks what the law needs besides its rotors."""
 
+    def give_up_rotor(self, me: Any, left: RotorsLeft) -> None:
+        """Know that a rotor was lost: laws that tell thrusts override this."""
+
     def get_attitude_loop(self, robot: Robot) -> AttitudeGains | None:
         """Return the loop that a link's delay may make unstable; None: none that is known."""
         return None
@@ -348,8 +349,7 @@ class Law(Component):
         self, robot: Robot, world: World, frequencies: Array, h: float
     ) -> Array | None:
         """Return the change (n,) of the contact force per newton of a gust along the probe, at
-        `frequencies` (n,) rad/s and a physics step `h` (s); None: no loop on it, so 1 when slow.
-        """
+        `frequencies` (n,) rad/s and a physics step `h` (s); None: no loop on it, so 1 if slow."""
         return None
 
 

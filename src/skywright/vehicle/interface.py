@@ -17,6 +17,7 @@ from skywright.core.types import REFERENCE
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.errors import InputError
+from skywright.models.rotor_loss import RotorsLeft
 from skywright.models.rotors import RotorSet
 from skywright.vehicle.devices import Devices
 from skywright.vehicle.link_arc import LinkArc
@@ -134,8 +135,8 @@ class Backend(Protocol):
     def calibrate_probe(self, null: Array, axis: Array) -> None:
         """Judge contact by how far the signal is from `null` (2,), in units, along `axis` (2,)."""
 
-    def give_up_rotor(self, i: int) -> bool:
-        """Fly on without rotor `i` (from 0); False where the others cannot hold the robot."""
+    def give_up_rotor(self, i: int) -> RotorsLeft | None:
+        """Fly on without rotor `i` (from 0); None where the others cannot hold the robot."""
 
     def stop_computer(self, failed: StepFailed) -> bool:
         """Run what failed no more; returns whether it is started again, else nothing flies."""

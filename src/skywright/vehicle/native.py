@@ -33,10 +33,15 @@ def compile_step(function: Any, ports: Sequence[np.dtype[Any] | None]) -> tuple[
     The second value keeps the code alive. Raises numba's errors.
     """
     dispatcher = _build_dispatcher(function)
-    signature = tuple(types.none if p is None else from_dtype(p) for p in ports)
+    signature = tuple(types.none if p is None else _find_type(p, p.isalignedstruct) for p in ports)
     dispatcher.compile(types.void(*signature))
     found = dispatcher.overloads[signature]
     return int(found.library.get_pointer_to_function(found.fndesc.llvm_func_name)), dispatcher
+
+
+@cache  # numba walks through the fields each time; dtypes that differ in alignment are equal
+def _find_type(record: np.dtype[Any], _aligned: bool) -> Any:
+    return from_dtype(record)
 
 
 @cache

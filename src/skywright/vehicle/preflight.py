@@ -82,9 +82,14 @@ def read_charge(b: Backend) -> float:
 
 def _at_most(name: str, value: float, limit: float, unit: str) -> Checked:
     says = f"{name} {value:.3g} {unit}, at most {limit:g} {unit} allowed".replace(" ,", ",")
+    if value == -math.inf:
+        says = "the mission sets no geofence"
     return Checked(name, value, limit, unit, value <= limit, says)
 
 
 def _at_least(name: str, value: float, limit: float, unit: str) -> Checked:
     passed = math.isnan(value) or value >= limit
-    return Checked(name, value, limit, unit, passed, f"{name} {value:.3g}, at least {limit:g}")
+    says = f"{name} {value:.3g}, at least {limit:g}"
+    if math.isnan(value):
+        says = f"{name} not measured"
+    return Checked(name, value, limit, unit, passed, says)

@@ -7,6 +7,7 @@ Python: components may be plain Python there, a debugger works. Both are bit-ide
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeVar, cast
 
@@ -21,6 +22,7 @@ from skywright.errors import InputError, SimulationError
 from skywright.models.arm_body import Deviation
 from skywright.models.nominal import Nominal
 from skywright.models.rigid_body import compute_body, compute_tip, joint_names, posture
+from skywright.models.rotor_loss import RotorsLeft
 from skywright.models.scene import TIMESTEP, build_scene, home_pose
 from skywright.models.spring_bench import find_springs
 from skywright.recordings.columns import Column, Stream, Topic
@@ -326,10 +328,19 @@ class SimulatedVehicle(NoPilotSwitch):
         me = self.get_memory("eddy current")
         me.null[:], me.lift_axis[:] = null, axis
 
-    def give_up_rotor(self, i: int) -> bool:
-        """Allocate to the other rotors from now on; False where they cannot hold the robot."""
-        body = self.read(Body)
-        return self.find(RotorAllocation).give_up(i, float(body.mass * body.gravity), body.p_BC)
+    def give_up_rotor(self, i: int) -> RotorsLeft | None:
+        """Allocate to the other rotors from now on; None where they cannot hold the robot.
+
+        A law that points its thrust by tilting follows no lean.
+        """
+        body, law, allocation = self.read(Body), self.find(Law), self.find(RotorAllocation)
+        left = allocation.give_up(
+            self.get_memory(allocation.name), i, float(body.mass * body.gravity), body.p_BC,
+            math.radians(self.robot.control.tilt_max_deg) if law.needs_full_actuation else 0.0,
+        )  # fmt: skip
+        if left is not None:
+            law.give_up_rotor(self.get_memory(law.name), left)
+        return left
 
     def stop_computer(self, failed: StepFailed) -> bool:
         """Run what failed no more; a law is started again once, and this returns True."""

@@ -1,4 +1,4 @@
-"""The platform as UAL has it: states, commands that are refused with a reason, and arrival.
+"""The platform with the states and commands of UAL; a refused command states its reason.
 
 A command returns a `Handle` at once, or with `wait=True` when it has ended. `tick()` flies one
 mission tick (20 ms). `vehicle/commands.py` has the table of what is accepted in which state.
@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 
 
 class Uav(Commanded):
-    """The platform of a vehicle, and what may be commanded of it."""
+    """The platform of a vehicle and its commands."""
 
     def arm(self, *, wait: bool | None = None) -> Handle:
         """Turn the motors on the ground; the checklist, and its spin check, come first."""
@@ -51,7 +51,7 @@ class Uav(Commanded):
     def take_off(self, height: float, *, wait: bool | None = None) -> Handle:
         """Rise to `height` (m) of the platform's origin above the ground.
 
-        Raises InputError for a height at which a link that swings would not hang free.
+        Raises InputError if a swinging link would not hang free at this height.
         """
         height = check_number("height", height)
         p = np.array(self.backend.estimate["p_WB"])
@@ -85,7 +85,7 @@ class Uav(Commanded):
         return self._start(Command.GO_TO_GEO, lambda: self._fly.go_to(goal, heading), wait, goal)
 
     def go_home(self, *, wait: bool | None = None) -> Handle:
-        """Fly over the home, at the height of now."""
+        """Fly above the home position at the present height."""
         if self.home is None:
             return self._refuse(Command.GO_HOME, Need.HOME)
         goal = np.array([*self.home[:2], self.backend.reference_now["p_WB"][2]])
@@ -93,13 +93,13 @@ class Uav(Commanded):
         return self._start(Command.GO_HOME, lambda: self._fly.go_to(goal, heading), wait, goal)
 
     def hold(self, *, wait: bool | None = None) -> Handle:
-        """Brake and stay."""
+        """Brake and hold the position."""
         return self._start(Command.HOLD, self._fly.hold, wait)
 
     def land(
         self, ground_height: float | None = None, here: bool = False, *, wait: bool | None = None
     ) -> Handle:
-        """Sink to the ground and stop the motors, also where it is higher or lower than believed.
+        """Descend to the ground and stop the motors, also on ground of unexpected height.
 
         `ground_height` (m) is that of the platform's origin on its feet (default: on z = 0). A link
         that swings is laid down along its arc; `here` leaves out the way forward before that.
@@ -115,7 +115,7 @@ class Uav(Commanded):
         self, p: ArrayLike, yaw: float | None = None, v: ArrayLike = (0.0, 0.0, 0.0),
         yaw_rate: float = 0.0,
     ) -> Handle:  # fmt: skip
-        """Lead the platform to p (3,) m in W and `yaw` (rad); called again and again, a stream.
+        """Lead the platform to p (3,) m in W and `yaw` (rad); called repeatedly, as a stream.
 
         Of a pose that moves, v (3,) m/s and `yaw_rate` (rad/s) are fed forward.
         """
@@ -130,11 +130,11 @@ class Uav(Commanded):
     def set_velocity(
         self, v: ArrayLike, yaw_rate: float = 0.0, *, roll: float = 0.0, pitch: float = 0.0
     ) -> Handle:
-        """Move at v (3,) m/s in W and turn at `yaw_rate` (rad/s), cut to the limits.
+        """Move at v (3,) m/s in W and turn at `yaw_rate` (rad/s), within the limits.
 
-        A reference counts for 0.5 s; then the platform brakes and holds. What it meets on the way
-        down it lands on: the motors stop. `roll` and `pitch` (rad) tilt a robot in place whose
-        rotors push sideways; laws of other robots choose the tilt themselves.
+        A reference is valid for 0.5 s; then the platform brakes and holds. If it descends onto a
+        surface, it has landed, and the motors stop. `roll` and `pitch` (rad) tilt a robot in place
+        whose rotors push sideways; laws of other robots choose the tilt themselves.
         """
         velocity, rate = check_vector("v", v), check_number("yaw_rate", yaw_rate)
         tilt = check_number("roll", roll), check_number("pitch", pitch)
@@ -145,15 +145,15 @@ class Uav(Commanded):
         return self._do(Command.SET_VELOCITY, tell)
 
     def lift_off(self) -> Handle:
-        """Let streams of references lead the robot off the ground, where its motors turn."""
+        """Let streams of references lift the robot off the ground while its motors turn."""
         return self._do(Command.LIFT_OFF, lambda: self._enter(State.FLYING_AUTO))
 
     def set_attitude(self, R_WB: ArrayLike, f_B: ArrayLike) -> Handle:
         """Hold the attitude R_WB (3, 3) and push with the force f_B (3,) N; a stream.
 
-        Nothing holds the place. A reference counts for 0.5 s; then the platform is level and
-        brakes. Laws of coplanar rotors take the attitude from the force: f_B lies along z there.
-        The integrals of the law (wind, trim) add to f_B what they have learnt.
+        No loop holds the position. A reference is valid for 0.5 s; then the platform levels and
+        brakes. Laws of coplanar rotors derive the attitude from the force: f_B lies along z.
+        The integrals of the law (wind, trim) are added to f_B.
         """
         R, f = check_attitude(R_WB), check_vector("f_B", f_B)
 
@@ -163,9 +163,9 @@ class Uav(Commanded):
         return self._do(Command.SET_ATTITUDE, tell)
 
     def set_joints(self, q: ArrayLike) -> Handle:
-        """Lead the arms' joints to q (n_joints,) rad; called at up to 50 Hz, a stream.
+        """Lead the arms' joints to q (n_joints,) rad; called at up to 50 Hz, as a stream.
 
-        It goes beside `set_pose` and `set_velocity`; without them the platform holds.
+        `set_pose` and `set_velocity` may run at the same time; without them the platform holds.
         """
         goal = check_vector("q", q, self.backend.n_joints)
 
@@ -196,7 +196,7 @@ class Uav(Commanded):
         return self._fly.move_joints(q, seconds)
 
     def set_home(self) -> Handle:
-        """Take the place of now as the home."""
+        """Make the present position the home position."""
 
         def note() -> None:
             self._fly.home = np.array(self.backend.estimate["p_WB"])
@@ -204,7 +204,7 @@ class Uav(Commanded):
         return self._do(Command.SET_HOME, note)
 
     def take_over(self) -> Handle:
-        """Give the platform to the pilot: the stick is followed in attitude mode from now on.
+        """Give the platform to the pilot, whose stick it follows in attitude mode.
 
         A vehicle with a pilot's switch of its own is changed to the pilot's mode.
         """
@@ -229,8 +229,8 @@ class Uav(Commanded):
     ) -> Handle:  # fmt: skip
         """Take the pilot's stick: tilt (rad), turn (rad/s), climb (m/s) or thrust over weight.
 
-        Positive roll moves to the right, positive pitch ahead. It counts for 0.5 s; then the
-        platform is held level at its height, and drifts.
+        Positive roll moves to the right, positive pitch ahead. It is valid for 0.5 s; then the
+        platform levels, holds its height and drifts.
         """
         told = Stick(
             check_number("roll", roll),
@@ -247,7 +247,7 @@ class Uav(Commanded):
         return self._do(Command.STICK, tell)
 
     def recover_from_manual(self, *, wait: bool | None = None) -> Handle:
-        """Take over from the pilot: brake from the speed of now, and stay."""
+        """Take control from the pilot: brake from the present speed and hold the position."""
         if not self.find_refusal(Command.RECOVER_FROM_MANUAL):
             says = self.backend.take_control()
             if says:
@@ -260,7 +260,7 @@ class Uav(Commanded):
         return self._start(Command.RECOVER_FROM_MANUAL, recover, wait)
 
     def stop_motors(self, confirm: bool = False) -> Handle:
-        """Stop the motors at once, in the air as well; only with `confirm=True`."""
+        """Stop the motors at once, also in the air; requires `confirm=True`."""
         if not confirm:
             return self._refuse(Command.STOP_MOTORS, Need.CONFIRMED)
         return self._do(Command.STOP_MOTORS, self._stop)

@@ -22,6 +22,7 @@ from skywright.core.bounded import (
 )
 from skywright.errors import InputError
 from skywright.run.rows import Row
+from skywright.run.stored import read_count, read_list, read_real, read_table, read_words
 
 IDENTITY = "campaign.json"
 JOURNAL = "runs.jsonl"
@@ -49,6 +50,8 @@ class Store:
             if not (folder / IDENTITY).exists():
                 text = json.dumps(identity, indent=2) + "\n"
                 self.write(IDENTITY, lambda path: path.write_text(text, encoding="utf-8"))
+            if (folder / JOURNAL).exists() and not (folder / JOURNAL).is_file():
+                raise InputError(f"{folder / JOURNAL}: is a device or pipe; a file is needed")
             self._file: BinaryIO = (folder / JOURNAL).open("ab")
         except OSError as error:
             raise InputError(f"cannot write into {folder}: {error.strerror or error}") from None
@@ -104,10 +107,10 @@ class Store:
         for number, line in enumerate(data[:complete].splitlines(), start=1):
             try:
                 rows.append(decode_row(json.loads(line)))
-            except (ValueError, TypeError, KeyError, AttributeError) as error:
+            except (ValueError, TypeError, KeyError, RecursionError) as error:
+                why = str(error)[:200] or type(error).__name__
                 raise InputError(
-                    f"{path}, line {number}: is damaged ({error}); remove the line to "
-                    "repeat that run"
+                    f"{path}, line {number}: is damaged ({why}); remove the line to repeat that run"
                 ) from None
         return rows
 
@@ -159,10 +162,22 @@ def encode_row(row: Row) -> dict[str, Any]:
     return out
 
 
-def decode_row(data: dict[str, Any]) -> Row:
-    """The inverse of `encode_row`."""
-    data = dict(data)
-    data["failed"] = tuple(data["failed"])
+def decode_row(data: Any) -> Row:
+    """The inverse of `encode_row`; raises ValueError, TypeError or KeyError for anything else."""
+    data = dict(read_table(data, "the line"))
+    for name in ("run", "seed", "attempts"):
+        data[name] = read_count(data[name], name)
+    for name in ("outcome", "requirement", "reason", "command"):
+        data[name] = read_words(data[name], name)
+    data["failed"] = tuple(read_words(x, "failed") for x in read_list(data["failed"], "failed"))
+    for name, value in read_table(data["varied"], "varied").items():
+        if not isinstance(value, str | bool):
+            read_real(value, f"varied.{name[:60]}")
     for name in ("metrics", "timing"):
-        data[name] = {k: math.nan if v is None else float(v) for k, v in data[name].items()}
+        data[name] = {
+            k: math.nan if v is None else read_real(v, f"{name}.{k[:60]}")
+            for k, v in read_table(data[name], name).items()
+        }
+    if data.get("inspected") is not None:
+        read_table(data["inspected"], "inspected")
     return Row(**data)

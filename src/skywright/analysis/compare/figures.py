@@ -36,7 +36,7 @@ def draw_pair(c: Comparison, pipe: Pipe) -> Figure:
         ax.add_patch(Circle((0.0, 0.0), 0.5 * pipe.diameter_m, color=GREY, zorder=3))
         ax.set_xlabel("ahead of the pipe's axis (m)")
         if side.way is None:
-            ax.text(0.5, 0.5, "the task is not for this robot", transform=ax.transAxes, ha="center")
+            ax.text(0.5, 0.5, "the robot cannot fly this task", transform=ax.transAxes, ha="center")
             continue
         place = side.way.p_contact - [pipe.x_m, pipe.y_m, pipe.z_m]
         yaw = math.radians(pipe.yaw_deg)

@@ -49,7 +49,7 @@ def render_compare_page(c: Comparison, pipe: Pipe, versions: Mapping[str, str]) 
                 "At the pipe", figures.draw_pair(c, pipe),
                 "Both robots from the side with a hand at the underside of the pipe (grey disc). "
                 "Light blue: propellers; dark: booms and landing gear; coloured: the left arm and "
-                "what carries it.",
+                "the bodies that carry it.",
             ),
             build_picture(
                 "Approach", figures.draw_clearance(c),
@@ -58,20 +58,20 @@ def render_compare_page(c: Comparison, pipe: Pipe, versions: Mapping[str, str]) 
             ),
             build_picture(
                 "Workspace of a hand", figures.draw_reach(c),
-                "Cross-section of the pipe, the robot facing to the right. Green: some posture "
-                "and place of the platform brings a hand there with all distances kept (platform "
-                "0.1 m, arms and link 0.02 m); red: none does, each brings "
-                "some part too near the pipe; white: too near the pipe for a hand "
-                "that does not touch. The pipe's rim: the same for touching it. From the other "
-                "side the picture is mirrored; the percentages count both.",
+                "Cross-section of the pipe, the robot facing to the right. Green: a posture and a "
+                "position of the platform exist in which a hand is at the point and all distances "
+                "are kept (platform 0.1 m, arms and link 0.02 m). Red: every posture brings some "
+                "part too close to the pipe. White: the point is too close to the pipe for a hand "
+                "that does not touch. The rim of the pipe shows the same for touching it. From the "
+                "other side the picture is mirrored; the percentages count both sides.",
             ),
             build_picture(
                 "Effect of a hand force on the platform", figures.draw_reaction(c),
                 "Torque about the platform's centre for each newton on the left hand (N m/N), over "
-                "the direction of the force, one colour scale. The force itself arrives whole, "
-                "with every arm. A passive joint lets no torque about its own axis through: "
-                "below, what is left about pitch is the lever between joint and centre. About roll "
-                "the longer lever counts.",
+                "the direction of the force, with one colour scale. Every arm transmits the whole "
+                "force. A passive joint transmits no torque about its own axis: about pitch only "
+                "the lever between joint and centre remains (below). About roll the lever is "
+                "longer.",
             ),
             build_picture(
                 "Rotation of the passive link by a hand force", figures.draw_recoil(c),

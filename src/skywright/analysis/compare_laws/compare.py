@@ -21,11 +21,13 @@ from skywright.analysis.compare_laws.paired import (
     find_significant,
     pair_rows,
 )
+from skywright.core.find import list_kinds
 from skywright.description.loader import load_description
 from skywright.description.mission.spec import Requirement
 from skywright.errors import InputError
 from skywright.run.kind import load_kind
 from skywright.run.names import list_measures
+from skywright.run.planning import plan_mission
 from skywright.run.rows import Row
 from skywright.run.setup import Setup
 
@@ -34,7 +36,7 @@ RUNS = 10
 SHOWN = (
     "position.rms_m", "tip.tracking_rms_m", "tip.tangential_rms_mm", "tip.hover_rms_mm",
     "force.mean_n", "force.min_n", "force.max_n", "force.rms_error_n", "platform.tilt_max_deg",
-    "flight.saturated_s", "flight.energy_wh",
+    "flight.saturated_s", "flight.energy_wh", "response.landed", "response.deviation_max_m",
 )  # fmt: skip
 """Metrics that are shown beside the requirements, where a mission has them."""
 
@@ -156,11 +158,21 @@ def compare_laws(
     for text in (*sets, *(text for case in chosen for text in case.sets)):
         if text.strip().startswith("mission.law"):
             raise InputError(f"{text}: the laws are what is compared; leave it out")
-    known = list_cases(base)
+    known, built_in = list_cases(base), list_kinds("law")
+    refused = (
+        {}
+        if vary
+        else find_refusals(
+            [law for law in names if law in built_in], mission, robot, world, sets, seed
+        )
+    )
     planned: list[tuple[str, Case, Campaign | str]] = []
     for case in chosen:
         for law in names:
             assignments = (*sets, *case.sets, f"mission.law={law}")
+            if why := refused.get(law):
+                planned.append((law, case, why))
+                continue
             try:
                 planned.append((law, case, build_campaign(
                     mission, vary, robot=robot, world=world, seed=base.mission.seed,
@@ -196,7 +208,11 @@ def compare_laws(
         base.mission.name, base.robot.name, base.world.name, base.mission.seed, runs, names,
         chosen, dict(required), metrics, measures, flown, differences,
         find_significant(differences),
-        {law: _measure(law, mission, robot, world, sets, seed) for law in names},
+        {
+            law: _measure(law, mission, robot, world, sets, seed)
+            if any(f.rows for f in flown if f.law == law) else math.nan
+            for law in names
+        },
     )  # fmt: skip
 
 
@@ -204,6 +220,24 @@ def _name_folder(law: str) -> str:
     """Return a folder's name that no other law has."""
     plain = re.sub(r"[^\w.-]", "_", law)
     return plain if plain == law else f"{plain}-{hashlib.sha256(law.encode()).hexdigest()[:8]}"
+
+
+def find_refusals(
+    laws: Sequence[str], mission: str, robot: str | None = None, world: str | None = None,
+    sets: Sequence[str] = (), seed: int | None = None,
+) -> dict[str, str]:  # fmt: skip
+    """Return, by law, why the mission is refused with it before take-off, or ""."""
+    out = {}
+    for law in laws:
+        try:
+            plan = plan_mission(
+                load_description(mission, robot, world, [*sets, f"mission.law={law}"], seed)
+            )
+        except InputError as error:
+            out[law] = str(error)
+        else:
+            out[law] = "" if plan.feasible else str(plan.blocked_by)
+    return out
 
 
 def _find_refusal(rows: Sequence[Row]) -> str:

@@ -27,7 +27,7 @@ def write_laws_page(c: LawComparison, path: Path) -> None:
         picture = build_picture(
             "Metrics over the cases", draw_medians(c),
             "Each dot is one flight, the bar is the median of its law. Dashed: the mission's "
-            "limit. Flights that did not end, or a law that is refused, have no dot.",
+            "limit. Incomplete flights and refused laws have no dot.",
         )  # fmt: skip
     write_page(path, render_page(
         "compare_laws.html.j2", c=c, picture=picture, same=c.list_constant(),

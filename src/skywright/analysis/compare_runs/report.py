@@ -18,7 +18,7 @@ def write_overlay_page(found: Overlay, path: Path) -> None:
     with house_style():
         picture = found.series and build_picture(
             "Over time", draw_overlay(found.series, names),
-            "Both runs from their start; A is the solid line, B the dashed one.",
+            "Both runs over the time since their start. Solid: A. Dashed: B.",
             zoom=True,
         )  # fmt: skip
     write_page(path, render_page(

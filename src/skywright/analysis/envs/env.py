@@ -1,7 +1,8 @@
 """An environment of Gymnasium on the compiled vehicle, in contact or just before it.
 
-A step is one mission tick (20 ms) of the whole vehicle: sensors, link, estimator, law, allocation,
-plant. What is particular of a task stands in three components (parts.py) and in a few attributes.
+A step is one mission tick (20 ms) of the whole vehicle, or several with the same action: sensors,
+link, estimator, law, allocation, plant. What is particular of a task stands in three components
+(parts.py) and in a few attributes.
 """
 
 from __future__ import annotations
@@ -77,6 +78,7 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
         sets: Sequence[str] = (),
         seed: int | None = None,
         episode_s: float | None = None,
+        ticks: int = 1,
         first: int = 0,
         every: int = 1,
     ) -> None:
@@ -84,13 +86,14 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
 
         `vary` are `KEY=DISTRIBUTION` texts or CSV files of conditions, as of `skywright campaign`;
         condition i has the values that run i of that campaign with this `seed` has. `sets` are
-        `KEY=VALUE` texts. Of several environments of one vector, number `first` of `every` takes
-        the conditions first, first + every, ...
+        `KEY=VALUE` texts. A step lasts `ticks` times 20 ms, with one action; its reward is the mean
+        over them. Of several environments of one vector, number `first` of `every` takes the
+        conditions first, first + every, ...
         Raises InputError on anything that is wrong, before a flight where that can be told.
         """
         for name, value, least in (
-            ("conditions", conditions, 1), ("states", states, 1), ("first", first, 0),
-            ("every", every, 1),
+            ("conditions", conditions, 1), ("states", states, 1), ("ticks", ticks, 1),
+            ("first", first, 0), ("every", every, 1),
         ):  # fmt: skip
             if not isinstance(value, int) or isinstance(value, bool) or value < least:
                 raise InputError(f"{name} = {value!r}; valid: a whole number from {least}")
@@ -104,7 +107,8 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
         for name, given in texts.items():
             if not isinstance(given, list | tuple) or any(not isinstance(x, str) for x in given):
                 raise InputError(f"{name} = {given!r}; valid: a list of texts")
-        self.steps_max = round(length / MISSION_TICK)
+        self.ticks = ticks
+        self.steps_max = max(round(length / (ticks * MISSION_TICK)), 1)
         acts, sees = self.act.signals, self.observe.signals
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(acts),), np.float32)
         self.observation_space = gymnasium.spaces.Box(-LIMIT, LIMIT, (len(sees),), np.float32)
@@ -175,7 +179,9 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
         }  # fmt: skip
 
     def step(self, action: Numbers) -> tuple[Numbers, float, bool, bool, dict[str, Any]]:
-        """Fly 20 ms with an action in [-1, 1]; what is beyond is cut to it.
+        """Fly `ticks` of 20 ms with an action in [-1, 1]; what is beyond is cut to it.
+
+        A step in which the episode ends is as short as that takes.
 
         Raises InputError for an action of another shape or that is not finite, and where no episode
         runs.
@@ -185,7 +191,10 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
         judged[:] = 0.0
         self._step += 1
         try:
-            self.vehicle.tick()
+            for _ in range(self.ticks):
+                self.vehicle.tick()
+                if judged[2] or judged[3]:  # ended, success
+                    break
         except SimulationError as error:
             self._running = False
             seen = np.clip(np.nan_to_num(self._seen), -LIMIT, LIMIT).astype(np.float32)
@@ -218,4 +227,5 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
             )
         if not all(map(math.isfinite, given.tolist())):
             raise InputError(f"action: {given} is not finite; valid: numbers from -1 to 1")
-        np.clip(given, -1.0, 1.0, out=self._action)
+        np.maximum(given, -1.0, out=self._action)  # np.clip takes five times as long
+        np.minimum(self._action, 1.0, out=self._action)

@@ -7,6 +7,7 @@ that the cost of messages is shared. Observations and actions are in memory that
 from __future__ import annotations
 
 import os
+import pickle
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -25,7 +26,7 @@ from skywright.analysis.campaign.local import ONE_THREAD, count_cores
 from skywright.analysis.envs.parts import LIMIT
 from skywright.analysis.envs.registry import find_class
 from skywright.analysis.envs.shared import Layout, map_arrays, open_file
-from skywright.analysis.envs.worker import STEP, Info
+from skywright.analysis.envs.worker import MORE, STEP, Info
 from skywright.errors import InputError, SimulationError
 
 Numbers = NDArray[np.float32]
@@ -112,7 +113,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
         seeds = [None if x is None else int(x) for x in seeds]
         self._check_open()
         for w in self._workers:
-            self._send(w, b"", ("reset", seeds[w.first : w.first + w.n], options))
+            self._send(w, MORE, ("reset", seeds[w.first : w.first + w.n], options))
         told = self._hear_all()
         return self._shared.seen.copy(), self._tell(told)
 
@@ -146,8 +147,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
     def tick(self, n: int) -> list[float]:
         """Tick the bare vehicles of every process `n` times; returns the time (s) of each."""
         for w in self._workers:
-            w.connection.send_bytes(b"")
-            w.connection.send(("tick", n))
+            self._send(w, MORE, ("tick", n))
         return [self._hear(w) for w in self._workers]
 
     def _check_open(self) -> None:
@@ -174,7 +174,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
 
     def _hear(self, worker: _Worker) -> Any:
         try:
-            answer = worker.connection.recv()
+            told = worker.connection.recv_bytes()
+            answer = pickle.loads(told) if told else []
         except (EOFError, OSError):
             code = worker.process.wait()
             last = worker.first + worker.n - 1

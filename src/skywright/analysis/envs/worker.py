@@ -19,7 +19,8 @@ from skywright.analysis.envs.registry import make
 from skywright.analysis.envs.shared import Layout, Shared, map_arrays
 from skywright.errors import InputError
 
-STEP = b"s"
+STEP, MORE = b"", b"m"
+"""Commands: a step, and one whose words follow. Nothing is read or pickled for an empty message."""
 Info = tuple[int, str, dict[str, Any]]
 """Number of an environment, what it is of ("reset", "ended"), and the `info`."""
 
@@ -103,7 +104,10 @@ def serve(connection: Connection, file: int) -> None:
                 answer = getattr(share, what)(*arguments)
         except InputError as error:
             answer = error
-        connection.send(answer)
+        if command == STEP and answer == []:
+            connection.send_bytes(STEP)
+        else:
+            connection.send(answer)
 
 
 def main() -> None:

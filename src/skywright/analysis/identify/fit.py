@@ -132,7 +132,7 @@ def list_parameters(robot: Robot, poses: Array, gravity: float) -> list[Paramete
     out.append(
         Parameter(
             "rotor_delay_s", "s", 0.0, 0.01, 0.005,
-            "by which the thrust comes after the rotors' signals in the log", *DELAY,
+            "delay of the thrust relative to the rotor signals of the log", *DELAY,
         )
     )  # fmt: skip
     for n, q in enumerate(poses):

@@ -1,4 +1,4 @@
-"""Loads a flight for identification: a run's recording, or a ULog (`ulog.py`)."""
+"""Loads a flight for identification: a recording, a ULog (`ulog.py`) or a table (`table.py`)."""
 
 import tempfile
 from pathlib import Path
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.analysis.identify.flight_log import FlightLog
+from skywright.analysis.identify.table import load_table
 from skywright.analysis.identify.ulog import load_ulog
 from skywright.core.arrays import Array
 from skywright.core.rotations import quat_to_rot
@@ -34,7 +35,7 @@ IDENTIFY_FIELDS = (
 
 
 def load_log(path: Path, robot: Robot | None = None) -> FlightLog:
-    """Load a run directory, a recording.mcap, or a PX4 ULog (*.ulg; `robot` is then needed).
+    """Load a run directory, a recording.mcap, a PX4 ULog or a table (these two need `robot`).
 
     Raises InputError when there is no such file, it is none of these, or holds too little.
     """
@@ -44,13 +45,17 @@ def load_log(path: Path, robot: Robot | None = None) -> FlightLog:
             raise InputError(f"{path.parent}: contains no recording.mcap; give a run directory")
     if not path.is_file():
         what = "is a device or pipe" if path.exists() else "no such file"
-        raise InputError(f"{path}: {what}; give a run's directory, a recording or a ULog")
+        raise InputError(f"{path}: {what}; give a run's directory, a recording, a ULog or a table")
     if path.suffix == ".ulg":
         log = load_ulog(path, robot)
+    elif path.suffix == ".csv":
+        log = load_table(path, robot)
     elif path.suffix == ".mcap":
         log = _load_recording(path, robot)
     else:
-        raise InputError(f"{path}: unknown kind of log; valid: a run's directory, *.mcap, *.ulg")
+        raise InputError(
+            f"{path}: unknown kind of log; valid: a run's directory, *.mcap, *.ulg, *.csv"
+        )
     period = float(log.t[1] - log.t[0]) if len(log.t) > 1 else 0.0
     if period * int(np.sum(log.free)) < SHORTEST:
         raise InputError(

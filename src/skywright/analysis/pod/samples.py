@@ -93,8 +93,8 @@ def warn_of_samples(
     if counted.clean_sites < CLEAN_SITES * counted.flaws:
         out.append(
             f"{counted.clean_sites} sites without a flaw; there should be at least "
-            f"{CLEAN_SITES} for each of the {counted.flaws} flaws to tell the false calls "
-            "(rows of size 0)"
+            f"{CLEAN_SITES} for each of the {counted.flaws} flaws to estimate the rate of "
+            "false calls (rows of size 0)"
         )
     sizes = table.size[table.size > 0]
     if a90_95 is not None and a90_95 > sizes.max():
@@ -102,5 +102,5 @@ def warn_of_samples(
     elif a90 is not None and (a90 > sizes.max() or a90 < sizes.min()):
         out.append("a90 lies outside the sizes of the flaws: it is extrapolated")
     if len(np.unique(sizes)) < 5:
-        out.append(f"{len(np.unique(sizes))} different sizes; a curve should rest on more")
+        out.append(f"{len(np.unique(sizes))} different sizes; at least 5 are recommended")
     return out

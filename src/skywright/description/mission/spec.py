@@ -69,6 +69,8 @@ class Mission(Spec, Generic[T]):
     clearance_m: float = Field(default=0.05, ge=0.01, le=1)  # kept in free flight, at least
     # kept from the surface that is worked on, by all but the probe's tip
     surface_clearance_m: float = Field(default=0.03, ge=0.005, le=1)
+    # kept from everything on the vertical way between the ground and the hover point
+    climb_clearance_m: float = Field(default=0.1, ge=0, le=1)
     wind_fraction: Fraction = 0.7  # of the computed wind limit that a mission may use
     # standard deviations that gusts count with: 3 is the expected largest of the tens that pass
     # during a scan (peak factor, Davenport 1964)

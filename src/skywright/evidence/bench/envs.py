@@ -16,6 +16,8 @@ TICKS = 50
 STEP_LIMIT, RESET_LIMIT, SHARE_LIMIT = 1.1, 1.0, 0.95
 VECTOR, EACH = "WeldPress", 8
 """What flies over processes, and environments a process."""
+LONG = 5
+"""Ticks of a longer step: a message is shared by as many."""
 
 
 def measure(session: Session) -> list[Row]:
@@ -68,13 +70,20 @@ def _reset(env: Any) -> float:
 
 def _measure_vector(session: Session) -> list[Row]:
     """Two processes that step against two that tick, by the wall, in turns."""
+    rows = []
+    for ticks in (1, LONG):
+        rows.append(_measure_share(session, ticks))
+    return rows
+
+
+def _measure_share(session: Session, ticks: int) -> Row:
     import time
 
     from skywright.analysis.campaign.local import count_cores
     from skywright.analysis.envs.vector import VectorEnv
 
     workers = min(count_cores(), 2)
-    vector = VectorEnv(VECTOR, EACH * workers, workers=workers, states=1)
+    vector = VectorEnv(VECTOR, EACH * workers, workers=workers, states=1, ticks=ticks)
     still = np.zeros(vector.action_space.shape or (), np.float32)
     shares = []
     try:
@@ -82,14 +91,11 @@ def _measure_vector(session: Session) -> list[Row]:
             bare = max(vector.tick(TICKS))
             vector.reset(seed=1)
             begin = time.perf_counter()
-            for _ in range(TICKS):
+            for _ in range(TICKS // ticks):
                 vector.step(still)
             shares.append(bare / (time.perf_counter() - begin))
     finally:
         vector.close()
-    return [
-        build_row(
-            "share_of_bare_processes", shares, limit=SHARE_LIMIT, sense=">=",
-            note=f"{workers} processes of {EACH} environments; idle machine",
-        )
-    ]  # fmt: skip
+    name = "share_of_bare_processes" + ("" if ticks == 1 else f"_{ticks}_ticks")
+    note = f"{workers} processes of {EACH} environments, {ticks} ticks a step; idle machine"
+    return build_row(name, shares, limit=SHARE_LIMIT, sense=">=", note=note)

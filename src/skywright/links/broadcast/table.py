@@ -57,7 +57,7 @@ SERVICES = (
     Service("/ual/disarm", TRIGGER, "`disarm`"),
     Service("/ual/hold", TRIGGER, "`hold`"),
     Service("/ual/go_home", TRIGGER, "`go_home`"),
-    Service("/mission/abort", TRIGGER, "refused", "end the mission: come home and land"),
+    Service("/mission/abort", TRIGGER, "refused", "end the mission: return home and land"),
     Service("/mission/next", TRIGGER, "refused", "the order `next`"),
     Service("/mission/retry", TRIGGER, "refused", "the order `retry`"),
     Service("/mission/retract", TRIGGER, "refused", "the order `retract`"),

@@ -76,7 +76,7 @@ GIVEN = (
               types=TYPES),
         "both, velocities in the frame of the platform; covariances are 0: unknown",
     ),
-    Given(pose("/ual/ref_pose", MAP, "ref_p_WB", "ref_q_WB"), "pose that the platform shall have"),
+    Given(pose("/ual/ref_pose", MAP, "ref_p_WB", "ref_q_WB"), "commanded pose of the platform"),
     Given(
         Topic("/ual/state", f"{UAL}/State", "", {"state": "live_state"}, types=TYPES),
         "state of the vehicle",
@@ -84,7 +84,7 @@ GIVEN = (
     Given(
         Topic("/battery", "sensor_msgs/BatteryState", BODY, {"percentage": "live_charge"},
               types=TYPES, numbers={**dict.fromkeys(_UNMEASURED, np.nan), "present": 1.0}),
-        "charge of the battery, 0 to 1; NaN where nothing measures it",
+        "charge of the battery, 0 to 1; NaN without a gauge",
     ),
 )  # fmt: skip
 ROBOT = (

@@ -85,7 +85,7 @@ class Offboard(SimulatedVehicle):
         placed = link.wait(lambda h: self._is_placed(h) and h.flags is not None, CONNECT_S)
         if not placed:
             raise InputError(
-                f"the vehicle on {url} tells no local position within {CONNECT_S:g} s: "
+                f"the vehicle on {url} reports no local position within {CONNECT_S:g} s: "
                 "LOCAL_POSITION_NED, ATTITUDE_QUATERNION and ESTIMATOR_STATUS are needed"
             )
         link.wait(lambda h: h.has_version, 5.0)
@@ -105,7 +105,7 @@ class Offboard(SimulatedVehicle):
         if origin is not None:
             if not self.link.wait(lambda h: h.origin is not None, 5.0) or h.origin is None:
                 raise InputError(
-                    "the world has an origin and the vehicle tells none (GPS_GLOBAL_ORIGIN)"
+                    "the world has an origin and the vehicle reports none (GPS_GLOBAL_ORIGIN)"
                 )
             self._shift = _place(origin, h.origin)
             away = float(np.linalg.norm((here + self._shift - start)[:2]))
@@ -234,7 +234,7 @@ class Offboard(SimulatedVehicle):
         """Let the autopilot land and stop its motors; mission time stands still."""
         says = "" if not self.link.heard.armed else self._choose(modes.LAND)
         if not says and not self.link.wait(lambda h: not h.armed, LAND_S):
-            says = f"the vehicle is still armed {LAND_S:g} s after it was told to land"
+            says = f"the vehicle is still armed {LAND_S:g} s after the command to land"
         self._armed = self._offboard = False
         self._low_z = None
         self.link.lead(None)

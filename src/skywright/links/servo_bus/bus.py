@@ -42,7 +42,7 @@ ANSWER_S = 0.012
 ATTEMPTS = 2
 MORE_CAUSES = {
     "timeout": "requests without an answer in time",
-    "stranger": "answers that nobody asked for",
+    "stranger": "answers to no request",
     "length": "answers of another length than that asked for",
 }
 

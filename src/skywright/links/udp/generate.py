@@ -237,7 +237,7 @@ def build_tables() -> dict[str, str]:
         )
         bodies += ["", f"Body of `{kind.name}`:", "", *header[:2]]
         bodies += [_row(f, at) for f, at in list_layout(kind) if f in kind.fields]
-    codes = ["| code | operation | asks for |", "|---|---|---|"]
+    codes = ["| code | operation | requests |", "|---|---|---|"]
     codes += [f"| {c} | `{name}` | {says} |" for name, (c, says) in CODES.items()]
     results = ["| result | name | meaning |", "|---|---|---|"]
     results += [f"| {c} | {name} | {says} |" for name, (c, says) in RESULTS.items()]

@@ -61,9 +61,9 @@ HEADER = (
 ANGLES = 12.5  # rad, two turns: no joint goes further
 
 KINDS = (
-    Kind(1, "operation", True, "until acknowledged, at 5 Hz", 1.0, "asks for a task", (
+    Kind(1, "operation", True, "until acknowledged, at 5 Hz", 1.0, "requests a task", (
         Field("operation", "u32", "", "number of the request; grows, equal in repetitions"),
-        Field("code", "u16", "", "what is asked for"),
+        Field("code", "u16", "", "requested task"),
         Field("reserved", "u16", "", "0"),
     )),
     Kind(2, "stick", True, "20 to 100 Hz", 0.25, "velocity reference of an input device", (
@@ -74,7 +74,7 @@ KINDS = (
         Field("n", "u32", "", "number of joints", 1, MAX_JOINTS),
         Field("q_ref", "f32", "rad", "joint references", MAX_JOINTS, ANGLES),
     )),
-    Kind(4, "state", False, "50 Hz", 1.0, "state of the arms as the robot's computer knows it", (
+    Kind(4, "state", False, "50 Hz", 1.0, "estimated and measured state of the arms", (
         Field("t", "f64", "s", "mission time"),
         Field("task", "u16", "", "code of the task that runs"),
         Field("n_hands", "u16", "", "number of hands", 1, 2),
@@ -101,8 +101,8 @@ KINDS = (
     )),
     Kind(6, "acknowledgement", False, "one for each operation", 2.0, "answers an operation", (
         Field("operation", "u32", "", "number of the request"),
-        Field("code", "u16", "", "what was asked for"),
-        Field("result", "u16", "", "what became of it"),
+        Field("code", "u16", "", "requested task"),
+        Field("result", "u16", "", "result of the request"),
         Field("opened", "u32", "", "in the answer to `connect`: the session's number"),
         Field("reserved", "u32", "", "0"),
         Field("echo_us", "u64", "us", "`time_us` of the operation"),
@@ -123,7 +123,7 @@ CODES = {
     "grasp": (11, "grasping"),
     "force": (12, "force control"),
     "visual": (13, "visual servoing"),
-    "alive": (14, "keeps the session open; needed where nothing else is sent for 5 s"),
+    "alive": (14, "keeps the session open; needed if nothing else is sent for 5 s"),
 }
 """Operation -> code, what it asks for: the tasks of Suarez 2020, section III-C, and a session."""
 

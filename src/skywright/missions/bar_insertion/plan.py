@@ -175,6 +175,6 @@ def _find_blocked_way(robot: Robot, world: World, way: InsertionPlan) -> tuple[f
                 pair = f"{query.names[found.robot_geom]} and {query.names[found.other_geom]}"
                 return least, (
                     f"{name}: {pair} come within {max(found.distance, 0.0):.3f} m; "
-                    f"required clearance: {KEPT:.2f} m (fixed: what a hover drifts)"
+                    f"required clearance: {KEPT:.2f} m (fixed: drift in hover)"
                 )
     return least, None

@@ -192,6 +192,29 @@ def describe(result: RunResult[BimanualBench, BenchPlan]) -> str:
 
 FIGURES = Figures(
     describe,
+    phases={
+        "to *": "The clamp moves the robot to the next object.",
+        "approach box": "The hands move to both sides of the box.",
+        "squeeze": "Both hands press against the box with the requested force.",
+        "lift": "The hands raise the box.",
+        "hold box": "The hands hold the box at its height.",
+        "lower": "The hands lower the box onto the bench.",
+        "release": "The hands release the object and move apart.",
+        "approach plug": "The hands move to both sides of the plug.",
+        "grasp plug": "Both hands press against the plug.",
+        "pull": "The hands pull the plug with increasing force.",
+        "unplugged": "The arms detected the release of the plug and stop.",
+        "stuck": "The plug did not come free.",
+        "approach bar": "The hands move to the ends of the bar.",
+        "hold bar": "Both hands hold the bar.",
+        "lift bar": "The hands raise the bar.",
+        "turn bar": "The hands turn the bar.",
+        "bar forward": "The hands move the bar forward.",
+        "lower bar": "The hands lower the bar.",
+        "approach post": "The hands move to both sides of the post.",
+        "grasp post": "Both hands press against the post.",
+        "drift": "The clamp moves the base; the arms measure this motion.",
+    },
     charts={
         "bench_squeeze": Chart(
             "A box between two hands",

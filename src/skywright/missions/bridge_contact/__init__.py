@@ -29,6 +29,9 @@ class BridgeContactKind(FolderKind[BridgeContact]):
         """Ask nothing of a slide where an operator pressed: it presses one force and leaves."""
         waived = super().list_waived(metrics)
         if "operator.time_s" in metrics:
-            names = ("slide.rms_error_n", "slide.lost_s", "slide.no_force_max_s", "slide.length_m")
+            names = (
+                "slide.rms_error_n", "slide.lost_s", "slide.no_force_max_s", "slide.length_m",
+                "slide.length_fraction",
+            )  # fmt: skip
             waived |= dict.fromkeys(names, "an operator pressed by hand, without a slide")
         return waived

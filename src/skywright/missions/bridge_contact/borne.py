@@ -36,13 +36,13 @@ def check_borne(
     most = compute_borne(d, station, drag_B)
     if largest <= most * (1.0 + 1e-9):
         return most, ""
-    bears = f"bears {most:.2f} N" if most > 0.0 else "bears no press"
+    bound = f"exceeds {most:.2f} N" if most > 0.0 else "is not possible"
     remedy = "lower mission.task.forces_n" if most > 0.0 else "choose a spot with less slope"
     return most, (
-        f"a press of {largest:g} N {where}: with errors of {SPREAD.weight:.0%} of weight and "
-        f"thrust, {1e3 * SPREAD.center:g} mm of the centre of mass and {SPREAD.drag:.0%} of drag "
-        f"{name} {bears} there before a rotor comes within {MARGIN:.0%} of its limits or a foot "
-        f"uses half of its friction: {remedy}"
+        f"a press of {largest:g} N {where} {bound}: each rotor of {name} must keep {MARGIN:.0%} "
+        f"of its range and each foot half of its friction with errors of {SPREAD.weight:.0%} of "
+        f"weight and thrust, {1e3 * SPREAD.center:g} mm of the centre of mass and "
+        f"{SPREAD.drag:.0%} of drag: {remedy}"
     )
 
 

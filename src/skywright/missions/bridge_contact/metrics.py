@@ -55,7 +55,11 @@ MEASURES: Measures = {
     "slide.rms_error_n": ("N", "rms force error while the tip slides along the structure"),
     "slide.lost_s": ("s", "time off the surface (gap above 0.1 mm) while sliding"),
     "slide.no_force_max_s": ("s", "longest time without contact force while sliding (true force)"),
-    "slide.length_m": ("m", "distance that the tip slides along the structure"),
+    "slide.length_m": (
+        "m",
+        "largest distance of the tip from where its slide began; the smaller of both ways",
+    ),
+    "slide.length_fraction": ("", "this distance as a fraction of the length asked for"),
     **STRUCTURE_MEASURES,
     **OPERATED_MEASURES,
 }
@@ -118,8 +122,14 @@ def compute_metrics(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
         )
         if has_columns(s, "off_s"):
             out["slide.no_force_max_s"] = float(np.max(s["off_s"]))
-        way_m = np.linalg.norm(np.diff(s["p_WT"], axis=0), axis=1)
-        out["slide.length_m"] = float(np.sum(way_m[way_m < 0.05]))
+        gone = min(
+            float(np.max(np.linalg.norm(tip - tip[0], axis=1)))
+            for i in SLIDE.find(phases)
+            if len(tip := samples["p_WT"][samples["phase"] == i])
+        )
+        out["slide.length_m"] = gone
+        if run.task.slide_m:
+            out["slide.length_fraction"] = gone / abs(run.task.slide_m)
     return out | _measure_hand(samples, phases) | _judge_survey(run)
 
 

@@ -19,4 +19,8 @@ def describe(result: RunResult[ExcitationTask, None]) -> str:
 
 FIGURES = Figures(
     describe,
+    phases={
+        "excite *": "Platform or arm follow sums of sines in all directions.",
+        "rest *": "The robot hovers, so that the oscillation decays.",
+    },
 )

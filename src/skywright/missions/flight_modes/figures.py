@@ -68,6 +68,14 @@ def describe(result: RunResult[ModesTask, ModesPlan]) -> str:
 
 FIGURES = Figures(
     describe,
+    phases={
+        "standard stabilisation": "The robot tilts with attitude and height controlled only; the "
+        "tilt accelerates it.",
+        "take over": "The position loop takes over where the robot is.",
+        "command position": "The robot translates and stays level.",
+        "command angle": "The robot tilts and holds its position.",
+        "hold angle": "The robot holds the tilt; the phase is one measurement.",
+    },
     charts={
         "modes": Chart(
             "The three modes",

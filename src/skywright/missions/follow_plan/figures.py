@@ -13,4 +13,11 @@ def describe(result: RunResult[FollowPlan, None]) -> str:
     return f"{d.robot.name} in world {d.world.name} followed a plan for {seconds} s"
 
 
-FIGURES = Figures(describe)
+FIGURES = Figures(
+    describe,
+    phases={
+        "start pose": "The arms move to their first posture of the plan; the robot hovers.",
+        "plan": "Platform and arms follow the plan.",
+        "settle": "The robot hovers at the end of the plan.",
+    },
+)

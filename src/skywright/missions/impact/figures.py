@@ -104,6 +104,14 @@ def describe(result: RunResult[Impact, ImpactPlan]) -> str:
 
 FIGURES = Figures(
     describe,
+    phases={
+        "impact pose": "The arms move to the posture of the impact.",
+        "start point": "The robot flies to the start of its run-up.",
+        "run-up": "The robot accelerates towards the bar to the commanded speed.",
+        "impact": "Hand or passive link hit the pad; the reference continues for the reaction "
+        "time, then stops.",
+        "retreat": "The robot backs off the bar.",
+    },
     charts={
         "impact": Chart(
             "The collision",

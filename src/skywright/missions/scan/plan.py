@@ -93,16 +93,21 @@ def plan_found(
     return _plan_on(Setup(setup.description._replace(world=world)), found, begin, pattern)
 
 
-def _explain_depth(setup: Setup[Scan], depth: float, stiffness: float) -> str:
-    """Say what asks for a large depth (m), to stand before what it comes to."""
+def _explain_depth(setup: Setup[Scan], depth: float, stiffness: float, blocked: str) -> str:
+    """Say that the depth (m) of the press is the cause of `blocked`, and which keys change it."""
     if setup.task.depth_m is not None:
-        return f"mission.task.depth_m = {depth:g} m is deep (lower it): "
+        return (
+            f"mission.task.depth_m = {depth:g} m is too large, a push of "
+            f"{depth * stiffness:.3g} N at {stiffness:.3g} N/m: {blocked}; lower "
+            "mission.task.depth_m"
+        )
     w = setup.robot.control.position_bandwidth_rad_s
     return (
-        f"{depth * stiffness:.3g} N at {stiffness:.3g} N/m (mass times "
-        f"position_bandwidth_rad_s = {w:g} squared) requires a depth of "
-        f"{1000.0 * depth:.0f} mm; raise robot.control.position_bandwidth_rad_s, lower "
-        "mission.task.force_n or set mission.task.depth_m: "
+        f"the press is too deep: {depth * stiffness:.3g} N at {stiffness:.3g} N/m (mass times "
+        f"robot.control.position_bandwidth_rad_s = {w:g} rad/s squared) require the desired tip "
+        f"{1e3 * depth:.0f} mm inside the surface, where {blocked}; with {1e3 * SHALLOW:.0f} mm "
+        "the scan is possible: raise robot.control.position_bandwidth_rad_s, lower "
+        "mission.task.force_n or set mission.task.depth_m"
     )
 
 
@@ -152,7 +157,7 @@ def _plan_on(
             0.0,
         )
 
-    def attempt(depth: float, survey: SurveyTask | None) -> ScanPlan:
+    def attempt(depth: float, survey: SurveyTask | None, force: float) -> ScanPlan:
         task = ScanTask(pattern, scan.speed_mps, depth, 1.5 * depth, stand_off)
         return plan_scan(
             model, loads, query, scene, cylinder, task, setup.limits, force, hover, hover,
@@ -161,16 +166,17 @@ def _plan_on(
             tuple(joint_names(robot)), d.mission.planner_time_s, survey, begin,
         )  # fmt: skip
 
-    found = attempt(depth, survey)
+    found = attempt(depth, survey, force)
     blocked = found.blocked_by
     if blocked and depth >= DEEP:
         through = scan.depth_m is not None and depth >= cylinder.radius  # asked for: no arm can
-        anyhow = None if through else attempt(SHALLOW, None).blocked_by
+        light = force if scan.depth_m is None else SHALLOW * stiffness
+        anyhow = None if through else attempt(SHALLOW, None, light).blocked_by
         blocked = (
-            f"{anyhow}, with the desired tip {1e3 * SHALLOW:.0f} mm inside the surface as with "
-            f"the {1e3 * depth:.0f} mm that the push needs"
+            f"{anyhow}, also with the desired tip {1e3 * SHALLOW:.0f} mm inside the surface "
+            f"instead of {1e3 * depth:.0f} mm"
             if anyhow
-            else _explain_depth(setup, depth, stiffness) + blocked
+            else _explain_depth(setup, depth, stiffness, blocked)
         )
     spent = time.perf_counter() - began
     blocked = blocked or find_exceeded_push(setup, force, found.segments["scan"])

@@ -53,6 +53,11 @@ WELD_MEASURES: Measures = {
         "mm",
         "largest distance of a detected expected crossing from its weld",
     ),
+    "weld.contrast": (
+        "",
+        "signal of a detected weld (median of its crossings) over the detection threshold; weakest "
+        "weld; below 2, crossings can be missed",
+    ),
     "weld.lines": ("", "number of detected weld lines"),
     "weld.lines_missed": (
         "",
@@ -165,6 +170,8 @@ def judge_welds(
         "weld.lines_missed": float(len(lacking - faint - merged)),
         "weld.unresolved": float(len(faint | merged)),
     }
+    if weld.contrasts:
+        out["weld.contrast"] = min(weld.contrasts)
     far = np.array([np.abs(e.curve.measure_distance(s, c)) for e in expected])
     far = far.reshape(len(expected), len(s))
     nearest = np.min(far, axis=0, initial=math.inf)

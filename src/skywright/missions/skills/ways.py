@@ -73,7 +73,7 @@ def plan_way(
         passive=around.passive, low_z=around.low_z,
     )  # fmt: skip
     if found.blocked_by is not None:
-        return straight, room, f"{found.blocked_by} (fixed: what a flight strays)"
+        return straight, room, f"{found.blocked_by} (fixed: tracking error in flight)"
     q = np.array([find_swing(around.model, row) for row in found.q])
     return Way(found.p_WB, found.yaw, q), found.clearance, None
 

@@ -136,7 +136,7 @@ def _plan_ways(d: Description, found: ToolPlan, name: str) -> tuple[ToolPlan, st
             Configuration(b, yaw_b, q), rng, MARGIN, wanted=WIDE, low_z=low_z,
         )  # fmt: skip
         if way.blocked_by is not None:
-            return found, f"{leg}: {way.blocked_by} (fixed: what a flight strays)", math.nan
+            return found, f"{leg}: {way.blocked_by} (fixed: tracking error in flight)", math.nan
         least = min(least, way.clearance)
         ways.append(np.column_stack([way.p_WB, way.yaw]))
     found = found._replace(to_bench=ways[0], to_pipe=ways[1])
@@ -270,9 +270,9 @@ def _find_strong_wind(setup: Setup[ToolInstall], way: ToolPlan) -> str | None:
         low, high = (middle, high) if judge(middle)[0] >= keeps else (low, middle)
     speed = compute_speed(wind)
     return (
-        f"in a {wind.kind} wind of {speed:g} m/s the robot leans and moves (gusts and braking "
-        f"included) until {what} come within {max(least, 0.0):.3f} m before the hands hold the "
-        f"tool, {keeps:g} m are kept (mission.task.wind_clearance_m): at most "
+        f"a {wind.kind} wind of {speed:g} m/s tilts and moves the robot (gusts and braking "
+        f"included): before the hands hold the tool, {what} come within {max(least, 0.0):.3f} m; "
+        f"required clearance: {keeps:g} m (mission.task.wind_clearance_m); largest wind: "
         f"{low * speed:.1f} m/s (world.wind.mean_mps)"
     )
 
@@ -293,6 +293,6 @@ def _find_blocked_work(robot: Robot, world: World, way: ToolPlan) -> str | None:
                 pair = f"{query.names[found.robot_geom]} and {query.names[found.other_geom]}"
                 return (
                     f"{name}: {pair} come within {max(found.distance, 0.0):.3f} m; "
-                    f"required clearance: {NEAR_MARGIN:.2f} m (fixed: what a hover drifts)"
+                    f"required clearance: {NEAR_MARGIN:.2f} m (fixed: drift in hover)"
                 )
     return None

@@ -23,4 +23,11 @@ def sketch(d: Description[Waypoints], way: None) -> Sketch:
     return Sketch("way-points", points)
 
 
-FIGURES = Figures(describe, sketch=sketch)
+FIGURES = Figures(
+    describe,
+    sketch=sketch,
+    phases={
+        "waypoint *": "The robot flies to the next way-point.",
+        "hold *": "The robot holds its position and heading at the way-point.",
+    },
+)

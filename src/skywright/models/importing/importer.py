@@ -253,7 +253,7 @@ def _answer(
             open_questions.append(question)
     if open_questions:
         wanted = "; ".join(f"--set {q.key}=... ({q.text})" for q in open_questions)
-        raise InputError(f"{request.file} does not say: {wanted}; or --assume takes guesses")
+        raise InputError(f"{request.file} lacks values: give {wanted}, or --assume")
     for key, answer in request.answers.items():
         if not key.startswith("robot."):
             raise InputError(f"--set {key}: valid: keys of the robot file, robot...")

@@ -171,8 +171,8 @@ def diagnose_geometry(y: Array, noise: float, method: str = "similarity") -> Geo
         if method == "affine":
             note = (
                 f"the calibration is nearly flat (spread {large:.2f} m along, {small:.2f} m "
-                "across): of the affine matrix one direction is extrapolated, 1 m out of the plane "
-                f"is told from {small:.2f} m; move in three directions, or use --align similarity, "
+                "across): the affine matrix is extrapolated across the plane, to 1 m from a spread "
+                f"of {small:.2f} m; move in three directions, or use --align similarity, "
                 "which a plane determines"
             )
     else:

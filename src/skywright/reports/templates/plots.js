@@ -97,7 +97,12 @@ function drawFront(u, panel, phases, first) {
     if (room) used.push(y);
     ctx.textAlign = room ? "right" : "left";
     const at = room ? end - 4 * dpr : Math.max(shown[0][0] + 4 * dpr, b.left);
-    ctx.fillText(level.label, at, y > b.top + 16 * dpr ? y - 4 * dpr : y + 13 * dpr);
+    const base = y > b.top + 16 * dpr ? y - 4 * dpr : y + 13 * dpr;
+    ctx.setLineDash([]);  // a white outline, so that lines below the name leave it readable
+    ctx.lineWidth = 3 * dpr;
+    ctx.strokeStyle = "#fff";
+    ctx.strokeText(level.label, at, base);
+    ctx.fillText(level.label, at, base);
   }
   ctx.restore();
 }

@@ -147,7 +147,16 @@ def build_rest(s: Supervisor) -> Any:
     ):  # fmt: skip
         row[field] = 0.0
     row["R_WS"], row["active"], row["task"] = np.eye(3), 1.0, TASK_JOINTS
+    row["R_WB"] = _hold(s, row["R_WB"])
     return row
+
+
+def _hold(s: Supervisor, R: Array) -> Array:
+    """Return the attitude with the heading of R at which the rotors that are left hold the robot.
+
+    R itself while none is lost.
+    """
+    return R if s.R_hold is None else _level(R @ s.R_hold.T) @ s.R_hold
 
 
 def retract(s: Supervisor) -> None:
@@ -240,6 +249,7 @@ def fly_back(s: Supervisor, trail: list[Crumb]) -> None:
     row = build_rest(s)
     here = Crumb(np.array(row["p_WB"]), np.array(row["R_WB"]), np.array(row["q"]), np.zeros(3))
     query = s.surroundings() if s.surroundings is not None else None
+    trail = [c._replace(R_WB=_hold(s, c.R_WB)) for c in trail]
     if s.senses.carrying:
         trail = [c._replace(q=here.q) for c in trail]
     elif s.senses.stuck:
@@ -348,7 +358,7 @@ def _descend(s: Supervisor, here: bool) -> None:
     p[:, 2] -= np.clip((t - wait_s) / sink_s, 0.0, 1.0) * (start[2] - z_end)
     p[:, 2] -= np.maximum(t - wait_s - sink_s, 0.0) * FASTER * SINK
     arm = quintic(np.minimum(t / fold_s, 1.0))[0][:, None]
-    R = _level(row["R_WB"])
+    R = _level(row["R_WB"]) if s.R_hold is None else row["R_WB"]
     table = _build_table(s, row, t, p, np.repeat(R[None], n + 1, axis=0), q + arm * (home - q))
     s.body.track(table)
     begun = behind = turned = s.vehicle.t
@@ -357,7 +367,7 @@ def _descend(s: Supervisor, here: bool) -> None:
             turned = s.vehicle.t
             rest = table[np.searchsorted(table["t"], turned - begun) :].copy()
             rest["t"] += begun - turned
-            rest["R_WB"] = _level(s.senses.estimate["R_WB"])
+            rest["R_WB"] = _hold(s, s.senses.estimate["R_WB"])
             s.body.track(rest)
         ref, est = s.senses.reference, s.senses.estimate
         if float(est["p_WB"][2] - ref["p_WB"][2]) < DOWN_M:

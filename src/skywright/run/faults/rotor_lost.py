@@ -66,5 +66,8 @@ class RotorLost(Rule):
 
     def repair(self, s: Supervisor) -> Response:
         """Fly on without that rotor, where the others can; else fall."""
-        s.turns = s.vehicle.give_up_rotor(self.rotor - 1)
-        return super().repair(s) if s.turns else "let_go"
+        left = s.vehicle.give_up_rotor(self.rotor - 1)
+        if left is None:
+            return "let_go"
+        s.turns, s.R_hold = not left.holds_heading, left.R_WB
+        return super().repair(s)

@@ -14,6 +14,7 @@
 from __future__ import annotations
 
 import math
+from copy import deepcopy
 from functools import partial
 from itertools import product
 from typing import Any, NamedTuple
@@ -166,24 +167,33 @@ def _find_swing(
     both = [motion[0]] if abs(motion[0].imag) > 1e-9 else list(motion)
     reduced = m.mass * m.second - m.first**2
 
+    def demand(s: Any) -> tuple[Array, Any]:
+        angle = m.first / (reduced * s * s + m.mass * m.first * m.gravity)
+        x = (m.second - m.first**2 * m.gravity * angle) / (reduced * s * s)
+        return m.mass * np.array([x, s * x, angle, s * angle]), -1.0 / lag(s)
+
+    rows: list[Array] = []
+    right: list[float] = []
+    for s in both:
+        row, value = demand(s)
+        parts = ("real", "imag") if abs(s.imag) > 1e-9 else ("real",)  # a pair of poles: two
+        rows += [getattr(row, part) for part in parts]
+        right += [getattr(value, part) for part in parts]
+
     def gains(frequency: float) -> tuple[Array, complex]:
         swing = frequency * complex(-damping, math.sqrt(1.0 - damping**2))
-        rows: list[Array] = []
-        right: list[float] = []
-        for s in [*both, swing]:
-            angle = m.first / (reduced * s * s + m.mass * m.first * m.gravity)
-            x = (m.second - m.first**2 * m.gravity * angle) / (reduced * s * s)
-            row, value = m.mass * np.array([x, s * x, angle, s * angle]), -1.0 / lag(s)
-            rows.append(row.real)
-            right.append(value.real)
-            if abs(s.imag) > 1e-9:  # a pair of poles: two equations
-                rows.append(row.imag)
-                right.append(value.imag)
-        return np.linalg.solve(np.array(rows), np.array(right)), swing
+        row, value = demand(swing)
+        equations = np.array([*rows, row.real, row.imag])
+        return np.linalg.solve(equations, np.array([*right, value.real, value.imag])), swing
 
     slowest = SLOWEST_SWING if wanted == 0.0 else SLOWEST_HUNG
     grid = m.natural * np.linspace(slowest, FASTEST_SWING, 61)
-    angle_gain = [gains(w)[0][2] - wanted for w in grid]
+    row, value = demand(grid * complex(-damping, math.sqrt(1.0 - damping**2)))
+    equations, values = np.empty((61, 4, 4)), np.empty((61, 4, 1))
+    equations[:, :2], values[:, :2, 0] = rows, right
+    equations[:, 2], equations[:, 3] = row.real.T, row.imag.T
+    values[:, 2, 0], values[:, 3, 0] = value.real, value.imag
+    angle_gain = np.linalg.solve(equations, values)[:, 2, 0] - wanted
     changes = [i for i in range(60) if angle_gain[i] * angle_gain[i + 1] <= 0.0]
     if not changes:
         return None
@@ -203,8 +213,25 @@ def compute_cascade_gains(
 
     `inverted`: for the law `model_inversion`, whose gains act on what the platform weighs beside
     a free link, and which adds the link's pull: in this model a gain of -b^2 g / (m J) on psi.
+    They are kept: the plan, the law and the observer of a vehicle ask for the same.
+
     Raises InputError where a loop has no phase margin, or no poles of the swing exist.
     """
+    case = repr((c, robot, world, inverted, np.asarray(model).tobytes()))
+    if case not in _FOUND:
+        if len(_FOUND) >= MOST_KEPT:
+            _FOUND.clear()
+        _FOUND[case] = _compute_gains(c, robot, world, model, inverted)
+    return deepcopy(_FOUND[case])
+
+
+_FOUND: dict[str, CascadeGains] = {}
+MOST_KEPT = 32
+
+
+def _compute_gains(
+    c: Control, robot: Robot, world: World, model: Any, inverted: bool
+) -> CascadeGains:
     body, floating = compute_bodies(robot, model)
     inertia = np.diag(floating["I_eff"])
     free = compute_free_inertia(robot, world, posture(robot, "working"))

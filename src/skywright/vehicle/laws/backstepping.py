@@ -1,22 +1,23 @@
-"""Sanchez-Cuevas 2020, section 4: backstepping with integral action, contact fed forward.
+"""Sanchez-Cuevas 2020, section 4: backstepping with integral action and contact feed-forward.
 
-Of each axis, with z_1 = x_d - x, chi its integral, alpha = x_d' + lambda chi + k_1 z_1 and
+For each axis, with z_1 = x_d - x, its integral chi, alpha = x_d' + lambda chi + k_1 z_1 and
 z_2 = alpha - x', equations (42) to (44) give
 
     x'' = x_d'' + (1 - k_1^2 + lambda) z_1 + (k_1 + k_2) z_2 - k_1 lambda chi
 
-which is stable for all positive gains and equals the PID x_d'' + (1 + lambda + k_1 k_2) z_1 +
-(k_1 + k_2) z_1' + k_2 lambda chi (put z_2 in). Printed errors mended: e_p = p_d - p in (28), the
-sign of k^2 in K (E004-1, E004-2), the lever in (24) (E004-6), only the force is turned in (23)
-(E004-7). The attitude's error is a rotation vector instead of Euler angles (E004-4).
+This is stable for all positive gains. After substitution of z_2 it equals the PID
+x_d'' + (1 + lambda + k_1 k_2) z_1 + (k_1 + k_2) z_1' + k_2 lambda chi. Four misprints of the paper
+are corrected (docs/papers/sanchez-cuevas-2020.md): e_p = p_d - p in (28), the sign of k^2 in K
+(E004-1, E004-2), the lever in (24) (E004-6), and (23) rotates the force only (E004-7). The attitude
+error is a rotation vector instead of Euler angles (E004-4).
 
-Platform, (25) and (26): mass and inertia of the arm's present pose, and less the contact wrench:
-that of the tip from the measured force (24), that of the docking feet as planned. Arm, (27), (30)
-and (31): along the probe the force F_d + k_f (F_d - F), across it the joints. Servos take speeds,
-and a speed of the tip against the probe's spring is a rate of force, so (31) becomes
-v = F_d' / K + k_f (F_d - F) / K: the servo map of section 4.
+Platform, (25) and (26): mass and inertia are those of the present posture of the arm. The contact
+wrench is subtracted: the tip's from the measured force (24), the docking feet's as planned. Arm,
+(27), (30) and (31): the law controls the force F_d + k_f (F_d - F) along the probe, and the joints
+across it. The servos take speeds, and a speed of the tip against the probe's spring is a rate of
+force. (31) therefore becomes v = F_d' / K + k_f (F_d - F) / K, the servo map of section 4.
 
-It is a PID, so k_1, k_2 and lambda follow from the PID's stiffness, damping and integral:
+Since the law is a PID, k_1, k_2 and lambda follow from its stiffness, damping and integral gain:
 
     K_p = 1 + lambda + k_1 k_2,   K_d = k_1 + k_2,   K_i = k_2 lambda
 """

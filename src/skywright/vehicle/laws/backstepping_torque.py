@@ -1,20 +1,22 @@
-"""Sanchez-Cuevas 2020, (27), (30), (31): the arm's inverse dynamics, as torques of its servos.
+"""Sanchez-Cuevas 2020, (27), (30), (31): inverse dynamics of the arm as torques of its servos.
 
-The platform is that of `backstepping`. The printed (27) counts the contact twice: with F_d and
-F_C both as forces on the robot, -J^T F_d - F_C holds twice the force at rest, with F_d as the
-tip's it holds none. Mended (E004-12): F_d stands in the place of F_C, so that
+The platform is controlled as in `backstepping`. The printed (27) counts the contact twice: if F_d
+and F_C are both forces on the robot, -J^T F_d - F_C holds twice the force at rest; if F_d is the
+force of the tip, it holds none. In this law F_d replaces F_C (E004-12 in
+docs/papers/sanchez-cuevas-2020.md):
 
     U = M (q''_d + e) + C + G + M_QM^T [p''; eta''] + J^T F_d,   F_d = F + k_f (F - F_s)
 
-with F along the probe, which leaves Lambda x'' = (1 + k_f) (F - F_s) - Lambda k_v x' of the tip.
-Recursive Newton-Euler gives all of it but J^T F_d in one pass, with the servos' rotors added to M
-and the platform's acceleration that of its reference. (30) is taken in joints, which for a J that
-can be inverted is the same to first order, and while the tip presses across the probe only: J^T
-Lambda e_x = M J^-1 (e_x - J' q').
+with F along the probe. At the tip this leaves Lambda x'' = (1 + k_f) (F - F_s) - Lambda k_v x'.
+One pass of recursive Newton-Euler computes all terms except J^T F_d. M includes the rotors of the
+servos, and the acceleration of the platform is that of its reference. (30) is evaluated in joint
+space, which is the same to first order for an invertible J. While the tip presses, (30) acts across
+the probe only: J^T Lambda e_x = M J^-1 (e_x - J' q').
 
-k_p = w^2, k_v = 2 w. w is 1 / T_v of the servos, so that the law's loop is as fast as the speed
-loop that it replaces, or the fastest below it whose |S| stays below 2 with the dead time and the
-filter of the joints' speeds. k_f is the largest whose |S| in contact does.
+The gains are k_p = w^2 and k_v = 2 w. w is 1 / T_v of the servos, so that the loop is as fast as
+the speed loop that it replaces. If |S| then exceeds 2 with the dead time and the filter of the
+joint speeds, w is the largest smaller value that meets this bound. k_f is the largest value that
+meets it in contact.
 """
 
 from __future__ import annotations

@@ -1,11 +1,13 @@
-"""Cascade as autopilots fly it: position P, velocity P, attitude P, rate PI with a lead.
+"""Cascade of an autopilot: P on position, velocity and attitude; PI with a lead on the rates.
 
-Loops (PX4's structure): velocity asked = v_des + k e; acceleration = k (velocity error), less the
-damping of a swinging link; the force for it, with every known external force cancelled, points the
-thrust; rate asked = k (attitude error); angular acceleration = k (rate error). The torque for it
-comes from models/floating.py, so that a link on a joint without a servo, arms that moved and forces
-at the hands turn the platform no more than the model is wrong. The velocity loop needs no integral
-of its own: the estimated force f_rest_W is one. All gains follow from bandwidths.
+The structure is PX4's. The position loop commands the velocity v_des + k e. The velocity loop
+commands an acceleration: k times the velocity error, minus the damping of a swinging link. The
+thrust points along the force for this acceleration, with every known external force cancelled. The
+attitude loop commands rates, k times the attitude error. The rate loop commands an angular
+acceleration, k times the rate error. models/floating.py computes the torque for it, including a
+link on a joint without a servo, the posture of the arms, and forces at the hands; these disturb
+the platform only as far as the model is wrong. The velocity loop has no integral of its own,
+because the estimated force f_rest_W acts as one. All gains follow from bandwidths.
 """
 
 from __future__ import annotations

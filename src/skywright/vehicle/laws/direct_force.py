@@ -1,39 +1,44 @@
-"""Direct force: position along the surface, PI on the measured force across it. Beyond the papers.
+"""Direct force control: position along the surface, PI on the measured force across it.
 
-Hybrid position and force control at the tip of a fully actuated platform: Bodie et al. 2020 (Active
-interaction force control for contact-based inspection with a fully actuated aerial vehicle, IEEE
-T-RO 37(3)) with a measured force in place of an estimated one. Attitude, arm, free flight and both
-directions along the surface are laws (2) to (4) of Tognon 2018 as they are (loops.py). Along the
-normal n, while the plan asks for a force F^d (port Press) and the reference is inside,
+This law is not taken from the papers that Skywright reproduces. It is hybrid position and force
+control at the tip of a fully actuated platform after Bodie et al. 2020 (Active interaction force
+control for contact-based inspection with a fully actuated aerial vehicle, IEEE T-RO 37(3)), with a
+measured force in place of an estimated one. Attitude, arm, free flight and both directions along
+the surface are laws (2) to (4) of Tognon 2018 (loops.py). Along the normal n, while the plan
+requests a force F^d (port Press) and the reference is inside the surface,
 
     f.n = m a^d.n + D (v^d - v).n - (F^d + k_P (F^d - F) + sigma_F)      sigma_F' = k_I (F^d - F)
 
-Derivation of the gains. The tip is a spring k between robot and surface: F = k x, x inward, so
+Derivation of the gains. The tip is a spring k between robot and surface: F = k x with x inward, so
 
     m x'' + D x' + k x = F^d + k_P (F^d - F) + sigma_F + gust
     s^3 + 2 zeta w s^2 + w^2 s + w_i w^2 = 0    with   D = 2 zeta m w,
                                                        1 + k_P = m w^2 / k,  k_I = w_i m w^2 / k
 
-- k is the probe's spring in series with the rest: attitude loop I w_R^2 over the tip's lever about
-  the centre of mass squared, joint springs and servos over their levers squared. With the slider at
-  either end of its travel only the rest gives way (`Contact.k_hard`), and k_P k grows with it.
-- zeta = 1. w_i = w / 4: the pair of poles that the integral makes then has a damping ratio of 0.7.
+- k is the probe's spring in series with the compliance of the robot: the attitude loop, I w_R^2
+  over the squared lever of the tip about the centre of mass, and joint springs and servos over
+  their squared levers. With the slider at an end of its travel only the compliance of the robot is
+  left (`Contact.k_hard`), and k_P k grows with it.
+- zeta = 1 and w_i = w / 4. The pair of poles that the integral creates then has a damping ratio of
+  0.7.
 - k_P >= 0. A bandwidth below that of the bare spring, sqrt(k / m), has k_P = 0.
-- w is the fastest at which the sensitivity |S| stays below 2 in contact with either stiffness and
-  in the air, behind the rotors' lag T and the dead time: 1.5 control periods (as in
-  evidence/loop.py), a physics step and half a period of the sensor, the link both ways. The loop
-  opened at the rotors:
+- w is the largest bandwidth for which the sensitivity |S| stays below 2, in contact with either
+  stiffness and in the air. The loop contains the rotor lag T and a dead time tau of 1.5 control
+  periods (as in evidence/loop.py), a physics step, half a period of the sensor, and the link both
+  ways. Opened at the rotors it is
 
-      L = (D s + k_P k + k_I k / s) e^{-s tau} / (1 + T s) / (m s^2 + k)
+    L = (D s + k_P k + k_I k / s) e^{-s tau} / (1 + T s) / (m s^2 + k)
 
-Anti-windup: the integral rests while the rotors are saturated and while nothing is felt, and its
-size is bounded with the position integral's, which it continues: sigma is one vector in W, so touch
-and lift are bumpless. Its part across the surface knows the wind when contact is lost.
+Anti-windup: the integral is held while the rotors are saturated and while no force is measured. It
+continues the position integral and shares its bound: sigma is one vector in W, so the transitions
+at touch-down and lift-off are bumpless. At the loss of contact its component across the surface
+contains the wind.
 
-Contact lost, or not yet made: F^d (1 + k_P) pushes a free mass with the damper D, so the tip comes
-back at a speed of F^d (1 + k_P) / D at most, further bounded by `approach_speed_mps`. By default
-that is the speed whose impact on the spring, v sqrt(k m), makes half of F^d. Where the tip is REACH
-deeper than its reference there is no surface: the position loop takes over.
+Loss of contact, and the time before contact: F^d (1 + k_P) accelerates a free mass with the damper
+D. The tip therefore returns at a speed of F^d (1 + k_P) / D at most, and `approach_speed_mps`
+limits this speed further. Its default is the speed whose impact on the spring, v sqrt(k m), causes
+half of F^d. If the tip is deeper than its reference by REACH, there is no surface, and the position
+loop takes over.
 """
 
 from __future__ import annotations

@@ -1,30 +1,32 @@
-"""Axis-selective impedance: across the surface the tip is a chosen mass, damper and spring.
+"""Axis-selective impedance: across the surface the tip acts as a chosen mass, damper and spring.
 
 Bodie et al. 2019 (An omnidirectional aerial manipulation platform for contact-based inspection,
-RSS), section IV: an impedance whose parameters are chosen by axis of the surface's frame. Attitude,
-arm, free flight and both directions along the surface are laws (2) to (4) of Tognon 2018 as they
-are, which is that impedance with the robot's own mass. Along the normal n, in contact, the wanted
+RSS), section IV: an impedance whose parameters are chosen for each axis of the surface frame.
+Attitude, arm, free flight and both directions along the surface are laws (2) to (4) of Tognon 2018,
+which are this impedance with the robot's own mass. Along the normal n, in contact, the desired
 behaviour under the force F n of the surface
 
     m_v (a - a^d).n = D (v^d - v).n + K (p^d - p).n + F
 
-takes the rotors' force
+requires the rotor force
 
     f.n = m a^d.n + (m / m_v) (D (v^d - v) + K (p^d - p)).n + (m / m_v - 1) F + sigma.n
 
-with D = 2 zeta sqrt(K m_v). By default K is half of law (4)'s m w^2 and m_v = m, so that F is not
-needed and the law flies on any robot that law (4) does. Another m_v needs a measured force: on the
-force estimated from the platform's motion wind looks like contact (docs/adr/0026).
+with D = 2 zeta sqrt(K m_v). By default K is half of law (4)'s m w^2, and m_v = m. F is then not
+needed, and the law flies on every robot that law (4) flies. Another m_v requires a measured force,
+because a force estimated from the motion of the platform does not separate wind from contact
+(docs/adr/0026).
 
-A reference inside the surface by e presses with K e. A plan's depth is chosen for law (4), so half
-of the stiffness makes half of the push, and half of what an error of the map changes it by; a
-steady gust goes into the contact in full, as under law (4). sigma is law (4)'s, with its dead zone.
+A reference at the depth e inside the surface presses with K e. The depth of a plan is chosen for
+law (4). Half of the stiffness therefore produces half of the push, and halves its change by an
+error of the map. A steady gust acts on the contact in full, as under law (4). sigma is the integral
+of law (4), with its dead zone.
 
-Rotors lag: a stiffness or mass is refused where the sensitivity |S| of
+The rotors lag. A stiffness or mass is refused if the sensitivity |S| of the loop
 
     L = ((m / m_v) (D s + K) + (m / m_v - 1) k) e^{-s tau} / (1 + T s) / (m s^2 + k)
 
-exceeds 2 on the probe's spring k, free or at an end (_press_model.py).
+exceeds 2, with the probe's spring k free or at an end of its travel (_press_model.py).
 """
 
 from __future__ import annotations

@@ -1,10 +1,11 @@
-"""Inverse-kinematics feedback: the arm's joints correct the tip's measured position.
+"""Inverse-kinematics feedback: the joints of the arm correct the measured position of the tip.
 
-The standard control of a redundant manipulator (Siciliano, Robotics, 2009, section 3.7.1): joint
-velocities qd = qd^n + J^+ K e_E with the tip's error e_E. Tognon et al. 2018, section V, tried it
-and dropped it because the arm's flexibility puts the feedback across an elastic mode: the tip
-vibrates. The platform tracks its own nominal pose. In contact only the error along the surface is
-fed back: joint velocity integrates, and the intended penetration would push without end.
+This is the standard control of a redundant manipulator (Siciliano, Robotics, 2009, section 3.7.1):
+joint velocities qd = qd^n + J^+ K e_E with the tip error e_E. Tognon et al. 2018, section V, tested
+it and rejected it: the flexible arm puts the feedback across an elastic mode, and the tip vibrates.
+The platform tracks its own nominal pose. In contact only the error along the surface is fed back,
+because the joint velocity integrates and the intended penetration would increase the push without
+bound.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ DAMPING = 0.05
 
 
 class InverseKinematics(ThreeLoops):
-    """Tip feedback through the arm while the tip is tracked, law (2) elsewhere; law (3); platform
-    on its nominal position.
+    """Joint speeds by tip feedback while the tip is tracked and by law (2) otherwise; law (3); the
+    platform on its nominal position.
     """
 
     needs_full_actuation = True

@@ -1,9 +1,9 @@
 """Pure joint-space control: every degree of freedom tracks its own nominal trajectory.
 
-Tognon et al. 2018, section V, name it as the simple solution and reject it: the tip is nowhere fed
-back, so errors of the kinematic model, the servos and the structure go to the tip in full. Laws
-(2) and (3) as in `push_and_slide`; the force is law (4) with the platform's position error in place
-of the tip's.
+Tognon et al. 2018, section V, name it as the simplest solution and reject it: the tip is not fed
+back, so errors of the kinematic model, the servos and the structure appear at the tip in full. Laws
+(2) and (3) are those of `push_and_slide`. The force is law (4) with the position error of the
+platform in place of the tip's.
 """
 
 from __future__ import annotations

@@ -1,31 +1,35 @@
 """Distributed model inversion for a platform whose arms hang on a passive link (Caballero 2018).
 
-The paper shows a block diagram (figure 4) and says that the laws "make use of nonlinear strategies
-based on model inversion"; it prints no equation and no gain. This is such a law for the model (3),
-one part a subsystem, each inverting the rows of the model that it commands:
+The paper shows a block diagram (figure 4) and states that the laws "make use of nonlinear
+strategies based on model inversion"; it prints no equation and no gain. This law is one reading of
+it for the model (3). It has one part for each subsystem, and each part inverts the rows of the
+model that it commands:
 
-- platform: loops on position and velocity ask for u1', u3' (and the same across the plane). With
-  the platform so accelerated the passive row of (3) tells how the free link will turn,
+- Platform: loops on position and velocity command the accelerations u1', u3' (and the same across
+  the plane). With this acceleration of the platform, the passive row of (3) gives the angular
+  acceleration of the free link,
 
-      M_ss q'' = L_s . (g - v') + s_ext,
+    M_ss q'' = L_s . (g - v') + s_ext,
 
-  and the translational rows what force that takes, the link's reaction included:
+  and the translational rows give the required force, including the reaction of the link:
 
-      f = m (v' - g) + L_s q'' + L_s' q' - f_ext.
+    f = m (v' - g) + L_s q'' + L_s' q' - f_ext.
 
-  The platform then moves as if nothing hung on it: mass m - |L_s|^2 / M_ss, no pull of the swing.
-- attitude: the thrust points along f, and the rotational rows give the torque for the angular
-  acceleration that the loops ask for, the joint free (the same inversion as the cascade's).
-- passive joint: no motor. The platform damps it: part of v' is against the link's rate.
-- arms: their servos hold angles; the arms' law inverts the statics of the joints.
+  The platform then moves as if nothing hung on it: its mass is m - |L_s|^2 / M_ss, and the swing
+  does not pull it.
+- Attitude: the thrust points along f. The rotational rows give the torque for the commanded angular
+  acceleration with a free joint (the same inversion as in the cascade).
+- Passive joint: it has no motor. The platform damps it: part of v' opposes the rate of the link.
+- Arms: their servos hold angles; the law of the arms inverts the statics of the joints.
 
-Rows are inverted one after the other, the translational ones at the attitude of now: attitude
-follows within a tenth of a second. Accelerations of the arm joints are left to the estimated
-external force; a transport moves them at some tenths of rad/s.
+The rows are inverted one after the other, the translational ones at the present attitude, which
+follows within a tenth of a second. Accelerations of the arm joints are part of the estimated
+external force; a transport moves these joints at some tenths of rad/s.
 
-Against the cascade, which leaves the link's pull to the poles that its gains place: the same gains
-mean less force, for they act on the smaller mass, and the pull of a swinging link, which brings
-platform and link back together, is cancelled. See docs/papers/caballero-2018.md for both in gusts.
+The cascade leaves the pull of the link to the poles that its gains place. Here the same gains
+produce less force, because they act on the smaller mass, and the pull of the swinging link, which
+would bring platform and link back together, is cancelled. docs/papers/caballero-2018.md compares
+both laws in gusts.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Cascade of a coplanar multirotor: the position loop asks for a force, the attitude points to it.
+"""Cascade of a coplanar multirotor: the position loop commands a force, the attitude follows it.
 
-The force law is the same as for a fully actuated platform; thrust goes along z_B, so the attitude's
-reference is the direction of the force with the nominal heading (Lee, Leok, McClamroch 2010, CDC,
-eq. 12-16, with a tilt limit). Robots with tilted rotors can fly it too.
+The force law is that of a fully actuated platform. The thrust acts along z_B, so the direction of
+the force with the nominal heading is the attitude reference (Lee, Leok, McClamroch 2010, CDC,
+eq. 12-16, with a tilt limit). Robots with tilted rotors can fly this law, too.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Whole-body control as a quadratic program: rotor thrusts, joint accelerations, contact force.
 
-The task is that of Tognon et al. 2018, laws (2) to (4): where no limit binds, the platform's force
-is law (4)'s and the arm's speeds are law (2)'s. Each control tick
+The task is that of Tognon et al. 2018, laws (2) to (4). While no limit is active, the platform's
+force is that of law (4) and the joint speeds are those of law (2). Each control tick solves
 
     minimise   |W (B T + G f - L q'' - w)|^2 + w_f^2 |f - f^d|^2 + w_q^2 |q'' - q''^d|^2
                + w_T^2 |T - T^d|^2
@@ -11,25 +11,28 @@ is law (4)'s and the arm's speeds are law (2)'s. Each control tick
                k (q_min - q) <= q' + T_v q'' <= k (q_max - q)          (Faverjon, Tournassoud 1987)
                f within the friction cone, as a pyramid of eight sides inside it
 
-- Dynamics: B T + G f - L q'' = w, force and torque about the centre of mass. w is what the
-  accelerations of laws (3) and (4) take: M a + gravity + gyroscopic terms + integrals. L are the
-  arm's columns of the mass matrix (`fill_reaction`), G puts f at the tip. The rows stand in the
-  cost, so that there is a solution at all limits; W gives them their rank: height, roll and pitch,
-  then yaw, then the lateral force, then the push. Above all is the arm: its reaction lasts as long
-  as it accelerates, so it is no substitute for thrust, and joints give way at their own limits.
+- Dynamics: B T + G f - L q'' = w, force and torque about the centre of mass. w is the wrench that
+  the accelerations of laws (3) and (4) require: M a + gravity + gyroscopic terms + integrals. L
+  holds the arm's columns of the mass matrix (`fill_reaction`); G applies f at the tip. These rows
+  are part of the cost, so that a solution exists at all limits. W ranks them: height, roll and
+  pitch, then yaw, then the lateral force, then the push. The arm ranks above all of them: its
+  reaction lasts only while it accelerates, so it cannot replace thrust, and joints yield at their
+  own limits.
 - Contact: law (4) presses with N = K^P |e_n| and feeds the friction mu N of the desired sliding
-  forward. Both are f^d here. Their moment about the centre of mass, (p_T - c) x f, is then part of
-  the balance; law (3) leaves it to its integral. This is the difference to `push_and_slide` where
-  no limit binds. One vertex of the pyramid lies in the direction of sliding, so f^d is inside.
-- Servos follow a speed as T_v q'' = speed - q', so q''^d is law (2)'s speed and the command is
-  q' + T_v q''.
-- T^d are the thrusts of the allocation. Where T^d, q''^d and f^d are within all limits they are
-  the solution, for the cost is zero there, and no solver runs. Else DAQP solves the program.
-- Joint rows may contradict each other beyond a stop: then those rows may be violated at a price. If
-  that has no solution either, the allocation takes the wrench instead (`ThrustCommand.limits`).
+  forward. Both form f^d here. Their moment about the centre of mass, (p_T - c) x f, is therefore
+  part of the balance; law (3) leaves it to its integral. While no limit is active, this is the only
+  difference to `push_and_slide`. One vertex of the pyramid lies in the direction of sliding, so
+  that f^d is inside.
+- Servos follow a speed command as T_v q'' = speed - q'. q''^d is therefore that of law (2)'s speed,
+  and the command is q' + T_v q''.
+- T^d are the thrusts of the allocation. If T^d, q''^d and f^d are within all limits, they are the
+  solution, because the cost is zero there, and no solver runs. Otherwise DAQP solves the program.
+- Beyond a stop, the rows of a joint may contradict each other; they may then be violated at a
+  penalty. If no solution exists even then, the allocation realises the wrench instead
+  (`ThrustCommand.limits`).
 
-Weights in place of the strict hierarchy of Escande, Mansard, Wieber 2014 (Hierarchical quadratic
-programming, IJRR 33(7)): one program, and ranks far enough apart to act as one.
+Weights replace the strict hierarchy of Escande, Mansard, Wieber 2014 (Hierarchical quadratic
+programming, IJRR 33(7)): one program, with ranks far enough apart to act as one.
 """
 
 from __future__ import annotations
@@ -50,6 +53,7 @@ from skywright.models.body_records import BodyModel, Kinematics
 from skywright.models.compliant_arms import is_compliant
 from skywright.models.link_motion import compute_joint_inertia
 from skywright.models.rigid_body import posture
+from skywright.models.rotor_loss import RotorsLeft
 from skywright.vehicle.allocation import compute_yaw_share
 from skywright.vehicle.bus import (
     Allocated,
@@ -174,6 +178,12 @@ class WholeBodyQp(ThreeLoops):
         for name in ("problem", "result", "H", "f", "A", "upper", "lower", "sense", "x"):
             me[name] = context.keep(getattr(p, name))
         context.keep(p.lam)
+
+    def give_up_rotor(self, me: Any, left: RotorsLeft) -> None:
+        """Leave a lost rotor no range, and ask the others for what the allocation would."""
+        n = len(left.preload)
+        me.P[:n], me.preload[:n] = left.P, left.preload
+        me.t_min[:n], me.t_max[:n] = left.t_min + left.preload, left.t_max + left.preload
 
     @staticmethod
     def step(

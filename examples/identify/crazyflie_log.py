@@ -1,0 +1,126 @@
+"""A log of a real quadrotor against the rotor model that Skywright simulates.
+
+Reads logs of the Crazyflie's micro-SD deck (accelerometer, gyroscope and motor commands at 1 kHz),
+writes them as tables that `skywright identify` takes, and compares three parts of the model with
+what was measured: thrust, roll and pitch, and yaw. Parameters are fitted on the first half of the
+flight and judged on the second. Needs NumPy and SciPy only.
+
+    python examples/identify/crazyflie_log.py log10 log15 log16
+
+The public logs of arplaboratory/data-driven-system-identification (folder logs_crazyflie) excite
+one axis each: log10 climbs and sinks, log15 rolls and pitches, log16 yaws.
+"""
+
+import struct
+import sys
+from pathlib import Path
+
+import numpy as np
+from scipy.signal import butter, lfilter, sosfiltfilt
+
+MASS = 0.027  # kg, and
+LEVER = 0.028  # m of each rotor along x and y, as the authors of the logs state
+ORDER = (4, 3, 2, 1)  # the log's motors, counter-clockwise from front left
+X, Y = np.array([1.0, -1.0, -1.0, 1.0]), np.array([1.0, 1.0, -1.0, -1.0])
+SPIN = np.array([1.0, -1.0, 1.0, -1.0])  # direction of the torque about z on the body
+LAGS = np.arange(0.0, 0.16, 0.005)  # s
+BAND = (0.5, 15.0)  # Hz
+FLIES = 0.35  # of the mean command
+KINDS = {"f": "f4", "I": "u4", "H": "u2", "h": "i2", "B": "u1", "i": "i4", "Q": "u8"}
+
+
+def decode(path: Path) -> np.ndarray:
+    """Return the rows of a log, format 2 with one kind of event."""
+    data = path.read_bytes()
+    if data[:3] != b"\xbc\x02\x00" or data[3:5] != b"\x01\x00":
+        raise SystemExit(f"{path}: is not a log of the micro-SD deck, version 2, with one event")
+    at = data.index(b"\0", 7) + 1
+    (count,) = struct.unpack_from("<H", data, at)
+    at, fields = at + 2, [("event", "<u2"), ("us", "<u8")]
+    for _ in range(count):
+        end = data.index(b"\0", at)
+        name = data[at:end].decode()  # such as "acc.x(f)"
+        fields.append((name[:-3], "<" + KINDS[name[-2]]))
+        at = end + 1
+    kind = np.dtype(fields)
+    return np.frombuffer(data, kind, (len(data) - at) // kind.itemsize, at)
+
+
+def build_table(rows: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the columns of a table for `skywright identify`, means over 4 samples."""
+    table = {"t_s": (rows["us"] - rows["us"][0]) * 1e-6}
+    table |= {f"w{a}_rad_s": np.radians(rows[f"gyro.{a}"]) for a in "xyz"}
+    table |= {f"a{a}_m_s2": 9.80665 * rows[f"acc.{a}"] for a in "xyz"}
+    table |= {f"command_{i + 1}": rows[f"motor.m{k}"] / 65535 for i, k in enumerate(ORDER)}
+    n = len(rows) // 4 * 4
+    return {k: np.asarray(v, float)[:n].reshape(-1, 4).mean(axis=1) for k, v in table.items()}
+
+
+def compare(table: dict[str, np.ndarray]) -> list[str]:
+    """Compare the flight with the model: command, first-order lag, thrust by its square."""
+    t = table["t_s"]
+    dt = float(np.median(np.diff(t)))
+    command = np.column_stack([table[f"command_{i}"] for i in range(1, 5)])
+    flown = np.flatnonzero(command.mean(axis=1) > FLIES)
+    begin, end = flown[0] + round(2.0 / dt), flown[-1] - round(2.0 / dt)
+    first = np.arange(begin, (begin + end) // 2)
+    second = np.arange((begin + end) // 2, end)
+    sos = butter(2, np.array(BAND) * 2.0 * dt, "bandpass", output="sos")
+    up = table["az_m_s2"]
+    spun = np.column_stack([np.gradient(table[f"w{a}_rad_s"], dt) for a in "xyz"])
+    force, spun = sosfiltfilt(sos, up), sosfiltfilt(sos, spun, axis=0)
+
+    def fit(wanted: np.ndarray, build) -> tuple[float, np.ndarray, float]:
+        """Return the lag (s) that fits the first half best, its factors, and R² of the second."""
+        best = (np.inf, 0.0, np.zeros(1), 0.0)
+        for lag in LAGS:
+            share = 1.0 if lag == 0.0 else 1.0 - np.exp(-dt / lag)
+            u = lfilter([share], [1.0, share - 1.0], command, axis=0)
+            columns = sosfiltfilt(sos, build(u), axis=0)
+            factors = np.linalg.lstsq(columns[first], wanted[first], rcond=None)[0]
+            left = np.mean((wanted[first] - columns[first] @ factors) ** 2)
+            if left < best[0]:
+                error = wanted[second] - columns[second] @ factors
+                r2 = 1.0 - np.mean(error**2) / np.var(wanted[second])
+                best = (left, lag, factors, r2)
+        return best[1], best[2], best[3]
+
+    out = []
+    lag, (k,), r2 = fit(force, lambda u: np.sum(u**2, axis=1)[:, None])
+    full = MASS * k  # N of a rotor
+    hover = np.sqrt(np.mean(np.mean(command[second] ** 2, axis=1)) / np.mean(up[second]) * 9.80665)
+    out.append(
+        f"thrust: R² {r2:.2f}, lag {1e3 * lag:.0f} ms, {full:.3f} N a rotor at full command; "
+        f"hovers at a command of {np.sqrt(MASS * 9.80665 / (4 * full)):.2f}, flown {hover:.2f}"
+    )
+    for axis, name, side in ((0, "roll", Y), (1, "pitch", -X)):
+        lag, (a,), r2 = fit(spun[:, axis], lambda u, side=side: (u**2 @ side)[:, None])
+        out.append(
+            f"{name}: R² {r2:.2f}, lag {1e3 * lag:.0f} ms, "
+            f"{a / k:.0f} rad/s² a m/s² of thrust: inertia {MASS * LEVER * k / a:.3g} kg m²"
+        )
+    lag, _, r2 = fit(spun[:, 2], lambda u: (u**2 @ SPIN)[:, None])
+    out.append(f"yaw, drag torque of the propellers alone: R² {r2:.2f}, lag {1e3 * lag:.0f} ms")
+
+    def both(u: np.ndarray) -> np.ndarray:
+        return np.column_stack([u**2 @ SPIN, np.gradient(u, dt, axis=0) @ SPIN])
+
+    lag, _, r2 = fit(spun[:, 2], both)
+    out.append(f"yaw, with the torque of the spin-up: R² {r2:.2f}, lag {1e3 * lag:.0f} ms")
+    return out
+
+
+def main() -> None:
+    """Write a table of each log beside it, and print the comparison."""
+    for path in map(Path, sys.argv[1:]):
+        table = build_table(decode(path))
+        out = Path(f"{path.name}.csv")
+        np.savetxt(
+            out, np.column_stack(list(table.values())), "%.6g", ",", header=",".join(table),
+            comments="",
+        )  # fmt: skip
+        print(f"{path.name}: {out}", *compare(table), sep="\n  ")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,140 @@
+"""A table of text (.csv) as a flight for identification, for logs of any autopilot.
+
+Frames W (ENU) and B (FLU). Attitude and velocity may be absent: then attitude follows from body
+rates and specific force, and drag is not identified.
+"""
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from skywright.analysis.identify.flight_log import FlightLog
+from skywright.core.arrays import Array
+from skywright.core.bounded import LARGEST_TABLE, read_bytes
+from skywright.core.rotations import exp_so3
+from skywright.description.robot.spec import Robot
+from skywright.errors import InputError
+from skywright.models.rigid_body import joint_names, posture
+from skywright.recordings.text_table import decode, read_number, split_row
+
+GRAVITY = 9.80665
+AIRBORNE = 0.35  # of the largest sum of rotor speeds, as for a ULog
+FASTEST = 250.0  # Hz, of the common time axis
+LEVELLING_S = 2.0
+"""s, of the complementary filter that finds the attitude where the table has none."""
+RATE = ("wx_rad_s", "wy_rad_s", "wz_rad_s")
+FORCE = ("ax_m_s2", "ay_m_s2", "az_m_s2")
+SPEED = ("vx_m_s", "vy_m_s", "vz_m_s")
+QUATERNION = ("qw", "qx", "qy", "qz")
+
+
+def load_table(path: Path, robot: Robot | None) -> FlightLog:
+    """Load a table flown by `robot`; raises InputError for a table that lacks a column."""
+    if robot is None:
+        raise InputError(f"{path}: a table contains no robot; give --robot NAME or FILE")
+    table = _read(path)
+    n = len(robot.rotors.azimuth_deg)
+    measured = tuple(f"speed_{i + 1}_rad_s" for i in range(n))
+    commanded = tuple(f"command_{i + 1}" for i in range(n))
+    known = measured[0] in table
+    needed = ("t_s", *RATE, *(measured if known else commanded))
+    missing = [name for name in needed if name not in table]
+    has_velocity, has_force = SPEED[0] in table, FORCE[0] in table
+    missing += [c for c in SPEED if has_velocity and c not in table]
+    missing += [c for c in FORCE if (has_force or not has_velocity) and c not in table]
+    if missing:
+        raise InputError(
+            f"{path}: lacks the columns {', '.join(missing)}; valid: t_s, {', '.join(RATE)}, "
+            f"{', '.join(FORCE)} (specific force) or {', '.join(SPEED)}, command_1 to command_{n} "
+            f"(0 to 1 of the full speed) or speed_1_rad_s to speed_{n}_rad_s, and if known "
+            f"{', '.join(QUATERNION)}"
+        )
+    stamps = table["t_s"]
+    if len(stamps) < 10 or not np.all(np.diff(stamps) > 0.0):
+        raise InputError(f"{path}: t_s must increase from row to row, over 10 rows at least")
+    period = max(float(np.median(np.diff(stamps))), 1.0 / FASTEST)
+    if not period < 0.1 or (stamps[-1] - stamps[0]) / period > 1e7:
+        raise InputError(f"{path}: {1.0 / period:.3g} rows a second; at least 10 are needed")
+    t = np.arange(0.0, stamps[-1] - stamps[0], period)
+
+    def take(names: tuple[str, ...]) -> Array:
+        return np.column_stack([np.interp(t, stamps - stamps[0], table[c]) for c in names])
+
+    w = take(RATE)
+    force = take(FORCE) if has_force else None
+    notes = []
+    if all(c in table for c in QUATERNION):
+        R = _rotations(take(QUATERNION))
+    elif force is not None:
+        R = estimate_attitude(w, force, period)
+        notes.append("no attitude in the table: estimated from body rates and specific force")
+    else:
+        raise InputError(f"{path}: lacks the columns {', '.join(QUATERNION)}")
+    if not has_velocity:
+        notes.append("no velocity in the table: drag is not identified")
+    signal = take(measured if known else commanded)
+    if not known:
+        r = robot.rotors
+        if np.min(signal) < -0.01 or np.max(signal) > 1.01:
+            raise InputError(
+                f"{path}: commands from {np.min(signal):.4g} to {np.max(signal):.4g}; valid: 0 to "
+                "1 of a rotor's full speed"
+            )
+        signal = signal * math.sqrt(r.thrust_max_n / r.thrust_coefficient_n_per_rad2s2)
+    total = signal.sum(axis=1)
+    names, q = tuple(joint_names(robot)), posture(robot, "folded")
+    if names:
+        notes.append("the arm is not in the table: taken as folded")
+    still = np.zeros((len(t), len(names)))
+    return FlightLog(
+        name=path.name, robot=robot, t=t, free=total > AIRBORNE * np.max(total, initial=0.0),
+        v_WB=take(SPEED) if has_velocity else np.zeros((len(t), 3)), R_WB=R, w_WB_B=w,
+        specific_force_B=force, rotor_speed=signal if known else None,
+        rotor_command=None if known else signal, command_is_thrust=False, joints=names,
+        q=np.tile(q, (len(t), 1)), servo_unit="rad", servo_command=still, servo_response=still,
+        gravity=GRAVITY, air_density=1.2, notes=tuple(notes),
+    )  # fmt: skip
+
+
+def _read(path: Path) -> dict[str, Array]:
+    """Return the columns of numbers by their names, rows with NaN left out."""
+    lines = decode(read_bytes(path, LARGEST_TABLE)).splitlines()
+    rows = [split_row(x, ",") for x in lines if x.strip() and not x.startswith("#")]
+    if not rows:
+        raise InputError(f"{path}: is empty")
+    names = [name.lower() for name in rows[0]]
+    twice = {name for name in names if names.count(name) > 1}
+    if twice:
+        raise InputError(f"{path}: has two columns {sorted(twice)[0][:60]!r}")
+    whole = [row for row in rows[1:] if len(row) == len(names)]
+    data = np.array([[read_number(cell) for cell in row] for row in whole]).reshape(-1, len(names))
+    wanted = [i for i, name in enumerate(names) if np.any(np.isfinite(data[:, i])) and name]
+    good = data[np.all(np.abs(data[:, wanted]) < 1e9, axis=1)]
+    return {names[i]: np.ascontiguousarray(good[:, i]) for i in wanted}
+
+
+def estimate_attitude(w: Array, force: Array, period: float) -> Array:
+    """Return R_WB (n, 3, 3) of body rates (n, 3) rad/s and specific forces (n, 3) m/s^2.
+
+    A complementary filter: rates are integrated, and the mean specific force is taken as vertical.
+    Heading starts at 0 and drifts.
+    """
+    out, R, turn = np.empty((len(w), 3, 3)), np.eye(3), np.empty((3, 3))
+    for i in range(len(w)):
+        up = force[i] / max(float(np.linalg.norm(force[i])), 1e-9)
+        share = 1.0 if i == 0 else period / LEVELLING_S
+        exp_so3(share * np.cross(up, R[2]) + w[i] * (period if i else 0.0), turn)
+        R = R @ turn
+        out[i] = R
+    return out
+
+
+def _rotations(q: Array) -> Array:
+    """Return R_WB (n, 3, 3) of quaternions (n, 4) wxyz, whose signs may flip."""
+    a, b, c, d = (q / np.maximum(np.linalg.norm(q, axis=1, keepdims=True), 1e-9)).T
+    R = np.empty((len(q), 3, 3))
+    R[:, 0] = np.column_stack([1 - 2 * (c * c + d * d), 2 * (b * c - a * d), 2 * (b * d + a * c)])
+    R[:, 1] = np.column_stack([2 * (b * c + a * d), 1 - 2 * (b * b + d * d), 2 * (c * d - a * b)])
+    R[:, 2] = np.column_stack([2 * (b * d - a * c), 2 * (c * d + a * b), 1 - 2 * (b * b + c * c)])
+    return R

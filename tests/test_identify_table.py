@@ -1,0 +1,152 @@
+"""A flight from a table: columns, attitude that is not logged, refusals."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from skywright.analysis.identify.table import estimate_attitude, load_table
+from skywright.core.rotations import exp_so3
+from skywright.description.robot.loader import load_robot
+from skywright.errors import InputError
+
+ROBOT = load_robot("hexarotor")[0]
+DT = 0.004
+
+
+def turn(rates: np.ndarray) -> np.ndarray:
+    """Integrate body rates (n, 3) rad/s from level; returns R_WB (n, 3, 3)."""
+    R, step, out = np.eye(3), np.empty((3, 3)), []
+    for w in rates:
+        exp_so3(w * DT, step)
+        R = R @ step
+        out.append(R)
+    return np.array(out)
+
+
+def build(n: int = 2000) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Return a table of a hover that rocks, and its attitude (n, 3, 3)."""
+    t = DT * np.arange(n)
+    w = np.column_stack([0.4 * np.cos(3 * t), 0.3 * np.cos(2 * t + 1), 0.2 * np.sin(t)])
+    R = turn(w)
+    force = 9.80665 * R[:, 2]  # at rest: the reaction to weight, in B
+    table = {"t_s": t + 100.0}
+    table |= {f"w{a}_rad_s": w[:, i] for i, a in enumerate("xyz")}
+    table |= {f"a{a}_m_s2": force[:, i] for i, a in enumerate("xyz")}
+    table |= {f"command_{i}": np.full(n, 0.1 * i) for i in range(1, 7)}
+    return table, R
+
+
+def write(path: Path, table: dict[str, Any]) -> Path:
+    rows = zip(*table.values(), strict=True)
+    lines = [",".join(table), *(",".join(str(x) for x in row) for row in rows)]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_attitude_follows_from_rates_and_force_where_the_table_has_none(tmp_path: Path) -> None:
+    table, R = build()
+    log = load_table(write(tmp_path / "a.csv", table), ROBOT)
+    up = np.arccos(np.clip(np.einsum("kj,kj->k", log.R_WB[:-1, 2], R[: len(log.t) - 1, 2]), -1, 1))
+    assert math.degrees(up.max()) < 0.5 and "no attitude" in log.notes[0]
+    assert "drag is not identified" in log.notes[1] and not log.v_WB.any()
+    assert log.rotor_command is not None and log.rotor_speed is None and log.free.all()
+    full = math.sqrt(ROBOT.rotors.thrust_max_n / ROBOT.rotors.thrust_coefficient_n_per_rad2s2)
+    assert log.rotor_command[5] == pytest.approx(full * np.arange(0.1, 0.65, 0.1))
+    assert log.t[0] == 0.0 and log.t[1] == pytest.approx(DT)
+
+
+def test_a_tilt_at_the_start_is_found_from_the_force() -> None:
+    """At once from the first sample; then the filter removes an error with its time constant."""
+    tilted = turn(np.array([[50.0, 0.0, 0.0]]))[0]
+    force = np.tile(9.81 * tilted[2], (500, 1))
+    R = estimate_attitude(np.zeros((500, 3)), force, DT)
+    assert R[-1, 2] == pytest.approx(tilted[2], abs=2e-3)
+
+
+def test_logged_attitude_velocity_and_speeds_are_taken_as_they_are(tmp_path: Path) -> None:
+    table, R = build(400)
+    half = 0.5 * np.arccos(np.clip((np.trace(R, axis1=1, axis2=2) - 1) / 2, -1, 1))
+    axis = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]])
+    axis = axis / np.maximum(np.linalg.norm(axis, axis=0), 1e-12) * np.sin(half)
+    sign = np.where(np.arange(400) < 200, 1.0, -1.0)  # q and -q are one attitude
+    table |= dict(
+        zip(("qw", "qx", "qy", "qz"), sign * np.vstack([np.cos(half), axis]), strict=True)
+    )
+    table |= {f"v{a}_m_s": np.full(400, i + 1.0) for i, a in enumerate("xyz")}
+    table |= {f"speed_{i}_rad_s": np.full(400, 100.0 * i) for i in range(1, 7)}
+    log = load_table(write(tmp_path / "a.csv", table), ROBOT)
+    off = np.abs(log.R_WB - R[: len(log.t)]).max(axis=(1, 2))
+    assert np.delete(off, 199).max() < 1e-4  # between 199 and 200 the sign changes
+    assert log.v_WB[7] == pytest.approx([1, 2, 3]) and log.rotor_command is None
+    assert log.rotor_speed is not None and log.rotor_speed[9] == pytest.approx(
+        100.0 * np.arange(1, 7)
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"command_6": None}, r"lacks the columns command_6; valid: t_s, wx_rad_s"),
+        ({"az_m_s2": None}, r"lacks the columns az_m_s2"),
+        ({"command_2": 1500.0}, r"commands from 0\.1 to 1500; valid: 0 to 1"),
+        ({"t_s": 1.0}, r"t_s must increase"),
+        ({"wx_rad_s": float("nan")}, r"lacks the columns wx_rad_s"),
+        ({"WX_rad_s": 0.0}, r"has two columns 'wx_rad_s'"),
+    ],
+)
+def test_tables_that_cannot_be_used(change: dict[str, Any], said: str, tmp_path: Path) -> None:
+    table: dict[str, Any] = build(50)[0]
+    for name, value in change.items():
+        table[name] = np.full(50, value) if value is not None else None
+    table = {k: v for k, v in table.items() if v is not None}
+    path = write(tmp_path / "a.csv", table)
+    with pytest.raises(InputError, match=said):
+        load_table(path, ROBOT)
+    with pytest.raises(InputError, match="give --robot"):
+        load_table(path, None)
+
+
+def test_the_example_reads_a_log_and_finds_the_model_that_made_it(tmp_path: Path) -> None:
+    """Thrust by the square of a lagging command: lag, thrust and inertia come back."""
+    file = Path(__file__).parents[1] / "examples" / "identify" / "crazyflie_log.py"
+    spec = importlib.util.spec_from_file_location("crazyflie_log", file)
+    assert spec is not None and spec.loader is not None
+    example: Any = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(example)
+    rng, n, full, inertia, lag = np.random.default_rng(1), 40_000, 0.15, 1.5e-5, 0.08
+    slow = np.repeat(rng.uniform(-1, 1, (n // 250, 4)), 250, axis=0)
+    command = 0.66 + 0.1 * slow  # counter-clockwise from front left
+    u, now = np.empty_like(command), command[0].copy()
+    for i in range(n):
+        now += (command[i] - now) * (1.0 - math.exp(-0.001 / lag))
+        u[i] = now
+    thrust = full * u**2
+    turned = example.LEVER / inertia * np.column_stack([thrust @ example.Y, -thrust @ example.X])
+    yawed = 30.0 * (u**2 @ example.SPIN)
+    rates = np.cumsum(0.001 * np.column_stack([turned, yawed]), axis=0)
+    names = ["acc.z(f)", "acc.x(f)", "acc.y(f)", *(f"gyro.{a}(f)" for a in "xyz")]
+    names += [f"motor.m{i}(I)" for i in range(1, 5)]
+    head = b"\xbc\x02\x00\x01\x00\xff\xfffixedFrequency\x00" + struct.pack("<H", len(names))
+    head += b"".join(x.encode() + b"\0" for x in names)
+    up = thrust.sum(axis=1) / example.MASS / 9.80665
+    body = b"".join(
+        struct.pack(
+            "<HQ6f4I", 0xFFFF, 1000 * i, up[i], 0.0, 0.0,
+            *np.degrees(rates[i]), *(round(65535 * command[i, 4 - k]) for k in range(1, 5)),
+        )
+        for i in range(n)
+    )  # fmt: skip
+    (tmp_path / "log").write_bytes(head + body)
+    table = example.build_table(example.decode(tmp_path / "log"))
+    said = example.compare(table)
+    assert "R² 1.00, lag 80 ms, 0.150 N a rotor" in said[0]
+    assert "R² 1.00, lag 80 ms" in said[1] and "inertia 1.5e-05" in said[1]
+    assert "R² 1.00, lag 80 ms" in said[2] and "inertia 1.5e-05" in said[2]
+    assert "alone: R² 1.00, lag 80 ms" in said[3]
