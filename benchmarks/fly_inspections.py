@@ -3,9 +3,10 @@
     python benchmarks/fly_inspections.py thickness-survey|crack-scan [--runs N] [--minutes M]
 
 Rows of MISSION-conditions.csv (inspection_conditions.py) are flown with the row's number as seed.
-Each flight is a line of inspection/MISSION.jsonl with its commit; flights that are there are not
-flown again, so an interrupted campaign is continued. `python docs/generate_inspection.py` makes the
-table of docs/reference/inspection.md from them. Wall times are of no interest here.
+Each flight is a line of inspection/MISSION.jsonl with its commit ("+" if the source differs from
+it) and its processor time. Rows that are there are not flown again, so an interrupted campaign is
+continued; delete the lines that a change of the code makes invalid. `python
+docs/generate_inspection.py` makes the table of docs/reference/inspection.md from them.
 """
 
 from __future__ import annotations
@@ -111,6 +112,17 @@ def list_cracks(run: Any, result: Any) -> dict[str, Any]:
     return out | {"place_errors_mm": errors}
 
 
+def read_commit() -> str:
+    """Return the commit of the source, with "+" if files of src/ differ from it."""
+
+    def ask(*words: str) -> str:
+        git = ["git", "-C", str(HERE), *words]
+        return subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip()
+
+    changed = ask("status", "--porcelain", "--untracked-files=no", "--", "../src")
+    return ask("rev-parse", "--short=10", "HEAD") + ("+" if changed else "")
+
+
 def _round(x: float) -> float | None:
     return float(f"{x:.5g}") if math.isfinite(x) else None
 
@@ -134,14 +146,15 @@ def main() -> None:
         rows = list(csv.DictReader(file))[: a.runs]
     path.parent.mkdir(exist_ok=True)
     lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
-    there = [json.loads(line)["site"] for line in lines]
-    git = ["git", "-C", str(HERE), "rev-parse", "--short=10", "HEAD"]
-    commit = subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip()
+    there = [(x["seed"], x["site"]) for x in map(json.loads, lines)]
+    commit = read_commit()
     end = time.monotonic() + 60.0 * a.minutes
     for number, row in enumerate(rows, 1):
-        if row in there or time.monotonic() > end:
+        if (number, row) in there or time.monotonic() > end:
             continue
+        began = time.process_time()
         told = {"seed": number, "commit": commit, "site": row, **fly_row(a.mission, row, number)}
+        told["cpu_s"] = round(time.process_time() - began, 1)
         with path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(told, ensure_ascii=False) + "\n")
         print(

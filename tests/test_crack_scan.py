@@ -422,11 +422,9 @@ def test_passes_follow_swath_and_lateral_error() -> None:
     array, procedure = find_array(setup), setup.task.procedure
     swath = compute_swath(array)
     assert swath == pytest.approx(0.04344)
-    pitch = compute_pitch(swath, array, procedure)
+    pitch = compute_pitch(swath, array, procedure, procedure.lateral_std_m)
     assert pitch == pytest.approx(swath - 2.33 * math.sqrt(2) * 0.0005)
-    assert compute_pitch(swath, array, procedure.model_copy(update={"lateral_std_m": 0.0})) == (
-        pytest.approx(swath - 0.1 * 0.00344)
-    )
+    assert compute_pitch(swath, array, procedure, 0.0) == pytest.approx(swath - 0.1 * 0.00344)
 
 
 @pytest.mark.parametrize(

@@ -236,7 +236,7 @@ class Feed:
         scene = Scene3d(d.robot, d.true_world, build_socket_error(d.plant))
         columns = frozenset(c.name for c in vehicle.recorded.columns)
         self._judged = list_judged(d.robot, d.world)
-        self._builder = FrameBuilder(scene, columns, self._judged)
+        self._builder = FrameBuilder(scene, columns, self._judged, d.mission.task.get_gap_limit())
         self._reserve = Reserve(d)
         if self._reserve.measures_clearance:
             self._builder.channels.append(

@@ -2,7 +2,10 @@
 
 The same finder takes a file in one block or a live stream in many. It works in % of full screen of
 a set-up display (notch_setup.py), where the lift-off lies to the right and notches point upwards.
-What is slow along the path (temperature, texture, a wide weld) is taken out by a running median.
+What is slow along the path (temperature, texture) is taken out by a running median. A weld may
+fill its window where the probe stays over it; sound metal beside it would then stand out as a crack
+does. So what is taken out lies within half the threshold of the level of sound metal, which is the
+median over a way SOUND times as long.
 
 Crack and permeability turn the display alike, as both act through the surface impedance: phase does
 not separate them. Width does: a coil shows a crack about as wide as itself, a weld wider. What is
@@ -36,10 +39,12 @@ WIDE = 0.0075
 """m; wider ones are a weld or a change of the metal."""
 WINDOW = 0.04
 """m, way of the running median: more than twice of what a crack along the path takes."""
+SOUND = 10.0
+"""Times WINDOW: way over which most of what is scanned is sound metal."""
 LAG = 0.5
 """s, over which the probe's way is measured."""
 BESIDE = 0.004
-"""m; within this of a weld a crack is ambiguous."""
+"""m; a crack whose end is within this of a weld is ambiguous."""
 
 
 class Indication(NamedTuple):
@@ -117,8 +122,10 @@ class FlawFinder:
                 continue
             mean = _measure_step(t[ok], s[ok, k], c[ok, k])
             size = ok.size if mean <= 0 else min(round(self.window_m / mean), ok.size)
-            values = z[ok, k].imag
-            up[ok, k] = values - median_filter(values, size=max(size, 3) | 1, mode="nearest")
+            values, half = z[ok, k].imag, 0.5 * self.threshold
+            slow = median_filter(values, size=max(size, 3) | 1, mode="nearest")
+            sound = _measure_sound(values, round(SOUND * size))
+            up[ok, k] = values - np.clip(slow, sound - half, sound + half)
         return t, up, s, c
 
     def find(self) -> list[Indication]:
@@ -134,16 +141,16 @@ class FlawFinder:
             labels[mine] = _link(place[mine], LINK * max(self.scale, 1.0)) + (
                 0 if sign > 0 else row.size
             )
-        found = [
-            self._describe(t[row[mine]], height[mine], place[mine])
-            for mine in (np.flatnonzero(labels == k) for k in np.unique(labels))
-        ]
-        welds = [x for x in found if x.nature == "weld"]
-        out = []
+        parts = [np.flatnonzero(labels == k) for k in np.unique(labels)]
+        found = [self._describe(t[row[mine]], height[mine], place[mine]) for mine in parts]
+        welds = [place[m] for x, m in zip(found, parts, strict=True) if x.nature == "weld"]
+        weld, out = cKDTree(np.concatenate(welds)) if welds else None, []
         for x in found:
-            near = [w for w in welds if math.hypot(x.s - w.s, x.c - w.c)
-                    < 0.5 * (w.length + w.width) + BESIDE * self.scale]  # fmt: skip
-            out.append(x._replace(nature="ambiguous") if x.nature == "crack" and near else x)
+            if weld is not None and x.nature == "crack":
+                reach = BESIDE * self.scale + 0.5 * x.length
+                if weld.query([x.s, x.c])[0] < reach:
+                    x = x._replace(nature="ambiguous")
+            out.append(x)
         return sorted(out, key=lambda x: -abs(x.height))
 
     def _describe(self, t: Array, height: Array, place: Array) -> Indication:
@@ -179,6 +186,16 @@ def _measure_step(t: Array, s: Array, c: Array) -> float:
     dt = float(np.median(np.diff(t)))
     lag = min(max(round(LAG / dt), 1) if dt > 0 else 1, t.size - 1)
     return float(np.median(np.hypot(s[lag:] - s[:-lag], c[lag:] - c[:-lag]))) / lag
+
+
+def _measure_sound(values: Array, size: int) -> Array:
+    """Return the median (n,) of `values` (n,) over `size` of them."""
+    n = len(values)
+    if size >= n:
+        return np.full(n, np.median(values))
+    step = max(size // 100, 1)  # the level changes slowly
+    coarse = median_filter(values[::step], size=max(size // step, 3) | 1, mode="nearest")
+    return np.interp(np.arange(n), np.arange(0, n, step), coarse)
 
 
 def _link(place: Array, reach: float) -> NDArray[np.intp]:

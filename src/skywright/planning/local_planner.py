@@ -49,7 +49,7 @@ class Edge(NamedTuple):
 @helper
 def fill_target(prob: Problem, s: Array, phi: Array, gap: Array, target: Target) -> None:
     """Fill the tip's task from (value, rate, acceleration) of s, phi and gap (outward positive)."""
-    cyl = prob.cylinder
+    cyl, axes = prob.cylinder, prob.R_WA
     c, b = math.cos(phi[0]), math.sin(phi[0])
     rho = cyl.radius + gap[0]
     for i in range(3):
@@ -60,9 +60,11 @@ def fill_target(prob: Problem, s: Array, phi: Array, gap: Array, target: Target)
         target.p[i] = cyl.p_WP[i] + y * s[0] + rho * n
         target.v[i] = y * s[1] + gap[1] * n + rho * dn * phi[1]
         target.a[i] = y * s[2] + gap[2] * n + 2.0 * gap[1] * phi[1] * dn + rho * ndd
+        n = -c * axes[i, 0] + b * axes[i, 2]
+        dn = b * axes[i, 0] + c * axes[i, 2]
         target.z[i] = -n
         target.zd[i] = -dn * phi[1]
-        target.zdd[i] = -ndd
+        target.zdd[i] = n * phi[1] * phi[1] - dn * phi[2]
 
 
 @helper

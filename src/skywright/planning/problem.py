@@ -47,6 +47,7 @@ class Problem(NamedTuple):
     loads: Loads
     clearance: ClearanceCore
     cylinder: Cylinder
+    R_WA: Array  # (3, 3) as cylinder.R_WP, whose normals the probe's axis follows
     limits: Limits
     push_force: float  # N along the normal while the tip is inside
     reach: float  # m, from B's origin to the robot's farthest point
@@ -74,14 +75,16 @@ def build_problem(
     cylinder: Cylinder,
     limits: Limits,
     push_force: float,
+    R_WA: Array | None = None,
 ) -> Problem:
-    """Collect the parts."""
+    """Collect the parts; `R_WA` is by default the pipe's frame."""
     m = model[0]
     rotors = float(np.max(np.linalg.norm(loads.position, axis=1), initial=0.0))
     arm = float(sum(np.linalg.norm(m["offset"][i]) for i in range(m["n_links"])))
     arm += float(np.linalg.norm(m["tip_offset"]))
     return Problem(
-        model, loads, query.core, cylinder, limits, push_force, max(rotors + 0.2, arm),
+        model, loads, query.core, cylinder, cylinder.R_WP if R_WA is None else R_WA, limits,
+        push_force, max(rotors + 0.2, arm),
         np.zeros(1, Kinematics.dtype), np.zeros(1, Body.dtype), build_motion(),
     )  # fmt: skip
 

@@ -44,6 +44,11 @@ RETREATS = (0.2, 0.35, 0.55)
 RISES = (0.0, 0.3, 0.6)
 """m straight up before the arm is folded on the way back: near the ground it would touch it."""
 
+LEAN = math.radians(3.0)
+"""Largest inclination of a pipe that the probe may be off its normal by: a surveyed pipe's."""
+TURNED = math.radians(5.0)
+"""Largest turn of the heading from across the pipe that a small inclination may ask for."""
+
 
 class Statistics(NamedTuple):
     """Of the search."""
@@ -99,8 +104,9 @@ def plan_scan(
     plan then says in `blocked_by` which constraint blocks it.
     """
     began = time.perf_counter()
+    axes = choose_axes(cylinder, task.pattern.corners)
     search = Search(
-        build_problem(model, loads, query, cylinder, limits, push_force), query, scene, task,
+        build_problem(model, loads, query, cylinder, limits, push_force, axes), query, scene, task,
         joints, np.asarray(q_working, dtype=float), rng, began + time_limit,
     )  # fmt: skip
     segments: dict[str, list[Edge]] = {}
@@ -141,6 +147,28 @@ def plan_scan(
         ),
         statistics=statistics,
     )
+
+
+def choose_axes(cylinder: Cylinder, corners: Array) -> Array:
+    """Return the frame (3, 3) whose normals the probe's axis follows: the pipe's, or level.
+
+    A level platform heads along the level part of the probe's axis. Near the top of a pipe that is
+    inclined a little, that part is mostly the inclination's: the heading would turn with it by half
+    a turn, and an array with it. There the axis follows the pipe as if it were level, which tilts
+    the probe by no more than the inclination.
+    """
+    R = cylinder.R_WP
+    level = math.hypot(R[0, 1], R[1, 1])
+    inclined = math.atan2(abs(R[2, 1]), level)
+    if not 1e-9 < inclined <= LEAN or not len(corners):
+        return R
+    across = np.array([R[1, 1], -R[0, 1], 0.0]) / level
+    phi = np.linspace(corners[:, 1].min(), corners[:, 1].max(), 200)
+    n = np.outer(np.sin(phi), R[:, 2]) - np.outer(np.cos(phi), R[:, 0])
+    aside = np.abs(n[:, :2] @ [-across[1], across[0]])
+    if np.max(np.arctan2(aside, np.abs(n @ across))) <= TURNED:
+        return R
+    return np.column_stack([across, [-across[1], across[0], 0.0], [0.0, 0.0, 1.0]])
 
 
 def _plan(

@@ -81,13 +81,19 @@ class Search:
         return time.perf_counter() > self.deadline
 
     def tip(self, s: float, phi: float) -> tuple[Array, Array]:
+        """The desired tip and the outward normal."""
         p, n = np.empty(3), np.empty(3)
         surface_point(self.prob.cylinder, s, phi, p, n)
         return p - self.task.depth * n, n
 
+    def axis(self, phi: float) -> Array:
+        """The direction against which the probe points."""
+        R = self.prob.R_WA
+        return np.asarray(R[:, 2] * math.sin(phi) - R[:, 0] * math.cos(phi))
+
     def first(self, corner: Array) -> Candidates:
         """Candidates at the first corner: every heading, every posture."""
-        tip, n = self.tip(corner[0], corner[1])
+        tip, n = self.tip(corner[0], corner[1])[0], self.axis(corner[1])
         yaws = compute_headings(n, self.prob.cylinder.R_WP)
         self.configurations += len(yaws) * len(self.postures)
         return find_configurations(
@@ -98,7 +104,7 @@ class Search:
 
     def next(self, corner: Array, state: State, wide: bool) -> Candidates:
         """Candidates at a corner, near the configuration `state`; `wide`: other postures too."""
-        tip, n = self.tip(corner[0], corner[1])
+        tip, n = self.tip(corner[0], corner[1])[0], self.axis(corner[1])
         nj = int(self.prob.model[0]["n_joints"])
         yaw = math.atan2(state.R[1, 0], state.R[0, 0])
         q = state.q[:nj]

@@ -54,11 +54,18 @@ class Arrow(NamedTuple):
 class FrameBuilder:
     """Makes frames of samples of one robot in one world."""
 
-    def __init__(self, scene: Scene3d, columns: frozenset[str], judged: tuple[str, ...]) -> None:
-        """`columns` are those of the samples; `judged` phases in which contact quality counts."""
+    def __init__(
+        self, scene: Scene3d, columns: frozenset[str], judged: tuple[str, ...],
+        gap_limit: float | None = None,
+    ) -> None:  # fmt: skip
+        """`columns` are those of the samples; `judged` phases in which contact quality counts.
+
+        `gap_limit` (m): largest gap that counts as contact, by default GAP_LIMIT.
+        """
         self.scene, self.judged = scene, judged
+        self.gap_limit = GAP_LIMIT if gap_limit is None else gap_limit
         robot, world = scene.robot, scene.world
-        self.channels = list_channels(robot, world, columns)
+        self.channels = list_channels(robot, world, columns, self.gap_limit)
         self.arrows = list_arrows(robot, columns)
         self.has_arm = robot.arm is not None
         self.pipe = world.pipe if "ec" in columns and robot.probe is not None else None
@@ -99,7 +106,7 @@ class FrameBuilder:
             origin, force = arrow.read(rows)
             weak = np.linalg.norm(force, axis=1) < NO_FORCE
             columns += [origin, np.where(weak[:, None], np.nan, force)]
-        points, quality = judge_trace(rows, judged, self.has_arm)
+        points, quality = judge_trace(rows, judged, self.has_arm, self.gap_limit)
         columns += [points, quality[:, None], self._map(rows, signal)]
         columns += [channel.read(rows).reshape(n, 1) for channel in self.channels]
         return np.concatenate(columns, axis=1).astype("<f4")
@@ -121,7 +128,9 @@ class FrameBuilder:
         }
 
 
-def list_channels(robot: Robot, world: World, columns: frozenset[str]) -> list[Channel]:
+def list_channels(
+    robot: Robot, world: World, columns: frozenset[str], gap_limit: float = GAP_LIMIT
+) -> list[Channel]:
     """Return the numbers that are shown of a robot in a world."""
     out: list[Channel] = []
 
@@ -133,7 +142,7 @@ def list_channels(robot: Robot, world: World, columns: frozenset[str]) -> list[C
 
     if robot.probe is not None and world.pipe is not None:
         add("push on the pipe", "N", lambda r: _near(r, r["f_normal"]), digits=2)
-        add("air gap", "mm", lambda r: _near(r, 1e3 * np.maximum(r["gap"], 0.0)), 1e3 * GAP_LIMIT,
+        add("air gap", "mm", lambda r: _near(r, 1e3 * np.maximum(r["gap"], 0.0)), 1e3 * gap_limit,
             digits=2)  # fmt: skip
         add("probe tilt", "°", lambda r: _near(r, np.degrees(r["tilt"])), math.degrees(TILT_LIMIT))
         add("tip off its path", "mm", _read_aside)

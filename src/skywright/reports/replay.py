@@ -87,7 +87,9 @@ def build_replay_data(result: RunResult) -> dict[str, Any]:
     for mark in marks:
         scene.draw_mark(mark, start)
     judged_names = list_judged(d.robot, d.world)
-    builder = FrameBuilder(scene, list_columns(result.samples), judged_names)
+    builder = FrameBuilder(
+        scene, list_columns(result.samples), judged_names, d.mission.task.get_gap_limit()
+    )
     judged = np.isin(
         shown["phase"], [i for i, p in enumerate(result.phases) if p.name in judged_names]
     )
@@ -133,7 +135,7 @@ def describe(
             for v in views
         ],
         "camera": _describe_camera(d, scene),
-        "legend": build_legend(d.robot, d.world, found),
+        "legend": build_legend(d.robot, d.world, found, builder.gap_limit),
         "qualities": [list(c) for c in COLOURS],
     }
 

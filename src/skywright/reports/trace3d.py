@@ -28,10 +28,12 @@ def list_judged(robot: Robot, world: World) -> tuple[str, ...]:
     return JUDGED if world.pipe is not None and robot.probe is not None else ()
 
 
-def judge_trace(shown: NDArray[Any], judged: Mask, arm: bool) -> tuple[Array, Array]:
+def judge_trace(
+    shown: NDArray[Any], judged: Mask, arm: bool, gap_limit: float = GAP_LIMIT
+) -> tuple[Array, Array]:
     """Points (n, 3) of the tip's trace (the platform's without an `arm`) and qualities (n,).
 
-    `judged` (n,): where contact quality counts.
+    `judged` (n,): where contact quality counts; `gap_limit` (m): from which the tip is lifted.
     """
     quality = np.full(len(shown), float(FREE))
     if not arm:
@@ -39,23 +41,25 @@ def judge_trace(shown: NDArray[Any], judged: Mask, arm: bool) -> tuple[Array, Ar
     gap = np.maximum(shown["gap"], shown["gap_max"])
     quality[judged] = GOOD
     quality[judged & (shown["tilt"] >= TILT_LIMIT)] = TILTED
-    quality[judged & (gap >= GAP_LIMIT)] = LIFTED
+    quality[judged & (gap >= gap_limit)] = LIFTED
     # in contact the trace is lifted off the surface by the tip's own size, or it would hide in it
     lift = np.where(judged, 0.002, 0.0)[:, None] * shown["ref_normal_W"]
     return shown["p_WT"] + lift, quality
 
 
-def build_legend(robot: Robot, world: World, found: bool) -> list[list[str]]:
+def build_legend(
+    robot: Robot, world: World, found: bool, gap_limit: float = GAP_LIMIT
+) -> list[list[str]]:
     """Pairs of colour (#rrggbb) and meaning; `found`: an estimated weld line is drawn."""
     what = "platform" if robot.arm is None else "left hand" if is_compliant(robot) else "tip"
     free, good, tilted, lifted = COLOURS
     entries = [(free, f"path of the {what}, in the air")]
     if list_judged(robot, world):
-        limits = f"{1e3 * GAP_LIMIT:g} mm, {math.degrees(TILT_LIMIT):g}°"
+        limits = f"{1e3 * gap_limit:g} mm, {math.degrees(TILT_LIMIT):g}°"
         entries += [
             (good, f"contact within limits ({limits})"),
             (tilted, f"probe tilted beyond {math.degrees(TILT_LIMIT):g}°"),
-            (lifted, f"air gap beyond {1e3 * GAP_LIMIT:g} mm"),
+            (lifted, f"air gap beyond {1e3 * gap_limit:g} mm"),
             (PLAN, "planned path"),
         ]
     if world.list_welds():

@@ -210,6 +210,17 @@ def compute_wind_drag(nominal: Nominal) -> float:
     return a * speed**2 + b * speed
 
 
+def compute_gust_drag(nominal: Nominal, speed: float) -> Array:
+    """Return N (3,) of drag by a gust of 1 m/s along a mean wind of `speed`, across it, and above.
+
+    The hubs' drag lies in the rotors' plane, so a gust from above meets the body's alone.
+    """
+    a, b = _compute_drag_factors(nominal)
+    p = nominal.robot.platform
+    above = 0.5 * nominal.world.air_density_kg_m3 * p.drag_area_z_m2
+    return np.array([2.0 * a * speed + b, a * speed + b, above * speed])
+
+
 def compute_equivalent_wind(nominal: Nominal, p_WB: Array, yaw: float, turn: float = 0.0) -> Array:
     """Return the uniform wind (3,) m/s that drags as the mean wind does on a level robot at p_WB.
 

@@ -36,6 +36,10 @@ class Task(Spec):
         """Return the task with absolute paths of the files that it names, beside `folder`."""
         return self
 
+    def get_gap_limit(self) -> float | None:
+        """Return the largest gap (m) of a probe that counts as contact; None: the usual one."""
+        return None
+
 
 T = TypeVar("T", bound=Task)
 

@@ -39,9 +39,7 @@ LEAST_N = 0.1  # N, of a force that is asked for: it has to have a direction
 LOAD_RATE = 6.0  # N/s, at which the weight that is fed forward changes
 LOST_M, LOST_ANGLE = 0.05, math.radians(15.0)  # of a bar that is not in the hooks any more
 FOLLOW_RATE = 0.5  # 1/s, of the platform behind a bar that is pressed
-GIVE_WAY = 0.25
-"""Of it in a hole, beside leading: an error e across that walls hold bends the springs by e / 0.25,
-not more and more, until a hook slips where the seat takes the weight off it."""
+HANGS = 0.95  # of its weight in the hands, from which a bar hangs free
 
 
 class BarPose(NamedTuple):
@@ -70,6 +68,7 @@ class BarLeader:
         self._chains, self._n = chains, np.array([0.0, 1.0, 0.0])  # in a frame with the heading
         self._q_rest = self._q - self._solve(self._n)
         self._pressed = False
+        self._hang = np.zeros(3)  # m, in W: from the pose of the grip to where the bar hangs free
 
     def _heading(self) -> Array:
         R = self.s.vehicle.estimate["R_WB"]
@@ -107,14 +106,15 @@ class BarLeader:
 
     def lead(
         self, p: Array, n: Array, point_O: Array, sink: float = 0.0, let_go: bool = False,
-        along: Array | None = None, in_hole: bool = False,
+        along: tuple[Array, Array] | None = None, in_hole: bool = False,
     ) -> BarPose:  # fmt: skip
         """Lead the bar for one tick, joints at rest but for its direction; returns its pose.
 
         `p` (3,) m is where the bar's point `point_O` (3,) m shall be, n (3,) its direction, in W.
         With `sink` (m/s, negative to rise) the platform moves so down, and `p` counts across only.
-        `along` (3,) m/s is how fast p moves: the bar is moved with it.
-        With `in_hole` the platform leads it across with bounded force: walls hold it as well.
+        `along`, (3,) m/s and (3,) m/s^2, is how p moves: the platform moves with it.
+        With `in_hole` the platform leads it across as a spring does, by as much as the error: where
+        walls hold the bar, an integral would bend the springs until a hook slips.
         The bar's weight is fed forward to springs and platform: all of it, so that a bar that
         touches something stays in the hooks, or with `let_go` what the hands feel of it, so that it
         passes to what it stands on.
@@ -125,11 +125,14 @@ class BarLeader:
             self._pressed = False
         v = LEAD_RATE * self._error
         v *= min(1.0, LEAD_SPEED / max(float(np.linalg.norm(v)), 1e-9))
-        if along is not None:
-            v = v + along
         row = set_rest(s.vehicle.reference)
+        if along is not None:
+            v, row["a_WB"] = v + along[0], along[1]
+        away = self._find_stretch(row)
         if in_hole:
-            v[:2] += GIVE_WAY * self._follow(row)[:2]
+            v[:2] += LEAD_RATE * (away - self._hang)[:2]
+        elif self.carried > HANGS * self.weight:
+            self._hang += MISSION_TICK / CORRECT_S * (away - self._hang)
         if sink != 0.0:
             v[2] = -sink
         self._n += MISSION_TICK * LEAD_RATE * (self._heading().T @ self._turn)
@@ -192,9 +195,13 @@ class BarLeader:
 
     def _follow(self, row: Any) -> Array:
         """Speed (3,) m/s of the platform towards where the arms have the pose of the grip."""
-        middle = 0.5 * (self.grip.hands[0] + self.grip.hands[1]) + self.grip.cradle
-        v = FOLLOW_RATE * (self._p_handle - row["R_WB"] @ middle - row["p_WB"])
+        v = FOLLOW_RATE * self._find_stretch(row)
         return np.asarray(v * min(1.0, LEAD_SPEED / max(float(np.linalg.norm(v)), 1e-9)))
+
+    def _find_stretch(self, row: Any) -> Array:
+        """Return how far (3,) m the bar is from where the arms have the pose of the grip."""
+        middle = 0.5 * (self.grip.hands[0] + self.grip.hands[1]) + self.grip.cradle
+        return np.asarray(self._p_handle - row["R_WB"] @ middle - row["p_WB"])
 
     @property
     def lost(self) -> bool:

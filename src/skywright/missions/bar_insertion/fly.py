@@ -6,6 +6,8 @@ lead the bar by (29), (30) meanwhile. Where the hole is, motion capture says to 
 rest is done by the chamfer, the springs of the arms, and trying again (docs/howto/insert-a-bar.md).
 """
 
+import math
+
 import numpy as np
 
 from skywright.core.arrays import Array
@@ -28,16 +30,21 @@ from skywright.missions.skills.tool_handling import (
     hold_joints,
     lead_hands,
     let_go,
+    measure_tool,
     move_platform,
     put_down,
     take_up_again,
 )
+from skywright.models.things.peg import Peg
 from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.plant import MISSION_TICK
 
 RELEASE_S = 1.5  # s, in which the hands let the weight go
 CARRY_SPEED, CARRY_ACCELERATION = 0.3, 0.2
+SEATED = 0.5  # of the peg's length, from which a bar that is let go of stands in its hole
+BESIDE = 0.04  # m, across, from where rack or socket are believed to be
+CALM = 0.05  # m/s, of the platform that raises a bar out of a hole
 
 
 def fly(s: Supervisor[BarInsertion], way: InsertionPlan) -> Flight:
@@ -89,6 +96,41 @@ def fly(s: Supervisor[BarInsertion], way: InsertionPlan) -> Flight:
     return Flight(True, "")
 
 
+def withdraw(s: Supervisor[BarInsertion], way: InsertionPlan) -> None:
+    """Leave a bar that stands in rack or socket there: its weight passes, the hooks are drawn out.
+
+    One that has hardly entered is raised first, and one that hangs in the hooks comes along.
+    """
+    peg, load = s.vehicle.world.find_thing(s.task.bar, Peg), 2.0 * float(s.senses.told("load")[0])
+    deep = _find_depth(s, way, peg)
+    if load > 0.0 and deep < SEATED * peg.length_m:
+        if deep > -LIFT:
+            hold_joints(s)
+            move_platform(s, s.vehicle.reference["p_WB"] + [0.0, 0.0, LIFT], _find_yaw(s), CALM)
+        return
+    hold_joints(s)
+    _pass_weight(s, load)
+    s.arms.move_to(way.grip.q_low)
+    s.until_arrived()
+    back = BACK * rot_z(_find_yaw(s))[:, 0]
+    move_platform(s, s.vehicle.reference["p_WB"] - back, _find_yaw(s), NEAR_SPEED)
+
+
+def _find_yaw(s: Supervisor) -> float:
+    R = s.vehicle.reference["R_WB"]
+    return math.atan2(R[1, 0], R[0, 0])
+
+
+def _find_depth(s: Supervisor, way: InsertionPlan, peg: Peg) -> float:
+    """How deep (m) the peg is in rack or socket, by the marker; -inf: it is over neither."""
+    p, R = measure_tool(s)
+    tip, found = p + R @ peg.list_frames()["tip"].p, -math.inf
+    for place in (way.rack, way.socket):
+        if float(np.linalg.norm((tip - place.p_WO)[:2])) < BESIDE:
+            found = max(found, float(place.p_WO[2] - tip[2]))
+    return found
+
+
 def _lay_down(
     s: Supervisor, way: InsertionPlan, above: Array, yaw: float, weight: float,
     speeds: tuple[float, float],
@@ -109,10 +151,15 @@ def _set_free(s: Supervisor, leader: BarLeader) -> None:
     """Let the weight pass from the hands to the socket."""
     s.begin("set free")
     hold_joints(s)
+    _pass_weight(s, leader.carried)
+
+
+def _pass_weight(s: Supervisor, carried: float) -> None:
+    """Lower what is fed forward from `carried` (N) to nothing: the hooks sink, the bar stands."""
     steps = round(RELEASE_S / MISSION_TICK)
     for k in range(steps):
         row = np.array(s.vehicle.reference)
-        row["t"], row["load"] = 0.0, 0.5 * leader.carried * (1.0 - (k + 1) / steps)
+        row["t"], row["load"] = 0.0, 0.5 * carried * (1.0 - (k + 1) / steps)
         s.body.track(row[None])
         s.tick()
 

@@ -15,18 +15,23 @@ SIGMAS = 2.33
 """Lateral deviations of a pass to each side that its swath must allow."""
 
 
-def build_passes(cover: Cover, swath: float, pitch: float, lateral_std: float) -> Array:
+def build_passes(
+    cover: Cover, swath: float, pitch: float, lateral_std: float, ahead: float = 0.0
+) -> Array:
     """Return the corners (n, 2) s, c m of axial passes over what was missed, two a pass.
 
     Missed parts beside each other share a pass where the `swath` (m) less the lateral error of the
-    pass holds them; wider ones have passes `pitch` (m) apart, as the first scan had.
+    pass holds them; wider ones have passes `pitch` (m) apart, as the first scan had. A pass goes on
+    beyond the ends of a part, as far as it may lag behind its path, and as far as its last coil is
+    `ahead` (m) of the tip along it.
     """
+    beyond_ends = np.array([SIGMAS * lateral_std + ahead, 0.0])
     room = max(swath - 2.0 * SIGMAS * lateral_std, 0.25 * swath)
     gaps = [g for g in list_gaps(cover) if g.hole_m > LEAST_HOLE]
     gaps.sort(key=lambda g: -(g.start[1] + g.end[1]))
     groups: list[tuple[Array, Array]] = []  # least and largest (s, c)
     for gap in gaps:
-        low, high = np.array(gap.start), np.array(gap.end)
+        low, high = np.array(gap.start) - beyond_ends, np.array(gap.end) + beyond_ends
         if groups:
             both = np.minimum(groups[-1][0], low), np.maximum(groups[-1][1], high)
             if both[1][1] - both[0][1] <= room:

@@ -58,7 +58,12 @@ class Missed:
         enough = cover.fraction >= procedure.coverage_fraction
         if enough and cover.hole_m <= procedure.hole_max_m:
             return None
-        passes = build_passes(cover, way.swath_m, way.pitch_m, procedure.lateral_std_m)
+        # the array may lie askew to its passes: so much narrower is its swath, and so much further
+        # its ends have to go
+        swath = float(np.median(np.ptp(C, axis=1))) + width
+        ahead = float(np.median(np.max(np.abs(S - s[:, None]), axis=1)))
+        pitch = max(swath - (way.swath_m - way.pitch_m), 0.25 * swath)
+        passes = build_passes(cover, swath, pitch, way.lateral_std_m, ahead)
         if not len(passes):
             return None
         corners = passes * [1.0, 1.0 / known.radius]

@@ -35,7 +35,8 @@ MEASURES: Measures = {
     ),
     "crack.position_error_mm": (
         "mm",
-        "largest distance of the indication of a crack from its middle",
+        "largest distance of the indication of a crack from its middle; 0 in a sector without a "
+        "crack",
     ),
     "crack.block_notch_percent": (
         "",
@@ -97,6 +98,6 @@ def judge_search(run: Flown[CrackScan, CrackWay], found: Search) -> dict[str, fl
         "coverage.area_fraction": cover.fraction,
         "coverage.gap_max_mm": 1e3 * cover.hole_m,
     }
-    if hit:
-        out["crack.position_error_mm"] = 1e3 * max(hit)
+    if hit or not flaws:
+        out["crack.position_error_mm"] = 1e3 * max(hit, default=0.0)
     return out

@@ -7,9 +7,17 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
+from skywright.description.world.surface import unroll_points
 from skywright.errors import InputError
 from skywright.inspection.indications import COIL_WIDTH
-from skywright.missions.crack_scan.display import Array, Display, find_array, set_up_display
+from skywright.missions.crack_scan.display import (
+    Array,
+    Display,
+    find_array,
+    place_coils,
+    set_up_display,
+)
+from skywright.missions.crack_scan.lateral import compute_lateral_std
 from skywright.missions.crack_scan.task import CrackScan
 from skywright.missions.scan.fly import SETTLE, TRIM_TIMES
 from skywright.missions.scan.plan import ScanWay
@@ -31,6 +39,7 @@ class CrackWay(NamedTuple):
     display: Display  # on the block, before the flight
     swath_m: float  # of one pass
     pitch_m: float  # largest distance of passes
+    lateral_std_m: float  # of a pass, in the wind of the mission
     passes: int
     setup: Setup[CrackScan]  # to plan again with
 
@@ -54,7 +63,8 @@ def plan(setup: Setup[CrackScan]) -> MissionPlan[CrackWay]:
             f"{1e3 * swath:.0f} mm; valid: {math.degrees(2 * swath / pipe.diameter_m):.0f} deg or "
             "more, or fewer coils"
         )
-    pitch = compute_pitch(swath, array, task.procedure)
+    lateral = compute_lateral_std(setup)
+    pitch = compute_pitch(swath, array, task.procedure, lateral)
     passes = task.passes or 1 + math.ceil((arc - swath) / pitch - 1e-9)
     # the outer passes lie half a swath inside the sector, less what they may be off
     inside = arc - swath + (swath - pitch)
@@ -66,12 +76,47 @@ def plan(setup: Setup[CrackScan]) -> MissionPlan[CrackWay]:
     mission = d.mission.model_copy(update={"task": asked})
     found = plan_scan(cast(Any, Setup(d._replace(mission=mission))))
     if found.feasible:
+        askew = find_askew(array, setup, found.segments["scan"], swath, pitch)
+        found = found._replace(feasible=askew is None, blocked_by=askew)
+    if found.feasible:
         found = found._replace(duration_s=found.duration_s + _sum_touches(found.way))
         what = f"{passes} passes of {1e3 * task.pass_length_m:.0f} mm"
         lacking = find_lacking_energy(setup, found.duration_s, what)
         found = found._replace(feasible=lacking is None, blocked_by=lacking)
-    way = None if found.way is None else CrackWay(found.way, display, swath, pitch, passes, setup)
+    way = (
+        None
+        if found.way is None
+        else CrackWay(found.way, display, swath, pitch, lateral, passes, setup)
+    )
     return cast(MissionPlan[CrackWay], found._replace(way=cast(Any, way)))
+
+
+def find_askew(
+    array: Array, setup: Setup[CrackScan], rows: Any, swath: float, pitch: float
+) -> str | None:
+    """Say that the array of a planned scan lies so askew to its passes that they leave gaps.
+
+    A level platform heads along the level part of the probe's axis, and the array turns with it.
+    """
+    cylinder = setup.cylinder
+    if cylinder is None or array.table.coils < 2:
+        return None
+    _, c, _ = unroll_points(cylinder, rows["p_WT"])
+    phi = c / cylinder.radius
+    zero = np.zeros(len(rows))
+    along, _ = place_coils(array, zero, zero, rows["R_WT"], cylinder.R_WP, phi)
+    skew = np.arcsin(np.minimum(np.ptp(along, axis=1) / array.table.width_m, 1.0))
+    k = int(np.argmax(skew))
+    left = swath - array.table.width_m * (1.0 - math.cos(float(skew[k])))
+    if left >= pitch - 1e-9:
+        return None
+    inclined = math.degrees(math.asin(abs(float(cylinder.R_WP[2, 1]))))
+    return (
+        f"the array lies {math.degrees(skew[k]):.0f} deg askew to its passes at phi = "
+        f"{math.degrees(phi[k]):.0f} deg and covers {1e3 * left:.0f} mm of the "
+        f"{1e3 * pitch:.0f} mm between them: near the top of a pipe that is inclined by "
+        f"{inclined:.1f} deg a level platform turns with the normal; leave that part out"
+    )
 
 
 def _sum_touches(way: Any) -> float:
@@ -94,18 +139,21 @@ def compute_swath(array: Array) -> float:
     return (table.width_m if table.coils > 1 else 0.0) + compute_coil_width(array)
 
 
-def compute_pitch(swath: float, array: Array, procedure: CrackProcedure) -> float:
+def compute_pitch(
+    swath: float, array: Array, procedure: CrackProcedure, lateral: float
+) -> float:  # fmt: skip
     """Return the largest distance (m) of passes that leaves gaps on 1 % of their length.
 
-    Both passes are off by `lateral_std_m`: p = w - 2.33 sqrt(2) s, and at most w less the overlap.
+    Both passes are off by `lateral` (m): p = w - 2.33 sqrt(2) s, and at most w less the overlap.
     Raises InputError where the lateral error leaves nothing.
     """
     overlap = procedure.overlap_fraction * compute_coil_width(array)
-    pitch = swath - max(2.33 * math.sqrt(2.0) * procedure.lateral_std_m, overlap)
+    pitch = swath - max(2.33 * math.sqrt(2.0) * lateral, overlap)
     if pitch < 0.001:
         raise InputError(
-            f"mission.task.procedure.lateral_std_m: {1e3 * procedure.lateral_std_m:g} mm leaves a "
-            f"pitch of {1e3 * pitch:.1f} mm of a swath of {1e3 * swath:.1f} mm; valid: 1 mm or "
-            "more; use an array, or lower the lateral error"
+            f"mission.task.procedure.lateral_std_m: {1e3 * procedure.lateral_std_m:g} mm, "
+            f"{1e3 * lateral:.2g} mm with the gusts of world.wind, leaves a pitch of "
+            f"{1e3 * pitch:.1f} mm of a swath of {1e3 * swath:.1f} mm; valid: 1 mm or more; use an "
+            "array, or lower the lateral error"
         )
     return pitch

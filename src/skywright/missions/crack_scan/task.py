@@ -22,3 +22,7 @@ class CrackScan(Scan):
     def get_least_pitch(self, robot: Robot) -> float:
         """Passes overlap: they may be as close as 1 mm."""
         return 0.001
+
+    def get_gap_limit(self) -> float | None:
+        """What the procedure accepts."""
+        return self.procedure.gap_max_m

@@ -42,7 +42,8 @@ class CrackProcedure(Spec):
     overlap_fraction: Fraction = 0.1  # of a coil's width, between passes
     coverage_fraction: Fraction = 0.95  # wanted share of the sector
     hole_max_m: float = Field(default=0.005, ge=1e-4, le=1.0)  # largest circle without a coil
-    lateral_std_m: float = Field(default=0.0005, ge=0, le=0.02)  # of a pass, across it
+    # of a pass, across it, without gusts; those of the mission's wind are added to it
+    lateral_std_m: float = Field(default=0.0005, ge=0, le=0.02)
     track_std_m: float = Field(default=0.0015, ge=1e-5, le=0.1)  # of a place from the datum
 
 

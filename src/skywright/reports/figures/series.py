@@ -179,6 +179,12 @@ def _draw_gap(ax: Axes, t: Array, s: Samples, result: RunResult) -> None:
         "gap (mm)", BLUE,
     )  # fmt: skip
     draw_requirement(ax, result, "contact.gap_max_mm", "limit {:g} mm")
+    limit = result.description.mission.task.get_gap_limit()
+    if limit is not None:
+        ax.axhline(
+            1e3 * limit, color=LIMIT, lw=1.0, ls="--", label=f"counts up to {1e3 * limit:g} mm"
+        )
+        ax.legend(loc="upper right")
     ax.set_ylim(-0.5, GAP_SHOWN)
     lost = s["f_normal"] <= 0.0
     scanning = np.isin(s["phase"], [i for i, p in enumerate(result.phases) if p.name == "scan"])
