@@ -96,24 +96,6 @@ def test_a_mission_is_flown_by_set_points_and_judged_by_the_truth(tmp_path: Path
     assert not np.any(s["autopilot_command"][s["autopilot_armed"] < 0.5])
 
 
-def test_the_arms_follow_in_the_plant(tmp_path: Path) -> None:
-    """A script moves an arm while the autopilot hovers."""
-    description = write(tmp_path, "f550-bridge")
-    with peer(description) as (px4, backend):
-        vehicle = skywright.fly(mission=tmp_path / "short.toml", backend=backend)
-        try:
-            assert vehicle.take_off(1.0)
-            goal = np.array(vehicle.joints.q)
-            goal[1] += 0.5
-            assert vehicle.arms.move_to(goal)
-            assert np.abs(np.array(vehicle.joints.q) - goal).max() < 0.05
-            sent = px4.set_points[-1]
-            assert sent.z == pytest.approx(-1.0, abs=0.1)
-            assert vehicle.land() and not px4.armed
-        finally:
-            vehicle.close()
-
-
 def test_the_reference_stands_still_while_px4_starts_its_motors(tmp_path: Path) -> None:
     description = write(tmp_path)
     with peer(description) as (px4, backend):

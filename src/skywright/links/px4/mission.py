@@ -244,9 +244,9 @@ class Px4Vehicle(Offboard):
             force += max(float(est["f_tip"]), 0.0) * est["R_WT"][:, 2]
         return force / self._mass
 
-    def give_up_rotor(self, i: int) -> bool:
-        """Return False: PX4 allocates."""
-        return False
+    def give_up_rotor(self, i: int) -> None:
+        """Return None, the others do not hold the robot: PX4 allocates."""
+        return None
 
     def close(self) -> None:
         """End both links."""
