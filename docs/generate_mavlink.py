@@ -59,16 +59,19 @@ def list_missions() -> list[str]:
     from skywright.description.loader import list_missions
     from skywright.errors import SkywrightError
     from skywright.links.mavlink.check import find_refusal
+    from skywright.links.px4.check import find_refusal as find_px4_refusal
+    from skywright.run.parts import build_estimator
     from skywright.run.setup import Setup
 
     rows = []
     for entry in list_missions():
         try:
             d: Any = skywright.load(entry.name)
-            says = find_refusal(Setup(d))
+            setup = Setup(d)
+            says = [find_px4_refusal(setup, build_estimator(d).is_truth), find_refusal(setup)]
         except SkywrightError as error:
-            says = str(error)
-        rows.append(f"| `{entry.name}` | {_tell(says)} |")
+            says = [str(error)] * 2
+        rows.append(f"| `{entry.name}` | {_tell(says[0])} | {_tell(says[1])} |")
     return rows
 
 
@@ -93,8 +96,8 @@ def build() -> str:
             "",
             "## Missions",
             "",
-            "| mission | `run MISSION --backend mavlink:URL` |",
-            "|---|---|",
+            "| mission | `run MISSION --backend px4` | `run MISSION --backend mavlink:URL` |",
+            "|---|---|---|",
             *list_missions(),
             "",
         ]

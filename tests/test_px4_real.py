@@ -22,10 +22,12 @@ import pytest
 from pymavlink.dialects.v20 import common
 
 from skywright.core.rotations import rot_from_quat
+from skywright.description.loader import load_description
 from skywright.description.robot.loader import load_robot
 from skywright.description.world.loader import load_world
 from skywright.links.px4.parameters import build_airframe
 from skywright.recordings.recording import read_recording
+from skywright.run.run import run_mission
 
 pytestmark = pytest.mark.px4
 FIRST_S = 1.0
@@ -107,25 +109,30 @@ class Offboard:
         return False
 
 
-@contextmanager
-def running(tmp_path: Path, robot: str, *more: str, speed: float = 1.0) -> Iterator[None]:
-    """Run the simulator and PX4; both have ended afterwards."""
+def start_px4(tmp_path: Path, own: list[str], speed: float) -> subprocess.Popen[bytes]:
+    """Start PX4 with the parameters that the command `own` prints."""
     binary = Path(os.environ["SKYWRIGHT_PX4"])
     px4 = tmp_path / "px4"
     (px4 / "params").mkdir(parents=True)
-    own = [sys.executable, "-m", "skywright", "sitl", robot, *more]
     script = subprocess.run([*own, "--params", "script"], check=True, capture_output=True)
     (px4 / "params" / "px4-rc.params").write_bytes(script.stdout)
-    simulator = subprocess.Popen([*own, "--speed", str(speed), "--out", str(tmp_path / "run")])
     environment = os.environ | {
         "PATH": f"{px4 / 'params'}{os.pathsep}{os.environ['PATH']}", "PX4_SIM_MODEL": "none_iris",
         "PX4_SIM_SPEED_FACTOR": str(speed),
     }  # fmt: skip
     with (tmp_path / "px4.log").open("wb") as log:
-        autopilot = subprocess.Popen(
+        return subprocess.Popen(
             [binary, "-d", binary.parent.parent / "etc", "-w", px4], cwd=px4, env=environment,
             stdin=subprocess.DEVNULL, stdout=log, stderr=log,
         )  # fmt: skip
+
+
+@contextmanager
+def running(tmp_path: Path, robot: str, *more: str, speed: float = 1.0) -> Iterator[None]:
+    """Run the simulator and PX4; both have ended afterwards."""
+    own = [sys.executable, "-m", "skywright", "sitl", robot, *more]
+    simulator = subprocess.Popen([*own, "--speed", str(speed), "--out", str(tmp_path / "run")])
+    autopilot = start_px4(tmp_path, own, speed)
     try:
         yield
     finally:
@@ -134,6 +141,21 @@ def running(tmp_path: Path, robot: str, *more: str, speed: float = 1.0) -> Itera
         autopilot.kill()
         autopilot.wait(10.0)
     assert code == 0
+
+
+def test_px4_flies_a_mission_in_the_loop(tmp_path: Path) -> None:
+    """With the requirements of its simulated version."""
+    mission = "waypoints"
+    d = load_description(mission)
+    own = [sys.executable, "-m", "skywright", "sitl", d.robot.name, "--mission", mission]
+    autopilot = start_px4(tmp_path, [*own, "--world", d.world.name], 1.0)
+    try:
+        result = run_mission(d, backend="px4?speed=max", out=tmp_path / "run")
+    finally:
+        autopilot.kill()
+        autopilot.wait(10.0)
+    print({r.name: r.value for r in result.requirements})
+    assert result.outcome == "succeeded", result.reason
 
 
 @pytest.mark.parametrize(

@@ -362,11 +362,11 @@ def test_contact_lost_is_drawn(scan: RunResult) -> None:
 
 
 def test_truth_as_estimator_is_admitted(flight: RunResult, text_only: None) -> None:
-    assert "simulator's truth" not in _Page(render_report(flight)).text
+    assert "received the true state" not in _Page(render_report(flight)).text
     d = flight.description
     mission = d.mission.model_copy(update={"estimator": Part(kind="truth")})
     text = _Page(render_report(flight._replace(description=d._replace(mission=mission)))).text
-    assert "fed the simulator's truth" in text
+    assert "received the true state of the plant" in text
 
 
 def test_unwritable_directory_is_one_line(flight: RunResult, tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -45,6 +46,7 @@ from skywright.links.servo_bus.protocol import (
     to_counts,
     to_ticks,
 )
+from skywright.run.run import run_mission
 
 PRINTED = {
     "FF FF 07 FD 09 F2 0C": Packet(0xFD, 9, b""),
@@ -316,6 +318,18 @@ def test_an_absent_servo_is_told_before_the_flight(arms: tuple[Emulator, ServoFl
     emulator.servos[5].silent = True
     with pytest.raises(InputError, match=r"servo 5 \(.*\) does not answer; those that do: 1, 2"):
         skywright.fly("bimanual", world="open", seed=1, parts=real.parts, checklist=False)
+
+
+def test_a_run_with_an_absent_servo_is_refused_before_anything_is_written(
+    arms: tuple[Emulator, ServoFlight], tmp_path: Path
+) -> None:
+    emulator, real = arms
+    emulator.servos[5].silent = True
+    description = skywright.load("waypoints", robot="bimanual")
+    with pytest.raises(InputError, match=r"servo \d \(.*\) does not answer; those that do: "):
+        run_mission(description, out=tmp_path / "run", observers=[real])
+    assert not list(tmp_path.iterdir())
+    assert not any(s.ram[TORQUE] for s in emulator.servos.values())  # nothing moved
 
 
 def test_a_servo_far_from_the_start_is_told_before_the_flight(

@@ -62,7 +62,8 @@ from skywright.errors import InputError
     default="physics",
     show_default=True,
     help="physics; kinematic: references are followed exactly, without forces; mavlink:URL: a "
-    "vehicle over MAVLink (URL as of serve --mavlink).",
+    "vehicle over MAVLink (URL as of serve --mavlink); px4: the simulation, its platform flown by "
+    "PX4 in software in the loop.",
 )
 def run(
     mission: str | None, robot: str | None, world: str | None, sets: tuple[str, ...],

@@ -24,15 +24,18 @@ from skywright.vehicle.streams import StreamRecorder
 
 PHYSICS, KINEMATIC, RECORDING = BACKENDS = ("physics", "kinematic", "recording")
 """The perturbed plant; references that are followed exactly; a run's recording that is played."""
-LINKED = {"mavlink": "skywright.links.mavlink.companion"}
-"""Back ends whose vehicle is at the other end of a link, `NAME:ADDRESS`: their module, which has
-`open_backend(address)`."""
+LINKED = {
+    "mavlink": "skywright.links.mavlink.companion", "px4": "skywright.links.px4.mission",
+}  # fmt: skip
+"""Back ends whose vehicle, or autopilot, is at the other end of a link, `NAME:ADDRESS`: their
+module, which has `open_backend(address)`."""
 
 
 def choose_backend(name: str) -> Callable[..., SimulatedVehicle]:
     """Return what builds a back end that flies; raises InputError that lists them."""
-    kind, _, address = name.partition(":")
+    kind = name.partition(":")[0].partition("?")[0]
     if kind in LINKED:
+        address = name[len(kind) :].removeprefix(":")
         return import_module(LINKED[kind]).open_backend(address)
     if name == PHYSICS:
         return SimulatedVehicle
@@ -43,7 +46,7 @@ def choose_backend(name: str) -> Callable[..., SimulatedVehicle]:
     what = "plays a run: use skywright.fly(RUN, backend='recording')" if name == RECORDING else ""
     raise InputError(
         f"backend {name!r} {what or 'is unknown'}; back ends that fly a mission: "
-        f"{PHYSICS}, {KINEMATIC}, mavlink:URL"
+        f"{PHYSICS}, {KINEMATIC}, mavlink:URL, px4"
     )
 
 

@@ -138,6 +138,10 @@ class Follower(Component):
                 for name in record.dtype.names:
                     view[name] = rows[0][name]
 
+    def delay(self, seconds: float) -> None:
+        """Let the rows come later by a time (s)."""
+        self._me.t0 += seconds
+
     @property
     def first(self) -> Any:
         """The first row of the table: fields that no record here takes stay as they are in it."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from skywright.description.robot.spec import Control, Robot
 from skywright.errors import InputError
 from skywright.links.mavlink.link import PERIOD, VehicleLink
+from skywright.links.px4.parameters import build_airframe
 from skywright.models.hover_tilt import compute_hover_tilt
 from skywright.models.rigid_body import posture
 from skywright.vehicle.bus import WrenchCommand
@@ -38,7 +39,10 @@ class BodyForce:
         if says:
             raise InputError(f"mavlink:URL?force: {says}")
         rotors = vehicle.rotors
-        self._unit = float(rotors.axis[:, 2] @ rotors.thrust_max)  # N, of a share of 1
+        self._unit = np.full(3, float(rotors.axis[:, 2] @ rotors.thrust_max))
+        """N, of a share of 1 along each axis of B."""
+        if not link.heard.simulated:
+            self._unit = build_airframe(vehicle.robot, vehicle.world).force_units
         steps = vehicle.assembly.steps
         mine = [i for i, s in enumerate(steps) if s.component is vehicle.law]
         self.rows = [i for i in mine if steps[i].slot == "control"]
@@ -59,7 +63,8 @@ def find_forceless(robot: Robot, law: Law, gravity: float) -> str:
     if not tilt > math.radians(1.0):
         return f"the rotors of {robot.name!r} do not push sideways; fly it without ?force"
     kind = type(law)
-    if not (kind.needs_full_actuation and issubclass(kind.Me, PositionLoop)):  # type: ignore[attr-defined]
+    known = issubclass(kind.Me, PositionLoop) or getattr(kind, "follows_bandwidths", False)  # type: ignore[attr-defined]
+    if not (kind.needs_full_actuation and known):
         return (
             f"the law {kind.__name__} of {robot.name!r} has no position loop of its own whose "
             "delay is known; fly it without ?force"

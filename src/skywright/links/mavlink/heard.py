@@ -41,6 +41,7 @@ class Heard:
         self.system = 0  # of the vehicle, 0: none was heard
         self.beat = self.message = self.place = self.turn = -math.inf  # s, when they came
         self.answer = math.inf  # s, when a TIMESYNC was answered; infinite: never
+        self.place_ms = self.turn_ms = 0  # by the vehicle's clock, when they were so
         self.armed, self.mode, self.landed = False, Mode(0), 0
         self.p, self.v = np.zeros(3), np.zeros(3)  # m, m/s: ENU, in the vehicle's local frame
         self.R_WB, self.w_B = np.eye(3), np.zeros(3)
@@ -86,14 +87,14 @@ class Heard:
         self._look_at_clock(m.time_boot_ms)
         self.p = swap_world(np.array([m.x, m.y, m.z]))
         self.v = swap_world(np.array([m.vx, m.vy, m.vz]))
-        self.place = now
+        self.place, self.place_ms = now, m.time_boot_ms
 
     def _take_attitude_quaternion(self, m: Any, now: float) -> None:
         if not is_finite(m, "q1", "q2", "q3", "q4", "rollspeed", "pitchspeed", "yawspeed"):
             return
         R = from_ned_quaternion(np.array([m.q1, m.q2, m.q3, m.q4]))
         if R is not None:
-            self.R_WB, self.turn = R, now
+            self.R_WB, self.turn, self.turn_ms = R, now, m.time_boot_ms
             self.w_B = swap_body(np.array([m.rollspeed, m.pitchspeed, m.yawspeed]))
 
     def _take_extended_sys_state(self, m: Any, now: float) -> None:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -84,7 +86,12 @@ class Target(NamedTuple):
 class VehicleLink:
     """One vehicle at the other end of an endpoint."""
 
-    def __init__(self, endpoint: Endpoint, clock: Clock | None = None) -> None:
+    def __init__(
+        self, endpoint: Endpoint, clock: Clock | None = None,
+        wanted: Mapping[int, float] = MappingProxyType(WANTED),
+    ) -> None:  # fmt: skip
+        """`wanted` are messages that the vehicle is asked for, and how often (Hz)."""
+        self._wanted = wanted
         self.endpoint, self.clock = endpoint, clock or WallClock()
         self.heard = Heard()
         self.lock = threading.RLock()
@@ -142,10 +149,9 @@ class VehicleLink:
 
     def step(self) -> None:
         """Hear what has come, and send what is due."""
+        self.hear()
         now = self.clock.now()
         with self.lock:
-            for message, _ in self.endpoint.poll():
-                self.heard.take(message, now)
             if now >= self._next_beat:
                 self._next_beat = now + 1.0
                 self._send(
@@ -161,6 +167,13 @@ class VehicleLink:
                 self._send(self._build(now, *self._target))
                 self.sent += 1
 
+    def hear(self) -> None:
+        """Take what has come."""
+        now = self.clock.now()
+        with self.lock:
+            for message, _ in self.endpoint.poll():
+                self.heard.take(message, now)
+
     def _ask(self, now: float) -> None:
         """Ask for the messages until they come."""
         h = self.heard
@@ -168,7 +181,7 @@ class VehicleLink:
         if not h.system or not missing or now < self._next_ask:
             return
         self._next_ask = now + 2.0
-        for number, rate in WANTED.items():
+        for number, rate in self._wanted.items():
             self._send_command(SET_INTERVAL, number, 1e6 / rate)
         self._send_command(REQUEST_MESSAGE, 148)
         self._send_command(REQUEST_MESSAGE, 49)

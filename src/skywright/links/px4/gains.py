@@ -44,7 +44,7 @@ def compute_torque_units(B: Array, thrust_max: Array) -> Array:
 
     `B` (6, n) is the wrench in B per newton, about the centre of mass, `thrust_max` (n,) N.
     """
-    mix = np.linalg.pinv(np.vstack([B[3:], B[:3]]) * THRUST_COEFFICIENT, rcond=1e-6)
+    mix = _compute_mix(B)
     scale = np.zeros(3)
     for axis in (0, 1):
         used = int(np.sum(np.abs(mix[:, axis]) > 1e-3))
@@ -52,6 +52,25 @@ def compute_torque_units(B: Array, thrust_max: Array) -> Array:
     scale[:2] = scale[:2].max()
     scale[2] = mix[:, 2].max()
     return np.mean(thrust_max) / THRUST_COEFFICIENT / scale
+
+
+def compute_force_units(B: Array, thrust_max: Array) -> Array:
+    """Return (3,) N that one unit of PX4's thrust along x, y and z makes; NaN where none can.
+
+    PX4 scales each axis by the mean size of the entries of its column, so that the units along x
+    and y differ from the one along z, which is the thrust of all rotors.
+    """
+    mix = _compute_mix(B)[:, 3:]
+    size = np.abs(mix)
+    used = np.sum(size > 1e-7, axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        scale = size.sum(axis=0) / used
+        return np.asarray(np.mean(thrust_max) / THRUST_COEFFICIENT / scale)
+
+
+def _compute_mix(B: Array) -> Array:
+    """Return PX4's pseudo-inverse (n, 6) before it is scaled: torques, then forces."""
+    return np.asarray(np.linalg.pinv(np.vstack([B[3:], B[:3]]) * THRUST_COEFFICIENT, rcond=1e-6))
 
 
 def compute_gains(inertia: Array, torque_units: Array, lag: float) -> Gains:

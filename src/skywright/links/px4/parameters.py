@@ -16,7 +16,12 @@ from numpy.typing import NDArray
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.errors import InputError
-from skywright.links.px4.gains import Gains, compute_gains, compute_torque_units
+from skywright.links.px4.gains import (
+    Gains,
+    compute_force_units,
+    compute_gains,
+    compute_torque_units,
+)
 from skywright.models.nominal import Nominal
 from skywright.models.rigid_body import compute_body, posture
 
@@ -54,6 +59,7 @@ class Airframe(NamedTuple):
     position: Array  # (n, 3) m, hubs from the centre of mass, FLU
     hover: float  # share of all thrust that carries the weight
     gains: Gains
+    force_units: Array  # (3,) N, of PX4's thrust of 1 along the axes of B
 
 
 def build_airframe(robot: Robot, world: World) -> Airframe:
@@ -80,7 +86,10 @@ def build_airframe(robot: Robot, world: World) -> Airframe:
         )
     units = compute_torque_units(B, rotors.thrust_max)
     gains = compute_gains(np.diag(I_C).copy(), units, rotors.time_constant)
-    return Airframe(mass, p_BC, np.diag(I_C).copy(), rotors.position - p_BC, hover, gains)
+    return Airframe(
+        mass, p_BC, np.diag(I_C).copy(), rotors.position - p_BC, hover, gains,
+        compute_force_units(B, rotors.thrust_max),
+    )  # fmt: skip
 
 
 def list_parameters(robot: Robot, world: World) -> list[Parameter]:
@@ -146,7 +155,8 @@ def _list_estimator(robot: Robot, world: World, airframe: Airframe) -> Iterator[
         yield Parameter("EKF2_EV_CTRL", POSITION_ONLY, "position and yaw of motion capture")
         yield Parameter("EKF2_HGT_REF", 3, "height by motion capture")
         yield Parameter("EKF2_MAG_TYPE", 5, "heading by motion capture, no magnetometer")
-        yield Parameter("EKF2_EV_DELAY", 1e3 * world.mocap.latency_s, "ms")
+        own = world.localisation == "total-station"  # the onboard computer's, which is of now
+        yield Parameter("EKF2_EV_DELAY", 0.0 if own else 1e3 * world.mocap.latency_s, "ms")
     for sensor, p in places.items():
         for name, value in zip("XYZ", p * FLU_TO_FRD, strict=True):
             yield Parameter(f"EKF2_{sensor}_POS_{name}", float(value), "m from the centre of mass")

@@ -74,6 +74,10 @@ class Px4Sensors:
         if math.isfinite(interval_us) and interval_us > 0.0:
             self._truth_every = max(round(1e-6 * interval_us / self._period), 1)
 
+    def set_pose_noise(self, place: float, turn: float) -> None:
+        """Tell standard deviations (m, rad) of poses that are not those of motion capture."""
+        self._std = (place, turn)
+
     def build(self, reading: Reading) -> list[Any]:
         """Return the messages of a step; HIL_SENSOR, on which lockstep counts, is the last one."""
         out: list[Any] = []

@@ -104,10 +104,16 @@ class BusServos(Component):
         Recorded("servo_theta", ServoState, "now", "rad", "shafts of the real servos", per="joint"),
     )
 
-    def __init__(self, name: str, exchange: Callable[[float, Any, Any], None]) -> None:
-        """`exchange(t, me, state)` is called after each mission tick."""
+    def __init__(
+        self, name: str, exchange: Callable[[float, Any, Any], None],
+        check: Callable[[dict[int, float]], None],
+    ) -> None:  # fmt: skip
+        """`exchange(t, me, state)` is called after each mission tick.
+
+        `check(angles)` is told once, before anything is flown, where (rad) joints begin.
+        """
         super().__init__(name)
-        self._exchange = exchange
+        self._exchange, self._check = exchange, check
         self._me: Any = None
         self._state: Any = None
 
@@ -116,7 +122,7 @@ class BusServos(Component):
         self._exchange(t, self._me, self._state)
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Look up the joints."""
+        """Look up the joints, and see that the servos are there; raises InputError."""
         state = context.records[ServoState, ""][0]
         self._me, self._state = me, state
         me.first = len(context.rotors.thrust_min)
@@ -125,6 +131,7 @@ class BusServos(Component):
                 me.joint[me.n], me.servo[me.n] = j, limb.servo
                 me.angle[me.n] = state["now"][j]
                 me.n += 1
+        self._check({int(me.joint[k]): float(me.angle[k]) for k in range(me.n)})
 
     @staticmethod
     def step(me: Me, mj: MuJoCo, out: InOut[ServoState]) -> None:
@@ -147,15 +154,19 @@ class ServoWorker(threading.Thread):
         """Time (s) of the last round of readings."""
         self.failure = ""
 
+    def check(self, goals: dict[int, float], names: dict[int, str]) -> None:
+        """Read all servos; nothing moves. Raises as start_up."""
+        self._bus.acknowledge_reads_only()
+        self._bus.clear_errors()
+        self._read_all(goals, names)
+
     def start_up(self, goals: dict[int, float], names: dict[int, str]) -> None:
         """Read all servos, switch torque on and go to `goals` (rad) slowly; then begin.
 
         Raises InputError where one is absent, reports an error, or stands far from its goal.
         """
         bus = self._bus
-        bus.acknowledge_reads_only()
-        bus.clear_errors()
-        self._read_all(goals, names)
+        self.check(goals, names)
         bus.set_torque(True)
         self.lead(goals)
         bus.jog_together(to_ticks(START_S), self._build_jogs())
@@ -248,7 +259,7 @@ class ServoFlight:
     def __init__(self, bus: ServoBus, robot: Robot) -> None:
         """Raises InputError for a robot without position servos."""
         self.driven = list_driven(robot)
-        self._component = BusServos("servo bus", self._exchange)
+        self._component = BusServos("servo bus", self._exchange, self._check)
         self._worker = ServoWorker(bus, [d.servo for d in self.driven])
         self._bus = bus
         self._anchor: float | None = None
@@ -266,6 +277,18 @@ class ServoFlight:
 
     def on_tick(self, t: float, phase: str, vehicle: Any) -> None:
         """Nothing: the component exchanges."""
+
+    def _check(self, angles: dict[int, float]) -> None:
+        """Raise InputError where a servo is absent, has an error or stands far from its joint."""
+        if self._anchor is not None:  # built again in flight: they lead already
+            return
+        try:
+            self._worker.check(
+                {d.servo: angles[d.joint] for d in self.driven},
+                {d.servo: d.name for d in self.driven},
+            )
+        except OSError as error:
+            raise InputError(f"--servos: the serial port has failed: {error}") from None
 
     def _exchange(self, t: float, me: Any, state: Any) -> None:
         """Give goals, take shafts, keep to the wall clock; raises ServosFailed."""

@@ -1,7 +1,7 @@
 """What an autopilot has of the plant: it sets the rotors' speeds and reads the sensors.
 
-It sits on board, so no link of the world stands between. The robot's own law, whose reference is
-inactive, commands no rotor and holds the arms.
+It sits on board, so no link of the world stands between. The robot's own law commands no rotor: its
+reference is inactive and it holds the arms, or (links/px4/mission.py) it leads the arms.
 """
 
 from __future__ import annotations

@@ -15,6 +15,8 @@ from skywright.links.sitl.pickup import AutopilotNotes, RotorPickup, SensorPicku
 from skywright.models.capability import check_can_fly
 from skywright.run.backends import build_vehicle
 from skywright.run.setup import Setup
+from skywright.vehicle.component import Component
+from skywright.vehicle.simulated import SimulatedVehicle
 
 Array = NDArray[np.float64]
 
@@ -46,41 +48,35 @@ class Reading(NamedTuple):
     w_WB_B: Array
 
 
-class SitlPlant:
-    """A vehicle whose rotors are led from outside."""
+class Sockets:
+    """Where an autopilot is plugged into a vehicle: motors' commands in, sensors' readings out."""
 
-    def __init__(
-        self, description: Description[Any], period: float = IMU_PERIOD_S,
-        rates: tuple[float, float] = IMU_RATES,
-    ) -> None:  # fmt: skip
-        """`period` (s) is that of inertial samples where the control period divides it.
-
-        The autopilot takes samples at `rates` (Hz), from and to. Raises InputError where robot,
-        world and autopilot do not fit together.
-        """
-        robot, world = description.robot, description.world
-        if world.localisation == "total-station":
-            raise InputError(
-                f"world {world.name!r} is localised by a total station, which no autopilot takes; "
-                "set world.localisation = 'mocap' or 'gnss'"
-            )
-        check_can_fly(robot, world.gravity_mps2)
-        self.description, self.setup = description, Setup(description)
+    def __init__(self) -> None:
         self._rotors, self._sensors = RotorPickup("rotor pickup"), SensorPickup("sensor pickup")
         self._notes = AutopilotNotes("autopilot")
-        parts = (self._rotors, self._sensors, self._notes)
-        self.vehicle = build_vehicle(description, setup=self.setup, parts=parts)
-        v = self.vehicle
+        self.parts: tuple[Component, ...] = (self._rotors, self._sensors, self._notes)
+        """What the vehicle is built with, besides its own components."""
+
+    def attach(
+        self, vehicle: SimulatedVehicle, period: float = IMU_PERIOD_S,
+        rates: tuple[float, float] = IMU_RATES,
+    ) -> None:  # fmt: skip
+        """Take a vehicle that was built with `parts`, and let its tick last a period (s).
+
+        The autopilot takes samples at `rates` (Hz), from and to; raises InputError where the
+        robot's control rate allows none.
+        """
+        v = self.vehicle = vehicle
         v.n_ticks = max(round(period / v.dt), 1)
         self.period = v.n_ticks * v.dt
-        """Time (s) of a step."""
+        """Time (s) between readings."""
         if not rates[0] - 1e-6 <= 1.0 / self.period <= rates[1] + 1e-6:
             raise InputError(
                 f"robot.control.rate_hz = {1.0 / v.dt:g}: inertial samples would come at "
                 f"{1.0 / self.period:g} Hz; an autopilot takes {rates[0]:g} to "
                 f"{rates[1]:g} Hz: set it to 250, 500 or 1000"
             )
-        rotors = self.setup.rotors
+        rotors = v.rotors
         self.n_rotors = len(rotors.spin)
         self.speed_max = np.sqrt(rotors.thrust_max / rotors.k_f)
         """Speed (n,) rad/s of each rotor at the full command."""
@@ -88,22 +84,13 @@ class SitlPlant:
         self.notes: Any = v.get_memory(self._notes.name)
         """What is recorded of the autopilot: fields of pickup.AutopilotNotes.Me."""
 
-    @property
-    def t(self) -> float:
-        """Time (s) since the start."""
-        return self.vehicle.t
-
-    def step(self, command: Array) -> Reading:
-        """Run one period with commands (n,) from 0 to 1, shares of the rotors' full speeds.
-
-        Raises SimulationError where the physics diverges.
-        """
+    def command(self, command: Array) -> None:
+        """Set commands (n,) from 0 to 1, shares of the rotors' full speeds."""
         self._drive.speed[: self.n_rotors] = command * self.speed_max
         self.notes.command[: self.n_rotors] = command
-        self.vehicle.tick()
-        return self._read()
 
-    def _read(self) -> Reading:
+    def read(self) -> Reading:
+        """Return what the sensors said since the last reading."""
         me, sim = self._me, self.vehicle.sim
         n = max(int(me.n), 1)
         gyro, accel = np.array(me.gyro) / n, np.array(me.accel) / n
@@ -117,7 +104,45 @@ class SitlPlant:
         R = np.empty((3, 3))
         quat_to_rot(sim.qpos[3:7], R)
         p, v, w = sim.qpos[:3].copy(), sim.qvel[:3].copy(), sim.qvel[3:6].copy()
-        return Reading(self.t, gyro, accel, pose, fix, p, R, v, w)
+        return Reading(self.vehicle.t, gyro, accel, pose, fix, p, R, v, w)
+
+
+class SitlPlant(Sockets):
+    """A vehicle whose rotors are led from outside."""
+
+    def __init__(
+        self, description: Description[Any], period: float = IMU_PERIOD_S,
+        rates: tuple[float, float] = IMU_RATES,
+    ) -> None:  # fmt: skip
+        """`period` (s) is that of inertial samples where the control period divides it.
+
+        The autopilot takes samples at `rates` (Hz), from and to. Raises InputError where robot,
+        world and autopilot do not fit together.
+        """
+        super().__init__()
+        robot, world = description.robot, description.world
+        if world.localisation == "total-station":
+            raise InputError(
+                f"world {world.name!r} is localised by a total station, which no autopilot takes; "
+                "set world.localisation = 'mocap' or 'gnss'"
+            )
+        check_can_fly(robot, world.gravity_mps2)
+        self.description, self.setup = description, Setup(description)
+        self.attach(build_vehicle(description, setup=self.setup, parts=self.parts), period, rates)
+
+    @property
+    def t(self) -> float:
+        """Time (s) since the start."""
+        return self.vehicle.t
+
+    def step(self, command: Array) -> Reading:
+        """Run one period with commands (n,) from 0 to 1, shares of the rotors' full speeds.
+
+        Raises SimulationError where the physics diverges.
+        """
+        self.command(command)
+        self.vehicle.tick()
+        return self.read()
 
 
 def build_plant(

@@ -25,7 +25,7 @@ Since the law is a PID, k_1, k_2 and lambda follow from its stiffness, damping a
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from scipy.optimize import brentq
 
@@ -70,6 +70,8 @@ class Backstepping(Law):
     """Fills f_B, t_B and qd."""
 
     needs_full_actuation = controls_force = knows_modes = True
+    follows_bandwidths: ClassVar[bool] = True
+    """Whether the platform's position loop is the PID of the table's bandwidths, as here."""
     Table = LoopsTable
 
     class Me(ArmLoop, StandardLoop):

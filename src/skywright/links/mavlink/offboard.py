@@ -1,0 +1,335 @@
+"""Leading the platform of a MAVLink vehicle by set-points: what all such back ends share.
+
+Each mission tick (20 ms) the references of the mission become a set-point, and the estimate is what
+the autopilot tells. Mission time stands still, or its reference does, while the motors are started
+and stopped, and while the link is silent; the set-point is then the place where it stood.
+
+W is where the vehicle's local frame has been put at the start: by GPS_GLOBAL_ORIGIN where the world
+has an origin, otherwise so that the robot stands at the mission's start.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.description.world.origin import Origin
+from skywright.errors import InputError
+from skywright.links.mavlink import modes
+from skywright.links.mavlink.body_force import BodyForce
+from skywright.links.mavlink.heard import Heard
+from skywright.links.mavlink.link import Target, VehicleLink
+from skywright.links.px4.parameters import build_airframe
+from skywright.vehicle.ended import VehicleEnded
+from skywright.vehicle.geodesy import Geodetic, to_local
+from skywright.vehicle.interface import Ticked
+from skywright.vehicle.simulated import SimulatedVehicle
+
+Array = NDArray[np.float64]
+
+CONNECT_S = 30.0  # s for a vehicle to be heard, and for its position
+SILENT_S = 1.0  # s without a message after which mission time stands still
+BEAT_S = 3.0  # s without a heartbeat, likewise
+DEAF_S = 0.4  # s without an answer in which a change to Hold is the autopilot's own
+LOST_S = 10.0  # s after which the flight is given up
+OWN_S = 2.0  # s after a silence, likewise
+SPIN_S, LAND_S = 8.0, 60.0  # s for arming, and for coming down
+SET_MODE, ARM_DISARM = 176, 400
+LOW = 0.1  # m above the ground: a reference that ends there is flown by positions
+LIFT, LIFT_S = 0.25, 15.0
+"""m to which an autopilot lifts off before the reference goes on, and s that it may take."""
+APART = 5.0  # m between the vehicle and the mission's start, or it is another place
+
+
+class Offboard(SimulatedVehicle):
+    """A back end (vehicle.interface.Backend) whose platform a MAVLink vehicle flies."""
+
+    def __init__(self, link: VehicleLink, *args: Any, **kwargs: Any) -> None:
+        """Take a link, and what the other base takes; `_meet` comes after it."""
+        self.link, self.clock = link, link.clock
+        super().__init__(*args, **kwargs)
+        self.piloted = False
+        """Whether a pilot flies: the mode is not Offboard, and nobody here changed it."""
+        self.stopped = ""
+        """Why no motors turn although the mission has not stopped them, "" otherwise."""
+        self._says: Callable[[str], None] = lambda _: None
+        self._armed = self._offboard = False
+        self._shift, self._p_BC = np.zeros(3), np.zeros(3)
+        self._quiet_until = -math.inf
+        self._restarts = 0
+        self._floor = self.robot.platform.gear_height_m
+        self._force: BodyForce | None = None
+        self._due = 0.0
+        self._low_z: float | None = None
+        """m, in the vehicle's frame: once in the air, no lower set-point but to land."""
+        self._again_s = 0.0
+        """s for which a refusal to start is not taken for the last word: an autopilot boots."""
+
+    # --- meeting the vehicle -----------------------------------------------------------------
+
+    def _meet(self, force: bool) -> None:
+        """Wait for a vehicle and its position, and put its frame into W.
+
+        With `force` body forces are sent in place of positions. Raises InputError where no vehicle
+        is heard, or it cannot fly this robot.
+        """
+        link, url = self.link, self.link.endpoint.url
+        if not link.wait(lambda h: h.system and link.age(h.beat) < 2.0, CONNECT_S):
+            raise InputError(
+                f"no MAVLink vehicle was heard on {url} within {CONNECT_S:g} s{self._explain()}"
+            )
+        placed = link.wait(lambda h: self._is_placed(h) and h.flags is not None, CONNECT_S)
+        if not placed:
+            raise InputError(
+                f"the vehicle on {url} reports no local position within {CONNECT_S:g} s: "
+                "LOCAL_POSITION_NED, ATTITUDE_QUATERNION and ESTIMATOR_STATUS are needed"
+            )
+        link.wait(lambda h: h.has_version, 5.0)
+        if link.heard.armed:
+            raise InputError("the vehicle is armed: a mission begins on the ground, motors off")
+        if not link.heard.simulated:  # an autopilot tells the place of its centre of mass
+            self._p_BC = build_airframe(self.robot, self.world).p_BC
+        self._align()
+        self._force = BodyForce(self, link) if force else None
+        self._due = self.clock.now()
+
+    def _align(self) -> None:
+        h, origin = self.link.heard, self.world.origin
+        self._restarts = h.restarts
+        start = np.array(self.reference_now["p_WB"])
+        here = h.p - h.R_WB @ self._p_BC
+        if origin is not None:
+            if not self.link.wait(lambda h: h.origin is not None, 5.0) or h.origin is None:
+                raise InputError(
+                    "the world has an origin and the vehicle reports none (GPS_GLOBAL_ORIGIN)"
+                )
+            self._shift = _place(origin, h.origin)
+            away = float(np.linalg.norm((here + self._shift - start)[:2]))
+            if away > APART:
+                raise InputError(
+                    f"the vehicle stands {away:.1f} m from the mission's start (mission.start_x_m, "
+                    f"start_y_m); valid: up to {APART:g} m"
+                )
+        else:
+            self._shift = start - here
+
+    def _is_placed(self, h: Heard) -> bool:
+        age = self.link.age
+        return age(h.place) < 0.5 and age(h.turn) < 0.5 and h.has_place
+
+    # --- what the mission sees ---------------------------------------------------------------
+
+    def take_control(self) -> str:
+        """Change to Offboard, from a pilot as well; returns why not, or ""."""
+        self.link.lead(self._hold_here())
+        self.link.wait(lambda h: False, 0.3)  # a stream comes first
+        says = self._choose(modes.OFFBOARD)
+        if not says:
+            self.piloted, self._offboard = False, True
+        return says
+
+    def give_control(self) -> str:
+        """Give the platform to the pilot, in Position mode; returns why not, or ""."""
+        if self.piloted:
+            return ""
+        says = self._choose(modes.POSITION)
+        if not says:
+            self.piloted, self._offboard = True, False
+        return says
+
+    def _choose(self, mode: modes.Mode) -> str:
+        if self.link.heard.mode == mode:
+            return ""
+        says = self.link.command(SET_MODE, float(modes.CUSTOM), float(mode.main), float(mode.sub))
+        if says:
+            return f"the vehicle refused {mode}: {says}"
+        if not self.link.wait(lambda h: h.mode == mode, 2.0):
+            return f"the vehicle did not change to {mode}"
+        return ""
+
+    def tick(self, guards: int = 0) -> Ticked:
+        """Fly a mission tick; guards never fire. Raises VehicleEnded."""
+        wanted = bool(self.reference_now["active"] > 0.5)
+        if wanted and not self._armed:
+            self._start()
+        elif self._armed and not wanted:
+            self._stop()
+        self._wait_for_link()
+        ticked = self._fly_tick(guards)
+        self._lead()
+        self._watch()
+        self._pace()
+        return ticked
+
+    def _fly_tick(self, guards: int) -> Ticked:
+        """Fly the simulated part of the vehicle for a mission tick."""
+        return super().tick(guards)
+
+    # --- what the vehicle is told ------------------------------------------------------------
+
+    def _lead(self) -> None:
+        """Renew the set-point."""
+        if not self._armed:
+            return
+        if self.piloted:
+            self.link.lead(self._hold_here())
+            return
+        down = float(self.tracking[0][-1]["p_WB"][2]) < self._floor + LOW
+        if not down and self._low_z is None and not self.link.heard.simulated:
+            self._lift()
+        row = self.reference_now
+        R, rate = np.array(row["R_WB"]), float(row["w_WB_B"][2])
+        p = np.array(row["p_WB"]) - self._shift + R @ self._p_BC
+        v, a = np.array(row["v_WB"]), np.array(row["a_WB"])
+        if self._low_z is not None and not down and p[2] < self._low_z:
+            p[2], v[2], a[2], down = self._low_z, 0.0, 0.0, True
+        f_B = None if self._force is None or down else self._force.compute()
+        self.link.lead(Target(p, v, a + self._feed_forward(), R, rate, f_B))
+
+    def _lift(self) -> None:
+        """Leave the ground; the reference stands still while the autopilot ramps its thrust up."""
+        target = self._hold_here()
+        start = float(target.p[2])
+        self._low_z = start + LIFT
+        self.link.lead(target._replace(p=np.array([*target.p[:2], self._low_z])))
+        if not self.link.wait(lambda h: h.p[2] > start + 0.5 * LIFT, LIFT_S):
+            self._give_up(f"no take-off: it is still on the ground after {LIFT_S:g} s")
+        self._due = self.clock.now()
+
+    def _feed_forward(self) -> Array:
+        """Return the acceleration (3,) m/s^2 that answers forces which the mission plans."""
+        return np.zeros(3)
+
+    def _hold_here(self) -> Target:
+        """Return the place of now as a set-point."""
+        with self.link.lock:
+            h = self.link.heard
+            return Target(h.p.copy(), np.zeros(3), np.zeros(3), h.R_WB.copy(), 0.0)
+
+    def _start(self) -> None:
+        """Change to Offboard and turn the motors; mission time stands still."""
+        end = self.clock.now() + self._again_s
+        while says := self._try_to_start():
+            if self.clock.now() >= end:
+                break
+        if says:
+            self._give_up(f"no take-off: {says}")
+        self._armed = self._offboard = True
+        self._due = self.clock.now()
+
+    def _try_to_start(self) -> str:
+        """Change to Offboard and arm; returns why not, or ""."""
+        self.link.lead(self._hold_here())
+        self.link.wait(lambda h: False, 0.6)
+        says = self._choose(modes.OFFBOARD) or self.link.command(ARM_DISARM, 1.0)
+        if not says and not self.link.wait(lambda h: h.armed, SPIN_S):
+            says = f"the vehicle did not arm within {SPIN_S:g} s"
+        return says
+
+    def _stop(self) -> None:
+        """Let the autopilot land and stop its motors; mission time stands still."""
+        says = "" if not self.link.heard.armed else self._choose(modes.LAND)
+        if not says and not self.link.wait(lambda h: not h.armed, LAND_S):
+            says = f"the vehicle is still armed {LAND_S:g} s after the command to land"
+        self._armed = self._offboard = False
+        self._low_z = None
+        self.link.lead(None)
+        self._due = self.clock.now()
+        if says:
+            self._give_up(says)
+
+    def _give_up(self, says: str) -> None:
+        """Command nothing from now on, and end the mission."""
+        row = np.array(self.reference)
+        row["t"], row["active"] = 0.0, 0.0
+        self._armed = self._offboard = False
+        self.link.lead(None)
+        self.track(row[None])
+        raise VehicleEnded(says)
+
+    # --- what is watched ---------------------------------------------------------------------
+
+    def _explain(self) -> str:
+        """Return what went wrong here rather than there, to be added to a message."""
+        return f" ({self.link.failure})" if self.link.failure else ""
+
+    def _is_silent(self) -> bool:
+        h, age = self.link.heard, self.link.age
+        silent = age(h.message) > SILENT_S or age(h.beat) > BEAT_S
+        return silent or age(h.answer) > SILENT_S  # nothing gets there
+
+    def _wait_for_link(self) -> None:
+        """Stand still while the vehicle is not heard; give up after LOST_S."""
+        if not self._is_silent():
+            return
+        since = self.clock.now()
+        self._says(f"t = {self.t:.2f} s: the vehicle is silent; mission time stands still")
+        if self._armed and not self.piloted:
+            row = self.reference_now
+            R = np.array(row["R_WB"])
+            p = np.array(row["p_WB"]) - self._shift + R @ self._p_BC
+            self.link.lead(Target(p, np.zeros(3), np.zeros(3), R, 0.0))
+        if not self.link.wait(lambda h: not self._is_silent(), LOST_S - SILENT_S):
+            what = "its own rule for a lost link acts" if self._armed else "it stands"
+            self._give_up(f"the vehicle has been silent for {LOST_S:g} s: {what}{self._explain()}")
+        silent = self.clock.now() - since
+        self._says(f"t = {self.t:.2f} s: the vehicle is heard again after {silent:.1f} s")
+        self._quiet_until = self.clock.now() + OWN_S
+        self._due = self.clock.now()
+
+    def _watch(self) -> None:
+        """See what the vehicle has done by itself, or a pilot with it."""
+        h = self.link.heard
+        if h.restarts != self._restarts:
+            self._restarts = h.restarts
+            if self._armed:
+                self._give_up("the autopilot restarted in flight")
+            self._align()
+        if not self._armed:
+            return
+        if not h.armed:
+            self._armed = self._offboard = False
+            if self.piloted:
+                self.stopped, self.piloted = "the pilot landed", False
+                row = np.array(self.reference)
+                row["t"], row["active"] = 0.0, 0.0
+                self.track(row[None])
+                return
+            self._give_up("the vehicle stopped its motors by itself")
+        if h.mode == modes.OFFBOARD:
+            self.piloted = False
+        elif not self.piloted:
+            deaf = self.link.age(h.answer) > DEAF_S
+            quiet = deaf or self.clock.now() < self._quiet_until
+            own = quiet and h.mode not in modes.BY_STICK
+            if own and deaf:
+                return  # it hears nothing: what follows is a silence
+            if own and not self.take_control():
+                self._says(f"t = {self.t:.2f} s: Offboard again after the silence")
+                self._due = self.clock.now()
+                return
+            self.piloted = True
+            self._says(f"t = {self.t:.2f} s: the mode is {h.mode}: the pilot flies")
+
+    def _pace(self) -> None:
+        """Wait until the tick is over by the clock."""
+
+    def close(self) -> None:
+        """End the stream: a vehicle that is in the air is told to hold."""
+        if self._armed and not self.piloted and not self._is_silent():
+            says = self._choose(modes.HOLD)
+            self._says(says or "the vehicle is in the air and holds: land it with its own controls")
+        self.link.close()
+
+    def on_say(self, say: Callable[[str], None]) -> None:
+        """Tell what happens to `say`, one line each."""
+        self._says = say
+
+
+def _place(world: Origin, local: tuple[float, float, float]) -> Array:
+    """Return where the origin of the vehicle's local frame lies in W (3,) m."""
+    return to_local(world, Geodetic(*local))
