@@ -62,6 +62,17 @@ def test_attitude_follows_from_rates_and_force_where_the_table_has_none(tmp_path
     assert log.t[0] == 0.0 and log.t[1] == pytest.approx(DT)
 
 
+def test_other_columns_may_be_empty_and_time_may_count_from_1970(tmp_path: Path) -> None:
+    table, _ = build()
+    plain = load_table(write(tmp_path / "a.csv", table), ROBOT)
+    table["t_s"] = table["t_s"] + 1.76e9
+    table["battery_v"] = np.where(np.arange(len(table["t_s"])) % 40, np.nan, 12.0)
+    log = load_table(write(tmp_path / "b.csv", table), ROBOT)
+    assert abs(len(log.t) - len(plain.t)) <= 1
+    n = len(plain.t) - 1
+    np.testing.assert_allclose(log.w_WB_B[:n], plain.w_WB_B[:n], atol=1e-4)
+
+
 def test_a_tilt_at_the_start_is_found_from_the_force() -> None:
     """At once from the first sample; then the filter removes an error with its time constant."""
     tilted = turn(np.array([[50.0, 0.0, 0.0]]))[0]

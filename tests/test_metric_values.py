@@ -69,6 +69,11 @@ def test_how_a_robot_comes_down_after_a_rule_acted() -> None:
     m = compute_common_metrics(s, phases[:2])
     assert m["response.landed"] == 1.0
     assert m["response.deviation_max_m"] == pytest.approx(0.1)
+    failed = [phases[0], phases[1]._replace(outcome="failed")]
+    assert compute_common_metrics(s, failed)["response.landed"] == 0.0
+    s["rotor_thrust"][200:] = 0.0  # the motors stopped before the response began
+    fell = [phases[0], phases[1]._replace(name="let go")]
+    assert compute_common_metrics(s, fell)["response.landed"] == 0.0
 
 
 def test_a_servo_at_its_stall_torque_is_counted() -> None:

@@ -210,7 +210,7 @@ def merge_layers(layers: list[Layer]) -> tuple[Tree, dict[str, Source], dict[str
                 sources[key] = layer.sources[key]
             elif had_source:
                 sources[key] = Source("set", layer.label)
-            if isinstance(value, list):  # numbers inside a list of tables
+            if isinstance(value, list | dict):  # numbers inside a list of tables, or in a table
                 found = layer.sources.items()
                 sources.update({k: v for k, v in found if k.startswith(key + ".")})
 

@@ -84,14 +84,16 @@ def _judge_response(s: Samples, phases: list[PhaseRecord]) -> dict[str, float]:
     On the ground it stays above its reference, which sinks on: that is no deviation.
     """
     acted = next((i for i, p in enumerate(phases[:-1]) if p.outcome == "failed"), None)
-    after = s[s["phase"] > (len(phases) if acted is None else acted)]
-    if not len(after) or not has_columns(s, "ref_p_WB"):
+    fell = any(p.name == LET_GO for p in phases)
+    if acted is None or not has_columns(s, "ref_p_WB"):
         return {}
+    after = s[s["phase"] > acted]
+    if not len(after):  # the motors had stopped before the response began
+        return {"response.landed": 0.0} if fell else {}
     off = after["p_WB"] - after["ref_p_WB"]
     off[:, 2] = np.minimum(off[:, 2], 0.0)
-    fell = any(p.name == LET_GO for p in phases)
     return {
-        "response.landed": 0.0 if fell else 1.0,
+        "response.landed": 0.0 if fell or phases[-1].outcome != "done" else 1.0,
         "response.deviation_max_m": float(np.max(np.linalg.norm(off, axis=1))),
     }
 

@@ -150,12 +150,16 @@ def run_mission(
     setup, rules = Setup(description), build_rules(description)
     choose_backend(backend)  # one that does not exist is told before anything is planned
     plan, vehicle = _prepare(setup, backend, observers)  # a bad part is told before all else
-    store = None if records is None else FlightRecords(records, setup)
-    final, partial = open_directory(out, description.mission.name)
-    write_mission(partial, description, plan)
-    write_unfinished(partial)
-    if plan.file is not None:
-        write_plan_file(partial / "plan", plan.file)
+    try:
+        store = None if records is None else FlightRecords(records, setup)
+        final, partial = open_directory(out, description.mission.name)
+        write_mission(partial, description, plan)
+        write_unfinished(partial)
+        if plan.file is not None:
+            write_plan_file(partial / "plan", plan.file)
+    except BaseException:
+        vehicle.close()  # it may hold a socket and a thread
+        raise
     try:
         for observer in observers:
             observer.on_plan(plan, description)

@@ -27,6 +27,8 @@ RATE = ("wx_rad_s", "wy_rad_s", "wz_rad_s")
 FORCE = ("ax_m_s2", "ay_m_s2", "az_m_s2")
 SPEED = ("vx_m_s", "vy_m_s", "vz_m_s")
 QUATERNION = ("qw", "qx", "qy", "qz")
+LARGEST = 1e9
+"""Of every number but the time, which may be counted from 1970."""
 
 
 def load_table(path: Path, robot: Robot | None) -> FlightLog:
@@ -97,8 +99,14 @@ def load_table(path: Path, robot: Robot | None) -> FlightLog:
     )  # fmt: skip
 
 
+def is_used(name: str) -> bool:
+    """Return whether a column is read; others may be empty or coarse."""
+    known = {"t_s", *RATE, *FORCE, *SPEED, *QUATERNION}
+    return name in known or name.startswith(("speed_", "command_"))
+
+
 def _read(path: Path) -> dict[str, Array]:
-    """Return the columns of numbers by their names, rows with NaN left out."""
+    """Return the columns of numbers by their names; rows with NaN in a used one are left out."""
     lines = decode(read_bytes(path, LARGEST_TABLE)).splitlines()
     rows = [split_row(x, ",") for x in lines if x.strip() and not x.startswith("#")]
     if not rows:
@@ -110,7 +118,9 @@ def _read(path: Path) -> dict[str, Array]:
     whole = [row for row in rows[1:] if len(row) == len(names)]
     data = np.array([[read_number(cell) for cell in row] for row in whole]).reshape(-1, len(names))
     wanted = [i for i, name in enumerate(names) if np.any(np.isfinite(data[:, i])) and name]
-    good = data[np.all(np.abs(data[:, wanted]) < 1e9, axis=1)]
+    used = [i for i in wanted if is_used(names[i])]
+    most = np.array([math.inf if names[i] == "t_s" else LARGEST for i in used])
+    good = data[np.all(np.abs(data[:, used]) < most, axis=1)]
     return {names[i]: np.ascontiguousarray(good[:, i]) for i in wanted}
 
 

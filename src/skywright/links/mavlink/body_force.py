@@ -37,7 +37,7 @@ class BodyForce:
         """Raises InputError where robot or law have no such force, or the link is too slow."""
         says = find_forceless(vehicle.robot, vehicle.law, vehicle.world.gravity_mps2)
         if says:
-            raise InputError(f"mavlink:URL?force: {says}")
+            raise InputError(f"?force: {says}")
         rotors = vehicle.rotors
         self._unit = np.full(3, float(rotors.axis[:, 2] @ rotors.thrust_max))
         """N, of a share of 1 along each axis of B."""
@@ -92,7 +92,7 @@ def compute_most(control: Control, rotor_tau: float) -> float:
 def explain(robot: str, delay: float, most: float) -> str:
     """Say that a link is too slow for the position loop."""
     return (
-        f"mavlink:URL?force: the position loop of {robot!r} keeps a phase margin of "
+        f"?force: the position loop of {robot!r} keeps a phase margin of "
         f"{math.degrees(SPARE):.0f} deg with a dead time up to {1e3 * most:.0f} ms; this link "
         f"has {1e3 * delay:.0f} ms (round trip, reports and set-points every "
         f"{1e3 * PERIOD:.0f} ms): fly by positions, without ?force, or lower "

@@ -55,7 +55,7 @@ def compute_torque_units(B: Array, thrust_max: Array) -> Array:
 
 
 def compute_force_units(B: Array, thrust_max: Array) -> Array:
-    """Return (3,) N that one unit of PX4's thrust along x, y and z makes; NaN where none can.
+    """Return (3,) N that one unit of PX4's thrust along x, y and z makes; that of z where none can.
 
     PX4 scales each axis by the mean size of the entries of its column, so that the units along x
     and y differ from the one along z, which is the thrust of all rotors.
@@ -63,9 +63,9 @@ def compute_force_units(B: Array, thrust_max: Array) -> Array:
     mix = _compute_mix(B)[:, 3:]
     size = np.abs(mix)
     used = np.sum(size > 1e-7, axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        scale = size.sum(axis=0) / used
-        return np.asarray(np.mean(thrust_max) / THRUST_COEFFICIENT / scale)
+    scale = size.sum(axis=0) / np.maximum(used, 1)
+    scale[used == 0] = scale[2]
+    return np.asarray(np.mean(thrust_max) / THRUST_COEFFICIENT / scale)
 
 
 def _compute_mix(B: Array) -> Array:

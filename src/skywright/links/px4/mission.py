@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from skywright.core.interrupt import check_interrupt
 from skywright.core.types import TASK_FORCE
-from skywright.errors import InputError, SimulationError
+from skywright.errors import InputError
+from skywright.links.mavlink.body_force import find_forceless
 from skywright.links.mavlink.endpoint import Endpoint, Url
 from skywright.links.mavlink.link import PERIOD, WANTED, VehicleLink
 from skywright.links.mavlink.offboard import CONNECT_S, Offboard
@@ -250,14 +251,8 @@ class Px4Vehicle(Offboard):
 
     def close(self) -> None:
         """End both links."""
-        try:
-            if self._was_locked:
-                super().close()
-        except (SimulationError, InputError) as error:
-            self._says(str(error))
-        finally:
-            self.link.close()
-            self._server.close()
+        self.link.close()  # the plant ends here: there is no vehicle that could hold
+        self._server.close()
 
 
 def parse_options(text: str) -> Options:
@@ -286,8 +281,8 @@ def parse_options(text: str) -> Options:
 
 
 def _parse_port(name: str, text: str) -> int:
-    if not (text.isdecimal() and len(text) < 6 and int(text) < 65536):
-        raise InputError(f"backend {name}: {text[:20]!r}; valid: 0 to 65535")
+    if not (text.isascii() and text.isdecimal() and len(text) < 6 and 0 < int(text) < 65536):
+        raise InputError(f"backend {name}: {text[:20]!r}; valid: 1 to 65535")
     return int(text)
 
 
@@ -311,6 +306,8 @@ def open_backend(text: str) -> Callable[..., Px4Vehicle]:
 
     def build(setup: Any, law: Any, estimator: Any, **kwargs: Any) -> Px4Vehicle:
         says = find_refusal(setup, estimator.is_truth)
+        if options.force and not says:
+            says = find_forceless(setup.robot, law, setup.world.gravity_mps2)
         if says:
             raise InputError(f"backend px4: {says}")
         link: VehicleLink | None = None
