@@ -37,7 +37,7 @@ def bench() -> Any:
     )
     s = SimpleNamespace(
         senses=senses, surroundings=lambda: setup.clearance_aloft, ground_height=0.45,
-        uav=SimpleNamespace(arc=None), vehicle=senses.vehicle,
+        uav=SimpleNamespace(arc=None), vehicle=senses.vehicle, R_hold=None,
     )  # fmt: skip
     return s, row
 
@@ -160,6 +160,7 @@ def test_a_landing_ends_on_the_ground_however_wrong_the_height_is(
         faults=SimpleNamespace(land=lambda: None), trail=SimpleNamespace(crumbs=[]),
         senses=Now(), uav=SimpleNamespace(arc=None), ground_height=0.2, vehicle=v,
         body=SimpleNamespace(track=v.track), tick=v.tick, turns=False, surroundings=None,
+        R_hold=None,
     )  # fmt: skip
     _descend(s, here=True)
     assert v.z == 0.2

@@ -205,7 +205,7 @@ def test_wind_that_leans_the_robot_onto_the_tool_is_refused() -> None:
         wind = [f"world.wind.kind={kind}", "world.wind.mean_mps=6"]
         told = plan(Setup(load_description("tool-install", sets=wind))).blocked_by
         assert told is not None and "elbow_pitch shell and tool handle come within" in told
-        limits.append(float(told.split("at most ")[1].split(" m/s")[0]))
+        limits.append(float(told.split("largest wind: ")[1].split(" m/s")[0]))
         wind[1] = f"world.wind.mean_mps={limits[-1] - 0.2}"
         found = plan(Setup(load_description("tool-install", sets=wind)))
         assert found.feasible, found.blocked_by
