@@ -1,8 +1,7 @@
 """One execution of a mission and its directory.
 
 `run_mission` reads as a table of contents: plan, open the directory, fly, evaluate, write, rename.
-The directory is written as NAME.partial and renamed when it is complete; an interrupted, killed or
-diverged run stays NAME.partial with a recording that is readable up to the last second.
+The directory is NAME.partial until it is complete; its recording is readable to the last second.
 """
 
 from __future__ import annotations
@@ -139,10 +138,9 @@ def run_mission(
     `write_report` is called with the result while the directory is still NAME.partial. `records`
     is the file (SQLite) in which contact measurements are stored as soon as they are finished.
     `backend` flies it (run/backends.py). `operator` is at the stick in person, in missions that
-    have one; what it did is written beside the recording (operator.csv), and mission.toml names it.
-    `command` is noted in metrics.json.
-    Raises InputError (nothing was started), InfeasibleError (no plan exists). A diverged or
-    interrupted run is returned with that outcome; its directory stays NAME.partial.
+    have one; its input goes to operator.csv. `command` is noted in metrics.json.
+    Raises InputError (nothing was started), InfeasibleError (no plan exists). The directory of a
+    diverged or interrupted run stays NAME.partial.
     """
     start = time.perf_counter()
     if operator is not None:
@@ -158,7 +156,7 @@ def run_mission(
         if plan.file is not None:
             write_plan_file(partial / "plan", plan.file)
     except BaseException:
-        vehicle.close()  # it may hold a socket and a thread
+        vehicle.close()
         raise
     try:
         for observer in observers:
