@@ -14,10 +14,9 @@ from skywright.description.world.surface import build_cylinder, roll_points, unr
 from skywright.description.world.wind import compute_gust_scales
 from skywright.inspection.indications import FlawFinder
 from skywright.missions.crack_scan.again import SIGMAS, build_passes
-from skywright.missions.crack_scan.cover import build_sector, compute_cover, find_middle, list_gaps
+from skywright.missions.crack_scan.cover import build_sector, compute_cover, list_gaps
 from skywright.missions.crack_scan.lateral import MORE, compute_lateral_std
 from skywright.missions.crack_scan.plan import plan
-from skywright.missions.scan.coverage import unwrap
 from skywright.models.rigid_body import compute_body, posture
 from skywright.planning.scan import choose_axes
 from skywright.run.limits import compute_gust_drag
@@ -143,7 +142,6 @@ def test_a_sector_has_no_seam_in_its_middle(centre: float) -> None:
     pipe = build_cylinder(Pipe())
     sector = build_sector(task, pipe.radius, 3.4e-3)
     places, _ = roll_points(pipe, sector.cells[:, 0], sector.cells[:, 1])
-    s, c, _ = unroll_points(pipe, places)
-    c = unwrap(c, find_middle(task, pipe.radius), pipe.radius)
+    s, c, _ = unroll_points(pipe, places, near=task.get_centre() * pipe.radius)
     cover = compute_cover(sector, s, c)
     assert cover.fraction == 1.0 and cover.hole_m < 1e-3

@@ -52,10 +52,15 @@ def roll_points(cyl: Cylinder, s: Array | float, c: Array | float) -> tuple[Arra
     return cyl.p_WP + along.reshape(-1, 1) * cyl.R_WP[:, 1] + cyl.radius * normals, normals
 
 
-def unroll_points(cyl: Cylinder, p: Array) -> tuple[Array, Array, Array]:
-    """Return (s, c, distance to the surface) in m, each (n,), of points (n, 3) in W."""
+def unroll_points(cyl: Cylinder, p: Array, near: Array | float = 0.0) -> tuple[Array, Array, Array]:
+    """Return (s, c, distance to the surface) in m, each (n,), of points (n, 3) in W.
+
+    c lies within half a turn of `near` (m), so that what is around it has no seam.
+    """
     local = (np.asarray(p, float) - cyl.p_WP) @ cyl.R_WP
     c = cyl.radius * np.arctan2(local[:, 2], -local[:, 0])
+    turn = 2.0 * math.pi * cyl.radius
+    c = np.asarray(c - turn * np.round((c - near) / turn))
     return local[:, 1], c, np.hypot(local[:, 0], local[:, 2]) - cyl.radius
 
 

@@ -12,7 +12,6 @@ from scipy.spatial import cKDTree
 from skywright.core.arrays import Array, Mask
 from skywright.missions.crack_scan.task import CrackScan
 from skywright.missions.scan.coverage import CELLS
-from skywright.planning.patterns import SIDES
 
 
 class Sector(NamedTuple):
@@ -56,17 +55,9 @@ class Cover(NamedTuple):
         return 2.0 * max(float(np.max(self.away)) - 0.5 * self.sector.width, 0.0)
 
 
-def find_middle(task: CrackScan, radius: float) -> float:
-    """Return where around the pipe (m) the middle of the sector lies.
-
-    Places are unwrapped to it: a sector at 180 deg has no seam in its middle.
-    """
-    return math.radians(SIDES.get(task.side, task.centre_angle_deg)) * radius
-
-
 def build_sector(task: CrackScan, radius: float, width: float) -> Sector:
     """Return the sector of a task on a pipe of `radius` (m), for coils of `width` (m)."""
-    middle = find_middle(task, radius)
+    middle = task.get_centre() * radius
     extent = (task.pass_length_m, math.radians(task.arc_deg) * radius)
     cell = max(0.25 * width, math.sqrt(extent[0] * extent[1] / CELLS))
     n = [max(1, round(x / cell)) for x in extent]

@@ -10,12 +10,11 @@ import numpy as np
 from skywright.core.arrays import Array, Table
 from skywright.description.world.surface import Cylinder, unroll_points
 from skywright.missions.crack_scan.again import build_passes
-from skywright.missions.crack_scan.cover import build_sector, compute_cover, find_middle
+from skywright.missions.crack_scan.cover import build_sector, compute_cover
 from skywright.missions.crack_scan.display import find_array, place_coils
 from skywright.missions.crack_scan.plan import CrackWay, compute_coil_width
 from skywright.missions.crack_scan.search import find_contact
 from skywright.missions.crack_scan.task import CrackScan
-from skywright.missions.scan.coverage import unwrap
 from skywright.missions.scan.fly import fly_scan
 from skywright.missions.scan.plan import plan_found
 from skywright.planning.patterns import Pattern
@@ -51,8 +50,7 @@ class Missed:
     def plan_again(self, known: Cylinder, row: Any) -> Mapping[str, Table] | None:
         way, task, procedure = self._way, self._s.task, self._s.task.procedure
         p, R, z = (np.array(x) for x in zip(*self._seen, strict=True))
-        s, c, _ = unroll_points(known, p)
-        c = unwrap(c, find_middle(task, known.radius), known.radius)
+        s, c, _ = unroll_points(known, p, near=task.get_centre() * known.radius)
         S, C = place_coils(self._array, s, c, R, known.R_WP, c / known.radius)
         counts = find_contact(way.display, z, self._air, procedure.gap_max_m)
         width = compute_coil_width(self._array)

@@ -14,10 +14,9 @@ from skywright.inspection.indications import Indication
 from skywright.missions.crack_scan.plan import CrackWay
 from skywright.missions.crack_scan.search import Search, as_scan, find_search
 from skywright.missions.crack_scan.task import CrackScan
-from skywright.missions.scan.coverage import SCAN, unwrap
+from skywright.missions.scan.coverage import SCAN
 from skywright.missions.scan.metrics import get_surface
 from skywright.models.things.crack import Crack
-from skywright.planning.patterns import SIDES
 from skywright.run.flight import Flown
 from skywright.run.inspected import Inspected, InspectedFlaw
 
@@ -53,7 +52,7 @@ def list_flaws(run: Flown[CrackScan, CrackWay]) -> tuple[list[Flaw], list[Flaw]]
     known = get_surface(as_scan(run)) or run.setup.cylinder
     if true is None or known is None:
         return [], []
-    middle = math.radians(SIDES.get(task.side, task.centre_angle_deg))
+    middle = task.get_centre()
     flaws, beside = list[Flaw](), list[Flaw]()
     for name, thing in run.setup.true.world.things.items():
         if isinstance(thing, Crack):
@@ -70,8 +69,8 @@ def carry(
 ) -> tuple[float, float]:
     """Return (s, c) m of a crack's middle on the known pipe, c within half a turn of `middle`."""
     p, _ = roll_points(true, crack.s_m, true.radius * math.radians(crack.around_deg))
-    s, c, _ = unroll_points(known, p)
-    return float(s[0]), float(unwrap(c, middle, known.radius)[0])
+    s, c, _ = unroll_points(known, p, near=middle)
+    return float(s[0]), float(c[0])
 
 
 def match(

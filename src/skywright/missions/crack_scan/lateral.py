@@ -10,7 +10,6 @@ import numpy as np
 from skywright.core.arrays import Array
 from skywright.description.world.wind import compute_direction, compute_gust_scales, compute_speed
 from skywright.models.rigid_body import compute_body, posture
-from skywright.planning.patterns import SIDES
 from skywright.run.limits import (
     GUST_FREQUENCIES,
     compute_gust_drag,
@@ -46,7 +45,7 @@ def compute_lateral_std(setup: Setup[Any]) -> float:
     level = np.array([-along[1], along[0], 0.0])
     level /= max(float(np.linalg.norm(level)), 1e-9)
     axes = np.array([along, level, np.cross(along, level)])
-    phi = math.radians(SIDES.get(setup.task.side, setup.task.centre_angle_deg))
+    phi = setup.task.get_centre()
     across = math.sin(phi) * cylinder.R_WP[:, 0] + math.cos(phi) * cylinder.R_WP[:, 2]
     parts = [
         MORE * float(axis @ across) * d * compute_response_rms(response, float(a), float(b))

@@ -12,17 +12,11 @@ from skywright.core.arrays import Mask
 from skywright.description.world.surface import Cylinder, roll_points, unroll_points
 from skywright.inspection.indications import FlawFinder, Indication
 from skywright.inspection.notch_setup import SetupCheck
-from skywright.missions.crack_scan.cover import (
-    Cover,
-    build_sector,
-    compute_cover,
-    find_middle,
-    list_gaps,
-)
+from skywright.missions.crack_scan.cover import Cover, build_sector, compute_cover, list_gaps
 from skywright.missions.crack_scan.display import Display, check_display, find_array, place_coils
 from skywright.missions.crack_scan.plan import CrackWay, compute_coil_width
 from skywright.missions.crack_scan.task import CrackScan
-from skywright.missions.scan.coverage import SCAN, unwrap
+from skywright.missions.scan.coverage import SCAN
 from skywright.missions.scan.metrics import get_surface
 from skywright.models.drawing import rotate_vectors
 from skywright.recordings.columns import has_columns
@@ -57,8 +51,8 @@ def find_search(run: Flown[CrackScan, CrackWay]) -> Search | None:
         return None
     array, procedure = find_array(run.setup), run.task.procedure
     k = array.table.coils
-    s, c, _ = unroll_points(known, samples["meas_p_WT"])
-    c = unwrap(c, find_middle(run.task, known.radius), known.radius)
+    middle = run.task.get_centre() * known.radius
+    s, c, _ = unroll_points(known, samples["meas_p_WT"], near=middle)
     S, C = place_coils(array, s, c, read_attitude(samples), known.R_WP, c / known.radius)
     z, air = read_signals(samples, k), find_air(run, k)
     counts = find_contact(run.way.display, z, air, procedure.gap_max_m)

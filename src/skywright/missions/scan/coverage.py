@@ -13,7 +13,6 @@ from skywright.inspection.contact_quality import GAP_LIMIT, REACH, TILT_LIMIT
 from skywright.missions.scan.plan import ScanWay
 from skywright.missions.scan.task import Scan
 from skywright.models.eddy_current import Coil
-from skywright.planning.patterns import SIDES
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.where import PLANNING, Where
@@ -73,14 +72,8 @@ def find_asked_path(way: ScanWay, known: Cylinder, true: Cylinder) -> Array:
 
 def _carry(sphi: Array, known: Cylinder, true: Cylinder) -> Array:
     p, _ = roll_points(known, sphi[:, 0], known.radius * sphi[:, 1])
-    s, c, _ = unroll_points(true, p)
-    return np.column_stack([s, unwrap(c, true.radius * sphi[:, 1], true.radius)])
-
-
-def unwrap(c: Array, near: Array | float, radius: float) -> Array:
-    """Return c (n,) m plus whole turns, so that it lies within half a turn of `near`."""
-    turn = 2.0 * math.pi * radius
-    return np.asarray(c - turn * np.round((c - near) / turn))
+    s, c, _ = unroll_points(true, p, near=true.radius * sphi[:, 1])
+    return np.column_stack([s, c])
 
 
 def compute_scan_coverage(run: Flown[Scan, ScanWay], known: Cylinder) -> Coverage:
@@ -88,8 +81,7 @@ def compute_scan_coverage(run: Flown[Scan, ScanWay], known: Cylinder) -> Coverag
     s, true = run.samples[SCAN.select(run.samples, run.phases)], run.setup.true.cylinder
     assert true is not None
     path = find_asked_path(run.way, known, true)
-    along, around, _ = unroll_points(true, s["p_WT"])
-    around = unwrap(around, float(np.mean(path[:, 1])), true.radius)
+    along, around, _ = unroll_points(true, s["p_WT"], near=float(np.mean(path[:, 1])))
     good = (s["gap_max"] < GAP_LIMIT) & (s["tilt"] < TILT_LIMIT)
     tip = cKDTree(np.column_stack([along, around])[good]) if np.any(good) else None
     coil, task = Coil(), run.task
@@ -97,7 +89,7 @@ def compute_scan_coverage(run: Flown[Scan, ScanWay], known: Cylinder) -> Coverag
     arc = math.radians(task.arc_deg) * known.radius if task.pattern != "line" else footprint
     cell = max(0.25 * footprint, math.sqrt(arc * task.pass_length_m / CELLS))
     n = [max(1, round(x / cell)) for x in (task.pass_length_m, arc)]
-    middle = math.radians(SIDES.get(task.side, task.centre_angle_deg))
+    middle = task.get_centre()
     u, v = ((np.arange(k) + 0.5) / k - 0.5 for k in n)
     grid = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
     sector = [task.centre_s_m, middle] + grid * [task.pass_length_m, arc / known.radius]

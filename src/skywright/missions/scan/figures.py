@@ -27,7 +27,7 @@ from skywright.missions.scan.plan import ScanWay
 from skywright.missions.scan.task import Scan
 from skywright.models.eddy_current import Instrument
 from skywright.models.rigid_body import build_body_model, compute_tip, posture
-from skywright.planning.patterns import SIDES, build_pattern
+from skywright.planning.patterns import build_pattern
 from skywright.reports.figures.paths import select_scan, unroll_points
 from skywright.reports.figures.series import draw_contact_series
 from skywright.reports.figures.style import LIMIT, WIDTH, new_figure, new_map
@@ -230,9 +230,8 @@ def describe(result: RunResult[Scan, ScanWay]) -> str:
 
 def scan_path(scan: Scan, pipe: Pipe) -> tuple[Array, Array]:
     """The scan's path as (s, phi), n points; empty where the pattern does not fit on the pipe."""
-    centre = math.radians(SIDES.get(scan.side, scan.centre_angle_deg))
     corners = build_pattern(
-        scan.pattern, 0.5 * pipe.diameter_m, 0.5 * pipe.length_m, centre,
+        scan.pattern, 0.5 * pipe.diameter_m, 0.5 * pipe.length_m, scan.get_centre(),
         math.radians(scan.arc_deg), scan.passes, scan.pass_length_m, scan.centre_s_m,
     ).corners  # fmt: skip
     if len(corners) < 2:
@@ -249,7 +248,7 @@ def place_at_work(robot: Robot, pipe: Pipe, scan: Scan) -> tuple[Array, float] |
     """
     if robot.probe is None:
         return None
-    middle = math.radians(SIDES.get(scan.side, scan.centre_angle_deg))
+    middle = scan.get_centre()
     cyl = build_cylinder(pipe)
     tip, normal = np.zeros(3), np.zeros(3)
     compute_surface_point(cyl, scan.centre_s_m, middle, tip, normal)

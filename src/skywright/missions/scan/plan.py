@@ -21,7 +21,7 @@ from skywright.missions.skills.surveyed import (
 )
 from skywright.models.rigid_body import compute_body, joint_names, posture
 from skywright.planning.inverse_kinematics import State, build_state
-from skywright.planning.patterns import SIDES, Pattern, build_pattern
+from skywright.planning.patterns import Pattern, build_pattern
 from skywright.planning.scan import ScanPlan, compute_depth, plan_scan
 from skywright.planning.survey import SurveyTask, choose_points
 from skywright.planning.via_points import ScanTask
@@ -132,9 +132,8 @@ def _plan_on(
         depth = compute_depth(mass, robot.control.position_bandwidth_rad_s, force)
     else:
         depth, force = scan.depth_m, scan.depth_m * stiffness
-    centre = SIDES.get(scan.side, scan.centre_angle_deg)
     pattern = pattern or build_pattern(
-        scan.pattern, cylinder.radius, cylinder.half_length, math.radians(centre),
+        scan.pattern, cylinder.radius, cylinder.half_length, scan.get_centre(),
         math.radians(scan.arc_deg), scan.passes, scan.pass_length_m, scan.centre_s_m,
         scan.get_least_pitch(robot),
     )  # fmt: skip

@@ -1,5 +1,6 @@
 """What a mission of the kind "scan" may say."""
 
+import math
 from typing import Literal, Self
 
 from pydantic import Field, model_validator
@@ -7,6 +8,7 @@ from pydantic import Field, model_validator
 from skywright.core.spec import Positive
 from skywright.description.mission.spec import Task
 from skywright.description.robot.spec import Robot
+from skywright.planning.patterns import SIDES
 
 
 class Scan(Task):
@@ -34,6 +36,10 @@ class Scan(Task):
     def get_least_pitch(self, robot: Robot) -> float:
         """Return the least distance (m) of passes: the width of the probe's tip."""
         return 0.0 if robot.probe is None else 2.0 * robot.probe.tip_radius_m
+
+    def get_centre(self) -> float:
+        """Return the circumferential angle (rad) of the sector's middle."""
+        return math.radians(SIDES.get(self.side, self.centre_angle_deg))
 
     @model_validator(mode="after")
     def _is_one_push(self) -> Self:
