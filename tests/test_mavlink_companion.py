@@ -16,6 +16,7 @@ from pymavlink.dialects.v20 import common
 
 import skywright
 from mavlink_pair import Cable, Ends, Pair, PairClock, plug
+from short_mission import write_short
 from skywright.errors import InputError
 from skywright.links.mavlink import modes
 from skywright.links.mavlink.body_force import compute_most
@@ -32,35 +33,11 @@ from skywright.vehicle.commands import State
 from skywright.vehicle.motions import Arrival
 
 URL = "mavlink:udpin:14540"
-SHORT = """
-[mission]
-name = "short"
-kind = "waypoints"
-robot = "ROBOT"
-world = "open"
-seed = 1
-hover_height_m = 1.0
-[[mission.task.points]]
-x_m = 0.8
-y_m = 0.4
-z_m = 1.2
-yaw_deg = 30.0
-hold_s = 1.0
-[mission.requirements]
-"position.rms_m" = { limit = 0.3, sense = "<=", unit = "m", source = "trim not settled" }
-"position.hold_error_m" = { limit = 0.15, sense = "<=", unit = "m", source = "likewise" }
-"""
-
-
-def write(folder: Path, robot: str = "hexarotor") -> Any:
-    file = folder / "short.toml"
-    file.write_text(SHORT.replace("ROBOT", robot))
-    return skywright.load(file)
 
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    description = write(tmp_path_factory.mktemp("missions"))
+    description = write_short(tmp_path_factory.mktemp("missions"))
     backend = skywright.build_vehicle(description)
     return description, backend, backend.save()
 
@@ -207,7 +184,7 @@ def test_a_robot_with_tilted_rotors_is_led_by_the_force_of_its_own_law(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nearer than by positions; a link that is slower than the position loop bears is refused."""
-    description = write(tmp_path, "f550-bridge")
+    description = write_short(tmp_path, "f550-bridge")
     backend = skywright.build_vehicle(description)
     ground = backend.save()
     pair = Pair(description, backend)

@@ -19,6 +19,7 @@ import pytest
 import skywright
 from px4_flying_peer import FlyingPeer
 from px4_peer import Misbehaviour
+from short_mission import write_short
 from skywright.errors import InputError
 from skywright.links.mavlink import modes
 from skywright.links.px4.check import find_refusal
@@ -28,35 +29,11 @@ from skywright.models.nominal import Nominal
 from skywright.run.run import RunResult, run_mission
 from skywright.run.setup import Setup
 
-SHORT = """
-[mission]
-name = "short"
-kind = "waypoints"
-robot = "ROBOT"
-world = "open"
-seed = 1
-hover_height_m = 1.0
-[[mission.task.points]]
-x_m = 0.6
-y_m = 0.3
-z_m = 1.2
-yaw_deg = 30.0
-hold_s = 1.0
-[mission.requirements]
-"position.hold_error_m" = { limit = 0.15, sense = "<=", unit = "m", source = "the peer's loops" }
-"""
-
 
 def free_port(kind: int = socket.SOCK_STREAM) -> int:
     with socket.socket(socket.AF_INET, kind) as s:
         s.bind(("127.0.0.1", 0))
         return int(s.getsockname()[1])
-
-
-def write(folder: Path, robot: str = "hexarotor") -> Any:
-    file = folder / "short.toml"
-    file.write_text(SHORT.replace("ROBOT", robot))
-    return skywright.load(file)
 
 
 @contextmanager
@@ -77,7 +54,7 @@ def fly(description: Any, backend: str, tmp_path: Path) -> RunResult:
 
 
 def test_a_mission_is_flown_by_set_points_and_judged_by_the_truth(tmp_path: Path) -> None:
-    description = write(tmp_path)
+    description = write_short(tmp_path)
     with peer(description) as (px4, backend):
         result = fly(description, backend, tmp_path)
     assert result.outcome == "succeeded", result.reason
@@ -97,7 +74,7 @@ def test_a_mission_is_flown_by_set_points_and_judged_by_the_truth(tmp_path: Path
 
 
 def test_the_reference_stands_still_while_px4_starts_its_motors(tmp_path: Path) -> None:
-    description = write(tmp_path)
+    description = write_short(tmp_path)
     with peer(description) as (px4, backend):
         vehicle = skywright.fly(mission=tmp_path / "short.toml", backend=backend)
         try:
@@ -118,14 +95,14 @@ def test_the_reference_stands_still_while_px4_starts_its_motors(tmp_path: Path) 
 
 
 def test_an_autopilot_that_vanishes_in_flight_ends_the_mission(tmp_path: Path) -> None:
-    description = write(tmp_path)
+    description = write_short(tmp_path)
     with peer(description, wrong=Misbehaviour(vanish=3500)) as (_, backend):
         result = fly(description, backend, tmp_path)
     assert result.outcome == "aborted" and "PX4 has gone: the rotors stop" in result.reason
 
 
 def test_a_refusal_to_arm_is_told_with_its_reason(tmp_path: Path) -> None:
-    description = write(tmp_path)
+    description = write_short(tmp_path)
     with peer(description) as (px4, backend):
         px4.refuses = "Preflight Fail: heading estimate not stable"
         result = fly(description, backend, tmp_path)
@@ -135,7 +112,7 @@ def test_a_refusal_to_arm_is_told_with_its_reason(tmp_path: Path) -> None:
 
 
 def test_two_seconds_without_the_onboard_link_do_not_end_the_mission(tmp_path: Path) -> None:
-    description = write(tmp_path)
+    description = write_short(tmp_path)
     with peer(description) as (px4, backend):
         px4.silent = lambda t: 14.0 < t < 16.0
         result = fly(description, backend, tmp_path)

@@ -46,7 +46,7 @@ def choose_backend(name: str) -> Callable[..., SimulatedVehicle]:
     what = "plays a run: use skywright.fly(RUN, backend='recording')" if name == RECORDING else ""
     raise InputError(
         f"backend {name!r} {what or 'is unknown'}; back ends that fly a mission: "
-        f"{PHYSICS}, {KINEMATIC}, mavlink:URL, px4"
+        f"{', '.join((PHYSICS, KINEMATIC, *LINKED))}"
     )
 
 

@@ -1,8 +1,8 @@
 """Leading the platform of a MAVLink vehicle by set-points: what all such back ends share.
 
-Each mission tick (20 ms) the references of the mission become a set-point, and the estimate is what
-the autopilot tells. Mission time stands still, or its reference does, while the motors are started
-and stopped, and while the link is silent; the set-point is then the place where it stood.
+Each mission tick (20 ms) the references of the mission become a set-point, and the estimate is
+the autopilot's. Mission time or the reference stands still while the motors start and stop, and
+while the link is silent; the set-point is then the last one.
 
 W is where the vehicle's local frame has been put at the start: by GPS_GLOBAL_ORIGIN where the world
 has an origin, otherwise so that the robot stands at the mission's start.
@@ -67,7 +67,7 @@ class Offboard(SimulatedVehicle):
         self._low_z: float | None = None
         """m, in the vehicle's frame: once in the air, no lower set-point but to land."""
         self._again_s = 0.0
-        """s for which a refusal to start is not taken for the last word: an autopilot boots."""
+        """s for which a refused start is tried again: an autopilot refuses while it boots."""
 
     # --- meeting the vehicle -----------------------------------------------------------------
 
@@ -152,7 +152,7 @@ class Offboard(SimulatedVehicle):
         return ""
 
     def tick(self, guards: int = 0) -> Ticked:
-        """Fly a mission tick; guards never fire. Raises VehicleEnded."""
+        """Fly a mission tick; starts and stops the motors first. Raises VehicleEnded."""
         wanted = bool(self.reference_now["active"] > 0.5)
         if wanted and not self._armed:
             self._start()
@@ -201,11 +201,11 @@ class Offboard(SimulatedVehicle):
         self._due = self.clock.now()
 
     def _feed_forward(self) -> Array:
-        """Return the acceleration (3,) m/s^2 that answers forces which the mission plans."""
+        """Return the acceleration (3,) m/s^2 that compensates planned contact forces."""
         return np.zeros(3)
 
     def _hold_here(self) -> Target:
-        """Return the place of now as a set-point."""
+        """Return the present pose as a set-point."""
         with self.link.lock:
             h = self.link.heard
             return Target(h.p.copy(), np.zeros(3), np.zeros(3), h.R_WB.copy(), 0.0)

@@ -134,7 +134,7 @@ class Px4Vehicle(Offboard):
         self._meet(options.force)
         self._met, self._again_s = True, READY_S
         self.stand_still(0.5)
-        self._says(f"t = {self.t:.2f} s: PX4 tells where it is; the mission begins")
+        self._says(f"t = {self.t:.2f} s: PX4 reports its position; the mission begins")
         self.flush()  # the recording begins with the mission
 
     def _align(self) -> None:
@@ -144,7 +144,7 @@ class Px4Vehicle(Offboard):
             self._shift = np.zeros(3)
             return
         if not self.link.wait(lambda h: h.origin is not None, CONNECT_S):
-            raise InputError("PX4 tells no origin of its local frame (GPS_GLOBAL_ORIGIN)")
+            raise InputError("PX4 reports no origin of its local frame (GPS_GLOBAL_ORIGIN)")
         assert self.link.heard.origin is not None
         self._shift = to_local(self._home, Geodetic(*self.link.heard.origin))
 
@@ -237,7 +237,7 @@ class Px4Vehicle(Offboard):
         notes.p_WB_des[:], notes.v_WB_des[:] = row["p_WB"], row["v_WB"]
 
     def _feed_forward(self) -> Array:
-        """Return the acceleration (3,) m/s^2 that carries what hands and probe shall exert."""
+        """Return the acceleration (3,) m/s^2 that compensates the forces of hands and probe."""
         row, force = self.reference_now, np.zeros(3)
         force += row["f_WH"][np.asarray(row["task"]) == TASK_FORCE].sum(axis=0)
         if row["press"] > 0.5:

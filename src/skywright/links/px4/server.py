@@ -93,7 +93,7 @@ class Px4Server:
             if waited > self.patience_s:
                 raise AutopilotFailed(
                     f"PX4 did not answer for {self.patience_s:g} s at t = {t:.3f} s; it is stopped "
-                    "in a debugger, or hangs (--patience S waits longer)"
+                    "in a debugger, or hangs"
                 )
             check_interrupt()
 
@@ -145,7 +145,7 @@ class Px4Server:
                     ) from None
                 select.select([], [self._peer], [], SENSE_S)
             except OSError:
-                self._drop("PX4 has gone: the rotors stop; it may connect again")
+                self._drop("PX4 has gone: the rotors stop")
         return self._peer is not None
 
     def _receive(self, timeout_s: float) -> None:
@@ -161,7 +161,7 @@ class Px4Server:
         except OSError:
             data = b""
         if not data:
-            self._drop("PX4 has gone: the rotors stop; it may connect again")
+            self._drop("PX4 has gone: the rotors stop")
             return
         before = self.stream.counts["version"]
         for message in self.stream.feed(data):
@@ -196,6 +196,8 @@ def _listen(host: str, port: int) -> socket.socket:
     except OSError as error:
         taken = error.errno == errno.EADDRINUSE
         why = "another simulator listens there" if taken else error.strerror or str(error)
-        raise InputError(f"--port {port} on {host}: {why}; valid: a free port") from None
+        raise InputError(
+            f"TCP port {port} on {host}: {why}; choose a free port for PX4's simulator"
+        ) from None
     listener.setblocking(False)
     return listener

@@ -1,0 +1,34 @@
+"""A mission of one way-point, for back ends whose vehicle is an autopilot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import skywright
+
+TEXT = """
+[mission]
+name = "short"
+kind = "waypoints"
+robot = "ROBOT"
+world = "open"
+seed = 1
+hover_height_m = 1.0
+[[mission.task.points]]
+x_m = 0.6
+y_m = 0.3
+z_m = 1.2
+yaw_deg = 30.0
+hold_s = 1.0
+[mission.requirements]
+"position.rms_m" = { limit = 0.3, sense = "<=", unit = "m", source = "trim not settled" }
+"position.hold_error_m" = { limit = 0.15, sense = "<=", unit = "m", source = "likewise" }
+"""
+
+
+def write_short(folder: Path, robot: str = "hexarotor") -> Any:
+    """Write the mission into `folder` and load it."""
+    file = folder / "short.toml"
+    file.write_text(TEXT.replace("ROBOT", robot))
+    return skywright.load(file)
