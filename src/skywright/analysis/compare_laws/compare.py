@@ -21,13 +21,11 @@ from skywright.analysis.compare_laws.paired import (
     find_significant,
     pair_rows,
 )
-from skywright.core.find import list_kinds
 from skywright.description.loader import load_description
 from skywright.description.mission.spec import Requirement
 from skywright.errors import InputError
 from skywright.run.kind import load_kind
 from skywright.run.names import list_measures
-from skywright.run.planning import plan_mission
 from skywright.run.rows import Row
 from skywright.run.setup import Setup
 
@@ -158,23 +156,16 @@ def compare_laws(
     for text in (*sets, *(text for case in chosen for text in case.sets)):
         if text.strip().startswith("mission.law"):
             raise InputError(f"{text}: the laws are what is compared; leave it out")
-    known, built_in = list_cases(base), list_kinds("law")
-    mine = [law for law in names if law in built_in]
-
-    refused = {} if vary else {
-        case.name: find_refusals(mine, mission, robot, world, (*sets, *case.sets), seed)
-        for case in chosen
-    }  # fmt: skip
+    known = list_cases(base)
     planned: list[tuple[str, Case, Campaign | str]] = []
     for case in chosen:
         for law in names:
             assignments = (*sets, *case.sets, f"mission.law={law}")
-            try:  # a wrong key is no refusal
-                built = build_campaign(
+            try:
+                planned.append((law, case, build_campaign(
                     mission, vary, robot=robot, world=world, seed=base.mission.seed,
                     sets=assignments,
-                )  # fmt: skip
-                planned.append((law, case, refused.get(case.name, {}).get(law, "") or built))
+                )))  # fmt: skip
             except InputError as error:
                 if case.name == NOMINAL or case not in known or vary:  # what was asked is wrong
                     raise
@@ -194,7 +185,7 @@ def compare_laws(
             raise KeyboardInterrupt
         rows = [r for r in found.rows if r.run < runs]  # the folder may hold more
         flown.append(Flown(law, case.name, rows, _find_refusal(rows)))
-    if not any(f.rows for f in flown):
+    if all(f.refused for f in flown):
         raise InputError(f"no law can fly {mission}: {flown[0].refused}")
     required = load_kind(base.mission.kind).requirements(Setup(base), None)
     measures = dict(list_measures(base.mission.kind))
@@ -207,7 +198,7 @@ def compare_laws(
         find_significant(differences),
         {
             law: _measure(law, mission, robot, world, sets, seed)
-            if any(f.rows for f in flown if f.law == law) else math.nan
+            if any(not f.refused for f in flown if f.law == law) else math.nan
             for law in names
         },
     )  # fmt: skip
@@ -217,24 +208,6 @@ def _name_folder(law: str) -> str:
     """Return a folder's name that no other law has."""
     plain = re.sub(r"[^\w.-]", "_", law)
     return plain if plain == law else f"{plain}-{hashlib.sha256(law.encode()).hexdigest()[:8]}"
-
-
-def find_refusals(
-    laws: Sequence[str], mission: str, robot: str | None = None, world: str | None = None,
-    sets: Sequence[str] = (), seed: int | None = None,
-) -> dict[str, str]:  # fmt: skip
-    """Return, by law, why the mission is refused with it before take-off, or ""."""
-    out = {}
-    for law in laws:
-        try:
-            plan = plan_mission(
-                load_description(mission, robot, world, [*sets, f"mission.law={law}"], seed)
-            )
-        except InputError as error:
-            out[law] = str(error)
-        else:
-            out[law] = "" if plan.feasible else str(plan.blocked_by)
-    return out
 
 
 def _find_refusal(rows: Sequence[Row]) -> str:
