@@ -9,7 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from skywright.analysis.identify.flight_log import FlightLog
+from skywright.analysis.identify.flight_log import (
+    AIRBORNE,
+    FASTEST,
+    GRAVITY,
+    FlightLog,
+    align_signs,
+    find_rotations,
+)
 from skywright.core.arrays import Array
 from skywright.core.bounded import LARGEST_TABLE, read_bytes
 from skywright.core.rotations import exp_so3
@@ -18,9 +25,6 @@ from skywright.errors import InputError
 from skywright.models.rigid_body import joint_names, posture
 from skywright.recordings.text_table import decode, read_number, split_row
 
-GRAVITY = 9.80665
-AIRBORNE = 0.35  # of the largest sum of rotor speeds, as for a ULog
-FASTEST = 250.0  # Hz, of the common time axis
 LEVELLING_S = 2.0
 """s, of the complementary filter that finds the attitude where the table has none."""
 RATE = ("wx_rad_s", "wy_rad_s", "wz_rad_s")
@@ -67,7 +71,9 @@ def load_table(path: Path, robot: Robot | None) -> FlightLog:
     force = take(FORCE) if has_force else None
     notes = []
     if all(c in table for c in QUATERNION):
-        R = _rotations(take(QUATERNION))
+        q = align_signs(np.column_stack([table[c] for c in QUATERNION]))
+        table |= dict(zip(QUATERNION, q.T, strict=True))
+        R = find_rotations(take(QUATERNION))
     elif force is not None:
         R = estimate_attitude(w, force, period)
         notes.append("no attitude in the table: estimated from body rates and specific force")
@@ -138,13 +144,3 @@ def estimate_attitude(w: Array, force: Array, period: float) -> Array:
         R = R @ turn
         out[i] = R
     return out
-
-
-def _rotations(q: Array) -> Array:
-    """Return R_WB (n, 3, 3) of quaternions (n, 4) wxyz, whose signs may flip."""
-    a, b, c, d = (q / np.maximum(np.linalg.norm(q, axis=1, keepdims=True), 1e-9)).T
-    R = np.empty((len(q), 3, 3))
-    R[:, 0] = np.column_stack([1 - 2 * (c * c + d * d), 2 * (b * c - a * d), 2 * (b * d + a * c)])
-    R[:, 1] = np.column_stack([2 * (b * c + a * d), 1 - 2 * (b * b + d * d), 2 * (c * d - a * b)])
-    R[:, 2] = np.column_stack([2 * (b * d - a * c), 2 * (c * d + a * b), 1 - 2 * (b * b + c * c)])
-    return R

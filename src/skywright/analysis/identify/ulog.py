@@ -11,15 +11,20 @@ from typing import Any
 
 import numpy as np
 
-from skywright.analysis.identify.flight_log import FlightLog
+from skywright.analysis.identify.flight_log import (
+    AIRBORNE,
+    FASTEST,
+    GRAVITY,
+    FlightLog,
+    align_signs,
+    find_rotations,
+)
 from skywright.analysis.identify.rotor_signals import read_rotors
 from skywright.core.arrays import Array, Mask
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 from skywright.models.rigid_body import joint_names, posture
 
-FASTEST = 250.0  # Hz, of the common time axis
-GRAVITY = 9.80665
 MATCH = math.radians(25.0)  # between the azimuths of a rotor in the log and in the robot file
 FLU = np.array([1.0, -1.0, -1.0])  # FRD to FLU
 ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # from NED
@@ -27,9 +32,6 @@ ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # from NED
 RATES = (("vehicle_angular_velocity", "xyz"), ("sensor_combined", "gyro_rad"))
 ACCELERATION = (("vehicle_acceleration", "xyz"), ("sensor_combined", "accelerometer_m_s2"))
 """Topics and their fields, today's first; `sensor_combined` holds raw readings."""
-
-AIRBORNE = 0.35  # of the largest sum of rotor speeds: idling is at 0.2 or less, and a robot that
-# lifts itself hovers at this where its largest thrust is 8 times its weight
 
 
 def load_ulog(path: Path, robot: Robot | None) -> FlightLog:
@@ -152,17 +154,10 @@ def _vector(topic: Any, name: str, at: Any) -> Array:
 def _rotations(topic: Any, at: Any) -> Array:
     """Return R_WB (n, 3, 3), ENU from FLU, of PX4's quaternion (NED from FRD)."""
     raw = np.column_stack([topic[f"q[{i}]"] for i in range(4)]).astype(np.float64)
-    flips = np.cumprod(np.where(np.sum(raw[1:] * raw[:-1], axis=1) < 0, -1.0, 1.0))
-    raw[1:] *= flips[:, None]  # the same sign throughout, so that it may be interpolated
+    raw = align_signs(raw)
     smooth = {"timestamp": topic["timestamp"], **{f"q[{i}]": raw[:, i] for i in range(4)}}
     q = np.column_stack([at(smooth, f"q[{i}]") for i in range(4)])
-    q /= np.linalg.norm(q, axis=1, keepdims=True)
-    a, b, c, d = q.T
-    R = np.empty((len(q), 3, 3))
-    R[:, 0] = np.column_stack([1 - 2 * (c * c + d * d), 2 * (b * c - a * d), 2 * (b * d + a * c)])
-    R[:, 1] = np.column_stack([2 * (b * c + a * d), 1 - 2 * (b * b + d * d), 2 * (c * d - a * b)])
-    R[:, 2] = np.column_stack([2 * (b * d - a * c), 2 * (c * d + a * b), 1 - 2 * (b * b + c * c)])
-    return np.asarray(ENU @ R * FLU)
+    return np.asarray(ENU @ find_rotations(q) * FLU)
 
 
 def _move_to_origin(force: Array, w: Array, t: Array, robot: Robot) -> Array:
