@@ -18,7 +18,7 @@ from skywright.errors import InputError
 from skywright.recordings.recording import Event, Recording, read_recording
 from skywright.run.faults._rule import Acted
 from skywright.run.flight import PhaseRecord
-from skywright.run.stored import read_list, read_real, read_table, read_words
+from skywright.run.stored import Stored
 
 SUFFIX = ".partial"
 
@@ -132,6 +132,16 @@ def write_unfinished(
     write_json(partial / "metrics.json", {**value, "timing": {}})
 
 
+class _Told(Stored):
+    """Of metrics.json, what is used again."""
+
+    phases: list[PhaseRecord]
+    timing: dict[str, float]
+    outcome: str
+    reason: str
+    faults: list[Acted] = []
+
+
 def load_run(directory: Path) -> StoredRun:
     """Read recording and metrics.json of a run, finished or partial.
 
@@ -144,16 +154,16 @@ def load_run(directory: Path) -> StoredRun:
     recording = read_recording(directory / "recording.mcap")
     try:
         old = parse_json(read_text(file, LARGEST_TABLE), str(file))
-        phases = [_read_phase(p) for p in read_list(old["phases"], "phases")]
-        timing = {k: read_real(v, f"timing.{k[:60]}") for k, v in old["timing"].items()}
-        outcome, reason = (read_words(old[name], name) for name in ("outcome", "reason"))
-        acted = tuple(_read_acted(a) for a in read_list(old.get("faults", []), "faults"))
-    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+        told = _Told.read(old)
+    except (OSError, ValueError) as error:
         raise InputError(f"{file}: is damaged: {error}") from error
+    phases = told.phases
     if not phases:
         end = float(recording.samples["t"][-1]) if len(recording.samples) else 0.0
         phases = _phases_of(recording.events, end)
-    return StoredRun(recording, phases, outcome, reason, timing, acted, old)
+    return StoredRun(
+        recording, phases, told.outcome, told.reason, told.timing, tuple(told.faults), old
+    )
 
 
 def _phases_of(events: list[Event], end: float) -> list[PhaseRecord]:
@@ -165,22 +175,3 @@ def _phases_of(events: list[Event], end: float) -> list[PhaseRecord]:
         PhaseRecord(name, start, stop, "interrupted" if i == last else "done")
         for i, ((name, start), stop) in enumerate(zip(found, stops, strict=True))
     ]
-
-
-def _read_phase(value: Any) -> PhaseRecord:
-    """Read a phase as it was written; raises ValueError or KeyError for another type."""
-    p = read_table(value, "a phase")
-    return PhaseRecord(
-        read_words(p["name"], "a phase's name"), read_real(p["start_s"], "a phase's start_s"),
-        read_real(p["end_s"], "a phase's end_s"), read_words(p["outcome"], "a phase's outcome"),
-    )  # fmt: skip
-
-
-def _read_acted(value: Any) -> Acted:
-    """Read a rule that acted, likewise."""
-    a = read_table(value, "a fault")
-    t, value, limit = (read_real(a[k], f"a fault's {k}") for k in ("t_s", "value", "limit"))
-    rule, unit, response, says = (
-        read_words(a[k], f"a fault's {k}") for k in ("rule", "unit", "response", "says")
-    )
-    return Acted(rule, t, value, limit, unit, response, says)

@@ -11,7 +11,9 @@ import os
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Annotated, Any, BinaryIO
+
+from pydantic import ConfigDict, Field
 
 from skywright.core.bounded import (
     LARGEST_RECORDING,
@@ -21,8 +23,10 @@ from skywright.core.bounded import (
     read_text,
 )
 from skywright.errors import InputError
-from skywright.run.rows import Row
-from skywright.run.stored import read_count, read_list, read_real, read_table, read_words
+from skywright.run.rows import Row, Value
+from skywright.run.stored import Stored
+
+Count = Annotated[int, Field(ge=0, lt=2**63)]
 
 IDENTITY = "campaign.json"
 JOURNAL = "runs.jsonl"
@@ -107,7 +111,7 @@ class Store:
         for number, line in enumerate(data[:complete].splitlines(), start=1):
             try:
                 rows.append(decode_row(json.loads(line)))
-            except (ValueError, TypeError, KeyError, RecursionError) as error:
+            except (ValueError, RecursionError) as error:
                 why = str(error)[:200] or type(error).__name__
                 raise InputError(
                     f"{path}, line {number}: is damaged ({why}); remove the line to repeat that run"
@@ -162,22 +166,33 @@ def encode_row(row: Row) -> dict[str, Any]:
     return out
 
 
+class _Line(Stored):
+    """A row as `encode_row` writes it."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    run: Count
+    seed: Count
+    outcome: str
+    requirement: str
+    failed: list[str]
+    reason: str
+    varied: dict[str, Value]
+    metrics: dict[str, float | None]
+    timing: dict[str, float | None]
+    attempts: Count
+    command: str
+    inspected: dict[str, Any] | None = None
+
+
 def decode_row(data: Any) -> Row:
-    """The inverse of `encode_row`; raises ValueError, TypeError or KeyError for anything else."""
-    data = dict(read_table(data, "the line"))
-    for name in ("run", "seed", "attempts"):
-        data[name] = read_count(data[name], name)
-    for name in ("outcome", "requirement", "reason", "command"):
-        data[name] = read_words(data[name], name)
-    data["failed"] = tuple(read_words(x, "failed") for x in read_list(data["failed"], "failed"))
-    for name, value in read_table(data["varied"], "varied").items():
-        if not isinstance(value, str | bool):
-            read_real(value, f"varied.{name[:60]}")
-    for name in ("metrics", "timing"):
-        data[name] = {
-            k: math.nan if v is None else read_real(v, f"{name}.{k[:60]}")
-            for k, v in read_table(data[name], name).items()
-        }
-    if data.get("inspected") is not None:
-        read_table(data["inspected"], "inspected")
-    return Row(**data)
+    """The inverse of `encode_row`; raises ValueError for anything else."""
+    line = _Line.read(data)
+    metrics, timing = (
+        {k: math.nan if v is None else v for k, v in told.items()}
+        for told in (line.metrics, line.timing)
+    )
+    return Row(
+        line.run, line.seed, line.outcome, line.requirement, tuple(line.failed), line.reason,
+        line.varied, metrics, timing, line.attempts, line.command, line.inspected,
+    )  # fmt: skip
