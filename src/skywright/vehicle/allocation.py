@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable
 from typing import Annotated, Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.compiled import table, words
@@ -57,9 +58,7 @@ class RotorAllocation(Component):
         t_z: float  # N m, on its way
         thrust: Annotated[Array, MAX_ROTORS]  # N
         preload: Annotated[Array, MAX_ROTORS]  # N
-        # to the frame in which the rotors that are left lift along z; of use after a loss only
-        leans: float
-        R_lean: Annotated[Array, 3, 3]
+        R_AB: Annotated[Array, 3, 3]  # to the frame A in which the rotors in use lift along z
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
@@ -80,7 +79,7 @@ class RotorAllocation(Component):
         me.B, me.P = context.keep(a.B), context.keep(self._own.P)
         me.t_min, me.t_max = context.keep(self._own.t_min), context.keep(self._own.t_max)
         me.full, me.n, me.k_f = a.full, len(a.t_min), a.k_f
-        me.preload[: len(a.preload)] = a.preload
+        me.preload[: len(a.preload)], me.R_AB[:] = a.preload, np.eye(3)
 
     def give_up(
         self, me: Any, i: int, weight: float, p_BC: NDArray[Any], tilt_max: float
@@ -95,7 +94,7 @@ class RotorAllocation(Component):
             return None
         own.t_min[:], own.t_max[:] = left.t_min, left.t_max
         own.preload[:] = me.preload[: len(left.preload)] = left.preload
-        me.leans, me.R_lean = float(left.lean > 0.0), left.R_WB
+        me.R_AB[:] = left.R_WB
         own.P[:, :3], own.P[:, 3:] = left.P[:, :3] @ left.R_WB.T, left.P[:, 3:] @ left.R_WB.T
         return left
 
@@ -131,20 +130,14 @@ class RotorAllocation(Component):
         else:
             me.t_z += (cmd.t_B[2] - me.t_z) * me.share
             t_B[0], t_B[1], t_B[2] = cmd.t_B[0], cmd.t_B[1], me.t_z
-            if me.leans > 0.5:
-                f, t, up, c = local(3), local(3), local(3), local(3)
-                mat_vec(me.R_lean, cmd.f_B, f)
-                mat_vec(me.R_lean, t_B, t)
-                mat_vec(me.R_lean, est.R_WB[2], up)
-                mat_vec(me.R_lean, body.p_BC, c)
-                flag = allocate(
-                    B, P, words(me.t_min, n), words(me.t_max, n), me.full, f, t, up, c, thrust
-                )
-            else:
-                flag = allocate(
-                    B, P, words(me.t_min, n), words(me.t_max, n), me.full, cmd.f_B, t_B,
-                    est.R_WB[2], body.p_BC, thrust,
-                )  # fmt: skip
+            f, t, up, c = local(3), local(3), local(3), local(3)
+            mat_vec(me.R_AB, cmd.f_B, f)
+            mat_vec(me.R_AB, t_B, t)
+            mat_vec(me.R_AB, est.R_WB[2], up)
+            mat_vec(me.R_AB, body.p_BC, c)
+            flag = allocate(
+                B, P, words(me.t_min, n), words(me.t_max, n), me.full, f, t, up, c, thrust
+            )
             out.saturated = float(flag)
             for i in range(n):
                 thrust[i] += me.preload[i]
