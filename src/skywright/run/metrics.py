@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.recordings.columns import has_columns
-from skywright.run.flight import Flown, PhaseRecord
+from skywright.run.flight import LET_GO, Flown, PhaseRecord
 from skywright.run.where import ALOFT, HELD, TRACKED
 
 Array = NDArray[np.float64]
@@ -23,8 +23,6 @@ OFF_SURFACE = 1e-4
 """m, gap above which the tip counts as off the surface; below lies the soft contact model."""
 STALLED = 0.999
 """Share of its stall torque at which a servo makes all that it can."""
-LET_GO = "let go"
-"""Phase in which the motors are stopped in the air (run/faults/_response.py)."""
 OUTAGE = 0.6
 """s without a sample of the localisation that count as an outage."""
 

@@ -25,6 +25,7 @@ from skywright.run.faults._room import (
 )
 from skywright.run.faults._rule import Response
 from skywright.run.faults._senses import Senses
+from skywright.run.flight import LET_GO
 from skywright.vehicle.arms.ports import ArmModel, HandState
 from skywright.vehicle.rest_to_rest import ROW_PERIOD, duration, quintic
 
@@ -99,7 +100,7 @@ def goal_joints(v: Senses) -> Array:
 def respond(s: Supervisor, response: Response) -> None:
     """Fly a response; returns when the robot is down."""
     if response == "let_go":
-        s.begin("let go")
+        s.begin(LET_GO)
         s.uav.motors(False)
         _wait_until_still(s, FALL_S)
         return
