@@ -19,10 +19,6 @@ Samples = NDArray[Any]
 R = TypeVar("R")
 
 
-LET_GO = "let go"
-"""Phase of a robot whose motors a fault rule has stopped in the air."""
-
-
 class PhaseRecord(NamedTuple):
     """One phase as it was flown."""
 

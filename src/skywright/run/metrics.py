@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.recordings.columns import has_columns
-from skywright.run.flight import LET_GO, Flown, PhaseRecord
+from skywright.run.faults._rule import LET_GO
+from skywright.run.flight import Flown, PhaseRecord
 from skywright.run.where import ALOFT, HELD, TRACKED
 
 Array = NDArray[np.float64]

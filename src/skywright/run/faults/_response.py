@@ -23,9 +23,8 @@ from skywright.run.faults._room import (
     find_room,
     hold_stuck,
 )
-from skywright.run.faults._rule import Response
+from skywright.run.faults._rule import LET_GO, Response
 from skywright.run.faults._senses import Senses
-from skywright.run.flight import LET_GO
 from skywright.vehicle.arms.ports import ArmModel, HandState
 from skywright.vehicle.rest_to_rest import ROW_PERIOD, duration, quintic
 

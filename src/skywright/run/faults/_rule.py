@@ -22,6 +22,10 @@ RESPONSES: dict[Response, str] = {
 """What is flown, the mildest first: while one is flown only a stronger one may follow."""
 
 
+LET_GO = "let go"
+"""Phase of a robot whose motors a fault rule has stopped in the air."""
+
+
 class Acted(NamedTuple):
     """A rule that acted."""
 
