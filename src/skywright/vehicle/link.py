@@ -80,6 +80,7 @@ class ControlLink(Component):
         delay: float  # s
         jitter: float  # s, 1 sigma
         loss: float  # fraction
+        begun: int
         upward: Way
         downward: Way
 
@@ -131,7 +132,10 @@ class ControlLink(Component):
 
     @staticmethod
     def up(me: Me, clock: Clock, chance: Chance) -> None:
-        if chance.loss_up >= me.loss:
+        if me.begun == 0:  # both ends were connected before: the controller knows how it starts
+            me.begun = 1
+            send(me.upward, clock.t, 0.0)
+        elif chance.loss_up >= me.loss:
             delay = max(me.delay + me.jitter * chance.jitter_up, 0.0)
             send(me.upward, clock.t, delay)
         deliver(me.upward, clock.t)
