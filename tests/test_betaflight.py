@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import json
 import math
@@ -342,14 +343,20 @@ def test_what_closes_the_connection_is_told_as_such() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
 
-        def close() -> None:
-            peer, _ = server.accept()
-            peer.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-            peer.close()
+        over = threading.Event()
+        server.settimeout(0.1)
+
+        def close() -> None:  # each time: a reset during the handshake is tried again
+            while not over.is_set():
+                with contextlib.suppress(TimeoutError):
+                    peer, _ = server.accept()
+                    peer.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+                    peer.close()
 
         thread = threading.Thread(target=close)
         thread.start()
         set_up = SetUp("127.0.0.1", port, 2.0, None, lambda text: None)
         with pytest.raises(InputError, match="closed"):
             set_up.run(["mixer CUSTOM"])
+        over.set()
         thread.join(2.0)
