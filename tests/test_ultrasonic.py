@@ -215,6 +215,28 @@ def test_rough_and_thin_walls_are_refused_or_right() -> None:
     assert wrong == 0
 
 
+def test_a_face_over_an_edge_reads_one_of_its_walls_or_is_refused() -> None:
+    """Steps from a tenth of a wavelength on, anywhere under the face, held for 4 s."""
+    rng = np.random.default_rng(3)
+    setup, face, accepted, wrong, refused = set_up(), build_face(PROBE.radius), 0, [], set()
+    for i in range(150):
+        wall, step = float(rng.uniform(0.007, 0.012)), float(10 ** rng.uniform(-4.0, -2.4))
+        thin = face[:, 0] < PROBE.radius * float(rng.uniform(-1.0, 1.0))
+        walls = np.where(thin, wall - step, wall)
+        gauge = ThicknessGauge(setup, 0.0095)
+        noise, echoes = np.random.default_rng(i), compute_echoes(PROBE, Coupling(film=1e-5), walls)
+        scans = (compute_ascan(PROBE, echoes, noise, place_seed=i) for _ in range(80))
+        read = [gauge.add([0.05 * k], x)[0] for k, x in enumerate(scans)]
+        good = next((r for r in read if r.accepted), None)
+        refused.add(read[-1].reason.partition(" (")[0].partition(",")[0])
+        if good is not None:
+            accepted += 1
+            wrong.append(float(np.min(np.abs(good.thickness - walls))))
+    assert accepted > 50  # faces that lie nearly wholly on one wall
+    assert max(wrong) < 0.1e-3
+    assert {"the echoes differ in shape", "two walls under the face"} <= refused
+
+
 # -- rules, set-up, files ------------------------------------------------------------------------
 
 

@@ -101,6 +101,22 @@ def measure_delay(ascan: Array, pulse: Pulse, first: float, second: float) -> fl
     return (b - a + i - lag + find_vertex(correlation, i)) / pulse.rate
 
 
+def compare_shapes(ascan: Array, pulse: Pulse, first: float, delay: float, noise: float) -> float:
+    """Return the correlation coefficient of the echo at `first` (s) and the one `delay` (s) later.
+
+    The energy of the noise (FSH, rms) is taken out. Echoes of one wall have one shape, and give 1;
+    two walls that differ by about half a wavelength give echoes whose parts cancel in one and add
+    in the next.
+    """
+    half = max(round(SIDE * 2.0 * pulse.width * pulse.rate), 4)
+    x = np.asarray(ascan, float)
+    cuts = [_cut(x, i - half, i + half + 1) for i in
+            (round(first * pulse.rate), round((first + delay) * pulse.rate))]  # fmt: skip
+    still = noise**2 * (2 * half + 1)
+    energies = [max(float(c @ c) - still, 1e-30) for c in cuts]
+    return float(cuts[0] @ cuts[1]) / math.sqrt(energies[0] * energies[1])
+
+
 def compute_timing_std(pulse: Pulse, amplitude: float, noise: float) -> float:
     """Return the deviation (s) of one echo's time in white noise: the Cramer-Rao bound.
 

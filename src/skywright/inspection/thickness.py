@@ -18,6 +18,7 @@ from skywright.errors import InputError
 from skywright.inspection.echoes import (
     FoundEchoes,
     Pulse,
+    compare_shapes,
     compute_timing_std,
     find_echoes,
     measure_delay,
@@ -35,6 +36,8 @@ class Rules(NamedTuple):
     least_fsh: float = 0.2  # height of the first echo
     threshold_fsh: float = 0.06  # height from which a peak is an echo
     spacing_m: float = 1e-4  # that the first two spacings may differ by
+    other_db: float = 15.0  # over the noise: an echo before the wall's second, of another wall
+    shape: float = 0.9  # least correlation of the two echoes
     steady_m: float = 5e-5  # range of the readings that agree
     steady_count: int = 5
     steady_s: float = 0.3  # that they take at least
@@ -241,6 +244,22 @@ class ThicknessGauge:
         thickness, spread = self._measure(ascan, found)
         if spread > rules.spacing_m:
             return refuse(f"echo spacings differ by {1e3 * spread:.2f} mm", thickness)
+        if used == 2:
+            delay = 2.0 * thickness / setup.velocity
+            alike = compare_shapes(ascan, setup.pulse, found.times[0], delay, found.noise)
+            if alike < rules.shape:
+                return refuse(
+                    f"the echoes differ in shape (correlation {alike:.2f}): walls that differ by "
+                    "parts of a wavelength under the face",
+                    thickness,
+                )
+        other = self._find_other(ascan, found, thickness)
+        if other > 0.0:
+            return refuse(
+                f"two walls under the face, {1e3 * thickness:.1f} and {1e3 * other:.1f} mm: a "
+                "step, an edge or a pit",
+                thickness,
+            )
         if not rules.least_fraction <= thickness / self.nominal <= rules.most_fraction:
             return refuse(f"{1e3 * thickness:.2f} mm is outside the range of the wall", thickness)
         timing = math.hypot(*(
@@ -250,6 +269,20 @@ class ThicknessGauge:
             0.5 * setup.velocity * timing, self.velocity_fraction * thickness, spread / 4
         )
         return Reading(t, thickness, K95 * std, first, snr, "")
+
+    def _find_other(self, ascan: Array, found: FoundEchoes, thickness: float) -> float:
+        """Return the thickness (m) of a second wall under the face, 0 where there is none.
+
+        Its first echo lies before the second one of the wall that is read. Noise of a normal
+        distribution reaches `other_db` = 15 dB in one of 1e6 A-scans.
+        """
+        setup, first = self.setup, found.times[0]
+        strong = found.noise * 10 ** (self.rules.other_db / 20)
+        second = first + 2.0 * thickness / setup.velocity - 4.0 * setup.pulse.width
+        for time in find_echoes(ascan, setup.pulse, strong, most=6).times:
+            if first + 4.0 * setup.pulse.width < time < second:
+                return thickness + 0.5 * setup.velocity * (time - first)
+        return 0.0
 
     def _measure(self, ascan: Array, found: FoundEchoes) -> tuple[float, float]:
         """Return the thickness, and how far the next spacing differs from it (m)."""
