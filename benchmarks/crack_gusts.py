@@ -1,32 +1,49 @@
-"""Write crack-gusts-conditions.csv for `skywright pod crack-scan`.
+"""Probability of detection in gusts, by law: conditions and table for `skywright pod crack-scan`.
 
-The command is `python benchmarks/crack_gusts.py`.
+    python benchmarks/crack_gusts.py               # writes crack-gusts-conditions.csv
+    skywright pod crack-scan --runs 50 --seed 5 --vary benchmarks/crack-gusts-conditions.csv \
+        --group mission.robot --out FOLDER
+    python benchmarks/crack_gusts.py FOLDER        # writes inspection/gusts.json
 
 Nine cracks of 6 mm in a sector, of random depth and direction in each flight, without an error of
-the map; two robots (law of Tognon 2018 and `direct_force`) in calm air and in gusts, in turns.
+the map. Ten sites, each by five flights: the law of Tognon 2018 (`othex`) and `direct_force`
+(`othex-force`) in calm air and in gusts, which the plan for `othex` accepts up to about 2.7 m/s.
 """
 
 from __future__ import annotations
 
+import argparse
+import csv
+import json
+import tempfile
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from conditions_table import write_table
+from conditions_table import save_table
+from fly_inspections import HERE, KEPT, read_commit
 
-ROBOTS, MEANS = ("othex", "othex-force"), (0.0, 2.0)
+from skywright.analysis.pod.method import Method
+from skywright.analysis.pod.pod import compute_pod
+from skywright.analysis.pod.table import load_inspections
+
+CELLS = (
+    ("othex", 0.0), ("othex-force", 0.0), ("othex", 2.6), ("othex-force", 2.6),
+    ("othex-force", 3.5),
+)  # fmt: skip
+"""Robot, and mean of the gusty wind in m/s."""
 DEPTHS = 0.2e-3, 1.0e-3  # m, uniform in the logarithm
+ROBOT, MEAN = "mission.robot", "world.wind.mean_mps"
 
 
 def draw_table(rows: int, seed: int) -> list[dict[str, Any]]:
-    """Draw all rows: each site by four flights, one of each robot and wind."""
+    """Draw all rows: each site once by each cell."""
     out = []
     for i in range(rows):
-        rng = np.random.default_rng([seed, i // 4])
-        mean = MEANS[i // 2 % 2]
+        rng = np.random.default_rng([seed, i // len(CELLS)])
+        robot, mean = CELLS[i % len(CELLS)]
         row: dict[str, Any] = {
-            "mission.robot": ROBOTS[i % 2],
-            "world.wind.kind": "dryden" if mean else "steady",
-            "world.wind.mean_mps": mean,
+            ROBOT: robot, "world.wind.kind": "dryden" if mean else "steady", MEAN: mean,
             "plant.map_error_m": 0, "plant.map_error_deg": 0, "plant.map_error_size_m": 0,
             "mission.task.pass_length_m": 0.1, "mission.task.arc_deg": 20,
         }  # fmt: skip
@@ -42,5 +59,39 @@ def draw_table(rows: int, seed: int) -> list[dict[str, Any]]:
     return out
 
 
+def evaluate(folder: Path) -> dict[str, Any]:
+    """Return the curve of each cell of a flown campaign."""
+    with (folder / "pod.csv").open(encoding="utf-8", newline="") as text:
+        rows = list(csv.DictReader(text))
+    cells = []
+    for robot, mean in CELLS:
+        mine = [r for r in rows if r[ROBOT] == robot and float(r[MEAN]) == mean]
+        with tempfile.TemporaryDirectory() as at:
+            file = Path(at) / "pod.csv"
+            with file.open("w", encoding="utf-8", newline="") as text:
+                out = csv.DictWriter(text, list(rows[0]))
+                out.writeheader()
+                out.writerows(mine)
+            found = compute_pod(load_inspections(file, None), Method()).to_json()
+        told = ("flaws", "found", "a50", "a90", "a90_95", "false_calls")
+        flown = {r["flaw"].partition("/")[0] for r in mine if r["flaw"]}
+        cells.append({
+            "robot": robot, "mean_mps": mean, "flights": len(flown), **{k: found[k] for k in told}
+        })  # fmt: skip
+    return {"commit": read_commit(), "cells": cells}
+
+
+def main() -> None:
+    """Write the conditions, or what the flights in a folder gave."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, nargs="?", help="of the flown campaign")
+    folder = parser.parse_args().folder
+    if folder is None:
+        save_table(draw_table(50, 1), HERE / "crack-gusts-conditions.csv")
+    else:
+        text = json.dumps(evaluate(folder), indent=1)
+        (KEPT / "gusts.json").write_text(text + "\n", encoding="utf-8")
+
+
 if __name__ == "__main__":
-    write_table(draw_table, "crack-scan (gusts)", 40, "crack-gusts-conditions.csv")
+    main()
