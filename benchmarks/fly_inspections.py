@@ -1,6 +1,8 @@
 """Fly the random sites of an inspection, one after the other, and keep what each showed.
 
-    python benchmarks/fly_inspections.py thickness-survey|crack-scan [--runs N] [--minutes M]
+    python benchmarks/fly_inspections.py MISSION [--runs N] [--minutes M]
+
+MISSION is thickness-survey, crack-scan or one-coil.
 
 Rows of MISSION-conditions.csv (inspection_conditions.py) are flown with the row's number as seed.
 Each flight is a line of inspection/MISSION.jsonl with its commit ("+" if the source differs from
@@ -21,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from inspection_conditions import MISSION
 
 from skywright.description.loader import load_description
 from skywright.errors import InfeasibleError, InputError, SimulationError
@@ -134,7 +137,7 @@ def _mm(x: float) -> float | None:
 def main() -> None:
     """Fly what is not there yet."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("mission", choices=("thickness-survey", "crack-scan"))
+    parser.add_argument("mission", choices=("thickness-survey", "crack-scan", "one-coil"))
     parser.add_argument("--runs", type=int, default=100)
     parser.add_argument("--minutes", type=float, default=math.inf, help="begin no flight later")
     parser.add_argument("--table", type=Path, help="instead of MISSION-conditions.csv")
@@ -147,13 +150,13 @@ def main() -> None:
     path.parent.mkdir(exist_ok=True)
     lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
     there = [(x["seed"], x["site"]) for x in map(json.loads, lines)]
-    commit = read_commit()
+    commit, name = read_commit(), MISSION.get(a.mission, a.mission)
     end = time.monotonic() + 60.0 * a.minutes
     for number, row in enumerate(rows, 1):
         if (number, row) in there or time.monotonic() > end:
             continue
         began = time.process_time()
-        told = {"seed": number, "commit": commit, "site": row, **fly_row(a.mission, row, number)}
+        told = {"seed": number, "commit": commit, "site": row, **fly_row(name, row, number)}
         told["cpu_s"] = round(time.process_time() - began, 1)
         with path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(told, ensure_ascii=False) + "\n")

@@ -6,11 +6,13 @@ plant's deviations, all at once. The velocity of a wall is normal about the bloc
 to 100 % of 0.7 of the robot's limit, and slower in steps of 20 % where the plan has no reserve of a
 rotor or of the press; the shim of a set-up is the paint in steps of 0.1 mm, and all else is uniform
 over its range. A thickness survey presses with 3 N, or with 1.5 N where the wind leaves no more.
+`one-coil` is a `crack-scan` of a patch of 60 by 60 mm with one coil instead of the array.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import Any
 
@@ -44,11 +46,18 @@ RANGES = {
         "world.things.crack2.angle_deg": (-90.0, 90.0),
     },
 }
-FASTEST = {"thickness-survey": 5.0, "crack-scan": 8.0}  # m/s, about 0.7 of the robots' limits
+RANGES["one-coil"] = RANGES["crack-scan"]
+PATCH = 0.06  # m, both ways, with one coil
+FASTEST = {
+    "thickness-survey": 5.0,
+    "crack-scan": 8.0,
+    "one-coil": 8.0,
+}  # m/s, about 0.7 of the robots' limits
+MISSION = {"one-coil": "crack-scan"}  # what is flown, where the name differs
 SLOWEST_SHARE = 0.2
 VELOCITY = 5920.0, 0.003  # m/s, and the deviation of a wall's as a fraction
 ARC, HEIGHT = 0.5, 0.25  # rad and m, of spots to both sides of the middle
-INSIDE_DEG = 8.0  # of a crack from the middle of its sector
+INSIDE_DEG = {"crack-scan": 8.0, "one-coil": 3.0}  # of a crack from the middle of its sector
 
 
 def draw_row(mission: str, rng: np.random.Generator) -> dict[str, Any]:
@@ -69,11 +78,19 @@ def draw_row(mission: str, rng: np.random.Generator) -> dict[str, Any]:
         row["world.pipe.length_m"] = 1.6  # its posts stand outside the sector
         row["mission.task.side"] = "angle"
         for k in ("crack1", "crack2"):
-            away = rng.uniform(-INSIDE_DEG, INSIDE_DEG)
+            away = rng.uniform(-INSIDE_DEG[mission], INSIDE_DEG[mission])
             around = row["mission.task.centre_angle_deg"] + away
             row[f"world.things.{k}.around_deg"] = round(around, 2)
         shim = round(row["world.things.steel.paint_m"], 4)
         row["mission.task.procedure.coating_m"] = shim
+    if mission == "one-coil":
+        row["robot.sensors.eddy.coils"] = 1
+        row["mission.task.pass_length_m"] = PATCH
+        row["mission.task.arc_deg"] = round(
+            math.degrees(2.0 * PATCH / row["world.pipe.diameter_m"]), 2
+        )
+        for k in ("crack1", "crack2"):
+            row[f"world.things.{k}.s_m"] = round(0.1 + rng.uniform(-0.02, 0.02), 4)
     return dict(sorted(row.items()))
 
 
@@ -84,14 +101,15 @@ def add_wind(mission: str, row: dict[str, Any], share: float) -> dict[str, Any] 
     """
     forces = ["[3.0]", "[1.5]"] if mission == "thickness-survey" else [""]
     speed, calm = share * FASTEST[mission], False
+    name = MISSION.get(mission, mission)
     while True:
         for force in forces:
             asked = {"mission.task.forces_n": force} if force else {}
             sets = {**row, **asked, "world.wind.mean_mps": round(speed, 3)}
-            if plan_mission(load_description(mission, sets=sets)).feasible:
+            if plan_mission(load_description(name, sets=sets)).feasible:
                 return dict(sorted(sets.items()))
         sets["world.wind.mean_mps"] = 0.0
-        if not calm and not plan_mission(load_description(mission, sets=sets)).feasible:
+        if not calm and not plan_mission(load_description(name, sets=sets)).feasible:
             return None
         calm, speed = True, 0.8 * speed
 

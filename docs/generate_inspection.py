@@ -126,16 +126,38 @@ def build_detection() -> list[str]:
     return [*out, "", f"Commit `{data['commit']}`."]
 
 
+def build_gusts() -> list[str]:
+    """The curves of benchmarks/crack_gusts.py."""
+    data = json.loads((KEPT / "gusts.json").read_text(encoding="utf-8"))
+    out = [
+        "| robot | gusts around a mean of | flights | cracks found | a50 (mm) | a90 (mm) "
+        "| a90/95 (mm) | false calls |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for c in data["cells"]:
+        mean = f"{c['mean_mps']:g} m/s" if c["mean_mps"] else "calm air"
+        sizes = " | ".join(f"{c[k]:.2f}" if c[k] else "–" for k in ("a50", "a90", "a90_95"))
+        false = c["false_calls"]
+        out.append(
+            f"| `{c['robot']}` | {mean} | {c['flights']} | {c['found']} of {c['flaws']} | {sizes} "
+            f"| {false['calls']} of {false['sites']} |"
+        )
+    return [*out, "", f"Commit `{data['commit']}`."]
+
+
 def build_tables() -> str:
     """All that is generated."""
     out = []
-    for name, list_rows in (("thickness-survey", list_thickness), ("crack-scan", list_cracks)):
+    for name, list_rows in (
+        ("thickness-survey", list_thickness), ("crack-scan", list_cracks), ("one-coil", list_cracks)
+    ):  # fmt: skip
         flights = load_flights(name)
         rows = list_rows(flights)
         out += [tell_flown(name, flights), ""]
         if rows:
             out += ["| requirement | limit | measured |", "|---|---|---|"]
             out += [f"| {' | '.join(row)} |" for row in rows] + [""]
+    out += ["## Detection in flights, by law and gusts", "", *build_gusts(), ""]
     return "\n".join([*out, "## Detection without a flight", "", *build_detection()])
 
 
