@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Any, NamedTuple
 
 import mujoco
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from skywright.description.loader import load_description
+from skywright.errors import InputError
 from skywright.models.allocation import allocate
 from skywright.models.floating import compute_floating
 from skywright.models.rigid_body import posture
@@ -107,3 +109,17 @@ def test_force_is_given_up_at_the_point_about_which_a_swinging_link_leaves_the_p
         allocate(a.B, a.P, a.t_min, a.t_max, a.full, f, t, np.array([0.0, 0.0, 1.0]), point, thrust)
         made = a.B @ thrust
         assert keeps == np.allclose(made[2:5], [58.0, -1.5, -2.0], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("length", "says"), [
+        (0.3, "a link that swings at 5.38 rad/s asks for 2.12: lengthen it"),
+        (1.2, "a link that swings at 3.19 rad/s settles in 1.80 s at best: shorten it"),
+    ],
+)  # fmt: skip
+def test_a_link_that_the_loops_cannot_calm_is_refused_with_its_limit(
+    length: float, says: str
+) -> None:
+    """Before take-off: the law is built for the plan."""
+    with pytest.raises(InputError, match=re.escape(says)):
+        build_vehicle(load_description("waypoints", robot=LONG, sets=build_link(length)))
