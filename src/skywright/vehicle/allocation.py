@@ -19,6 +19,7 @@ from skywright.models.allocation import allocate, thrust_to_speed
 from skywright.models.compliant_arms import is_compliant
 from skywright.models.rotor_loss import RotorsLeft, compute_rotors_left
 from skywright.models.rotor_reaction import compute_reaction_times
+from skywright.vehicle.arms.ports import Floating
 from skywright.vehicle.bus import (
     Allocated,
     Body,
@@ -37,6 +38,9 @@ MISSED = 1e-6
 
 class RotorAllocation(Component):
     """Fills RotorDrive and Allocated from the commanded wrench (models/allocation.py).
+
+    Force is given up where it turns the platform nowhere: at the centre of mass, or, with a link on
+    a joint without a servo, at the point p with p x f = A f (models/floating.py).
 
     Thrusts that a law commands itself (port ThrustCommand) are taken as they are, within the limits
     of the rotors in use; `saturated` then says that they do not make the commanded wrench and that
@@ -116,6 +120,7 @@ class RotorAllocation(Component):
         est: Estimate,
         body: Body,
         cmd: WrenchCommand,
+        floating: Floating | None,
         told: ThrustCommand | None,
         out: Out[Allocated],
         drive: Out[RotorDrive],
@@ -130,11 +135,15 @@ class RotorAllocation(Component):
         else:
             me.t_z += (cmd.t_B[2] - me.t_z) * me.share
             t_B[0], t_B[1], t_B[2] = cmd.t_B[0], cmd.t_B[1], me.t_z
-            f, t, up, c = local(3), local(3), local(3), local(3)
+            f, t, up, c, p = local(3), local(3), local(3), local(3), local(3)
             mat_vec(me.R_AB, cmd.f_B, f)
             mat_vec(me.R_AB, t_B, t)
             mat_vec(me.R_AB, est.R_WB[2], up)
-            mat_vec(me.R_AB, body.p_BC, c)
+            for i in range(3):
+                p[i] = body.p_BC[i]
+            if floating is not None:  # a link that swings does not turn with the platform
+                p[0], p[1], p[2] = -floating.A[1, 2], floating.A[0, 2], -floating.A[0, 1]
+            mat_vec(me.R_AB, p, c)
             flag = allocate(
                 B, P, words(me.t_min, n), words(me.t_max, n), me.full, f, t, up, c, thrust
             )

@@ -51,6 +51,8 @@ class WrenchObserver(Component):
         bandwidth: Vec3  # rad/s, of f_rest_W along the platform's axes forward, left, up
         momentum_W: Vec3  # N s, as predicted
         momentum_s: float  # N m s, of the joint, as predicted
+        told_rate: float  # rad/s, of the balance as the reference turns the link, as late as s_rest
+        told_slow: float  # rad/s, as late as s_slow
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
@@ -92,7 +94,7 @@ class WrenchObserver(Component):
         mat_vec(est.R_WB, rotors.f_B, f_W)
         observe_force(v, P, f_W)
         if floating.swing >= 0:
-            observe_swing(v, rate)
+            observe_swing(v, rate, ref.q[floating.swing], ref.qd[floating.swing])
 
 
 class View(NamedTuple):
@@ -136,12 +138,14 @@ def observe_force(v: View, P: Any, f_W: Any) -> None:
 
 
 @helper
-def observe_swing(v: View, rate: float) -> None:
+def observe_swing(v: View, rate: float, wanted: float, wanted_rate: float) -> None:
     """The same for the link's joint: dp/dt = dT/dq + L_s . g + s_hands + s_rest.
 
     p = L_s . v_B + M_ws . w + M_ss q'. Of dT/dq only what makes the balance independent of a steady
     velocity is kept: w . (L_s x v_B) + q' (axis x L_s) . v_B; the rest is quadratic in slow rates.
-    A changing torque moves the angle at which the link is in balance, at `balance_rate`.
+    A changing torque moves the angle at which the link is in balance, at `balance_rate`. Where the
+    reference turns the link (rad, rad/s), on the ground, a torque turns it that way too: what that
+    moves the balance is no part of `balance_rate`, for the reference tells it already.
     """
     w, me, out, est, dt = v.floating, v.me, v.out, v.est, v.dt
     v_B, lever, turned = local(3), local(3), local(3)
@@ -158,7 +162,13 @@ def observe_swing(v: View, rate: float) -> None:
     me.momentum_s += dt * (force + out.s_hands + out.s_rest)
     change = SWING_BANDWIDTH * (out.s_hands + out.s_rest - out.s_slow)
     out.s_slow += dt * change
-    out.balance_rate = change / (math.sqrt(size) * v.body.gravity)
+    size = math.sqrt(size)
+    angle = wanted - est.q[w.swing]
+    told = (math.cos(angle) * turned[2] - math.sin(angle) * w.L_s[2]) / size * wanted_rate
+    blend = find_gain(SWING_BANDWIDTH, dt) * dt  # twice, as late as s_slow
+    me.told_rate += blend * (told - me.told_rate)
+    me.told_slow += blend * (me.told_rate - me.told_slow)
+    out.balance_rate = change / (size * v.body.gravity) - me.told_slow
 
 
 @helper
@@ -182,6 +192,7 @@ def start(v: View, P: Any) -> None:
     for a in range(3):
         torque += w.L_s[a] * v.est.R_WB[2, a] * v.body.gravity
     out.s_rest, out.s_slow, out.balance_rate = torque, torque, 0.0
+    me.told_rate = me.told_slow = 0.0
     me.momentum_s = -torque / find_gain(SWING_BANDWIDTH, v.dt)
     me.momentum_W[2] -= out.f_rest_W[2] / find_gain(me.bandwidth[2], v.dt)
 

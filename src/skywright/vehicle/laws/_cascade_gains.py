@@ -52,6 +52,7 @@ SLOWEST_SWING, FASTEST_SWING = 0.8, 2.0  # poles of the swing over its natural f
 BANDWIDTHS = np.geomspace(0.4, 4.0, 93)  # rad/s, of a motion, that are looked at, 2.5 % apart
 DAMPINGS = np.linspace(1.0, 0.5, 6)  # of the swing, over the one asked for, that are looked at
 SETTLED, SETTLING = 0.035, 1.6  # share of the angle that a link is let go at (0.7 deg of 20), s
+WAYS = "forward", "to the left"
 SLOWEST_HUNG = 0.3  # with the platform held, a link swings slower than with one that gives way
 
 
@@ -251,8 +252,7 @@ def _compute_gains(
         lead=lead,
         rotor_tau=tau,
         # A level force is answered by leaning: its estimate is one separation below that loop, for
-        # the robot bends and its arms swing on springs, of which its momentum in the rigid model
-        # knows nothing. Thrust answers a vertical force at once.
+        # the rigid model's momentum knows no springs. Thrust answers a vertical force at once.
         wrench=share * c.attitude_bandwidth_rad_s / [c.loop_separation, c.loop_separation, 1],
     )
     if floating["swing"] < 0:
@@ -336,10 +336,9 @@ def _quicken(
 
     Across the swing the velocity loop keeps its separation from the position's, and the estimate of
     the force, which is an integral, lies between the two. Along it the motion's poles are those of
-    c.position_damping, beside a swing with c.swing_damping or the most below it that there is, as
-    fast as a link that is let go still comes to rest within SETTLING. There the force is estimated
-    as fast as the platform leans: the momentum of a link that swings is known, that of one that
-    bends is not.
+    c.position_damping, beside a swing with c.swing_damping or the most below it, as fast as a link
+    that is let go still comes to rest within SETTLING. There the force is estimated as fast as the
+    platform leans: the momentum of a link that swings is known, that of one that bends is not.
 
     Raises InputError where no bandwidth does.
     """
@@ -354,7 +353,7 @@ def _quicken(
         if not system.is_stable() or system.compute_sensitivity() > most:
             break
         found[turn] = k
-    separation = 2.0 * c.position_damping
+    separation, settled, asked = 2.0 * c.position_damping, math.inf, math.inf
     for damping, w in product(c.swing_damping * DAMPINGS, BANDWIDTHS[::-1]):
         poles = _find_swing(m, lag, w / separation, w * separation, damping, 0.0)
         if poles is None:
@@ -364,20 +363,22 @@ def _quicken(
             force=float(fast),
         )  # fmt: skip
         system = build_along(masses[0], k)
-        if (
-            system.is_stable() and system.compute_settling(SETTLED) <= SETTLING
-            and system.compute_sensitivity() <= most
-        ):  # fmt: skip
+        settles = system.compute_settling(SETTLED) if system.is_stable() else math.inf
+        sharp = system.compute_sensitivity() if settles <= SETTLING else math.inf
+        settled, asked = min(settled, settles), min(asked, sharp)
+        if sharp <= most:
             found[along] = k
             break
     for axis, kept in enumerate(found):
         if kept is None:
+            best = f"asks for {asked:.2f}: lengthen it"
+            if settled > SETTLING:
+                best = f"settles in {settled:.2f} s at best: shorten it"
+            link = f"; a link that swings at {m.natural:.2f} rad/s {best}" if axis == along else ""
             raise InputError(
-                f"robot.control.motion_sensitivity = {most:g}: with this "
-                "attitude_bandwidth_rad_s, position_damping and swing_damping no "
-                f"bandwidth of the motion {('forward' if axis == 0 else 'to the left')} "
-                f"meets it and settles the link within {SETTLING:g} s; 0 separates the "
-                "loops instead"
+                f"robot.control.motion_sensitivity = {most:g}: with this attitude_bandwidth_rad_s, "
+                f"position_damping and swing_damping no bandwidth of the motion {WAYS[axis]} meets "
+                f"it and settles the link within {SETTLING:g} s{link}; 0 separates the loops"
             )
         g.k_position[axis], g.k_velocity[axis] = kept.position, kept.velocity
         g.wrench[axis] = kept.force
@@ -390,8 +391,7 @@ def _scale_rate_loop(
 ) -> tuple[float, float, Array]:
     """Return lead (s), rotor lag (s) and the shares (3,) of the loops' gains about B's axes."""
     k_rate = c.attitude_bandwidth_rad_s * c.loop_separation
-    # what the link takes each way counts like the sampling: 10 ms cost 23 deg at 20 rad/s, more
-    # where the loop is faster (above a resonance)
+    # a control link's delay counts like the sampling: 10 ms cost 23 deg at 20 rad/s
     delay = compute_delay(c, world)
     tau = robot.rotors.time_constant_s
     lead = compute_lead(k_rate, tau, delay, math.radians(c.phase_margin_deg))
