@@ -13,6 +13,7 @@ the map. Ten sites, each by five flights: the law of Tognon 2018 (`othex`) and `
 from __future__ import annotations
 
 import argparse
+import contextlib
 import csv
 import json
 import tempfile
@@ -26,6 +27,7 @@ from fly_inspections import HERE, KEPT, read_commit
 from skywright.analysis.pod.method import Method
 from skywright.analysis.pod.pod import compute_pod
 from skywright.analysis.pod.table import load_inspections
+from skywright.errors import InputError
 
 CELLS = (
     ("othex", 0.0), ("othex-force", 0.0), ("othex", 2.6), ("othex-force", 2.6),
@@ -72,12 +74,22 @@ def evaluate(folder: Path) -> dict[str, Any]:
                 out = csv.DictWriter(text, list(rows[0]))
                 out.writeheader()
                 out.writerows(mine)
-            found = compute_pod(load_inspections(file, None), Method()).to_json()
-        told = ("flaws", "found", "a50", "a90", "a90_95", "false_calls")
-        flown = {r["flaw"].partition("/")[0] for r in mine if r["flaw"]}
-        cells.append({
-            "robot": robot, "mean_mps": mean, "flights": len(flown), **{k: found[k] for k in told}
-        })  # fmt: skip
+            table = load_inspections(file, None)
+        sizes = np.array([float(r["size_mm"]) for r in mine])
+        hit = np.array([r["hit"] == "1" for r in mine])
+        flaws = sizes > 0
+        cell: dict[str, Any] = {
+            "robot": robot, "mean_mps": mean,
+            "flights": len({r["flaw"].partition("/")[0] for r in mine if r["flaw"]}),
+            "flaws": int(flaws.sum()), "found": int((flaws & hit).sum()),
+            "sites": int((~flaws).sum()), "calls": int((~flaws & hit).sum()),
+            "largest_missed_mm": round(float(np.max(sizes[flaws & ~hit])), 3),
+            "smallest_found_mm": round(float(np.min(sizes[flaws & hit])), 3),
+        }  # fmt: skip
+        with contextlib.suppress(InputError):  # hits and misses that a size separates have no curve
+            curve = compute_pod(table, Method()).to_json()
+            cell |= {k: curve[k] for k in ("a50", "a90", "a90_95")}
+        cells.append(cell)
     return {"commit": read_commit(), "cells": cells}
 
 

@@ -130,17 +130,17 @@ def build_gusts() -> list[str]:
     """The curves of benchmarks/crack_gusts.py."""
     data = json.loads((KEPT / "gusts.json").read_text(encoding="utf-8"))
     out = [
-        "| robot | gusts around a mean of | flights | cracks found | a50 (mm) | a90 (mm) "
-        "| a90/95 (mm) | false calls |",
-        "|---|---|---|---|---|---|---|---|",
+        "| robot | gusts around a mean of | flights | cracks found | largest missed (mm) | "
+        "smallest found (mm) | a50 (mm) | a90 (mm) | a90/95 (mm) | false calls |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for c in data["cells"]:
         mean = f"{c['mean_mps']:g} m/s" if c["mean_mps"] else "calm air"
-        sizes = " | ".join(f"{c[k]:.2f}" if c[k] else "–" for k in ("a50", "a90", "a90_95"))
-        false = c["false_calls"]
+        sizes = " | ".join(f"{c[k]:.2f}" if c.get(k) else "–" for k in ("a50", "a90", "a90_95"))
         out.append(
-            f"| `{c['robot']}` | {mean} | {c['flights']} | {c['found']} of {c['flaws']} | {sizes} "
-            f"| {false['calls']} of {false['sites']} |"
+            f"| `{c['robot']}` | {mean} | {c['flights']} | {c['found']} of {c['flaws']} "
+            f"| {c['largest_missed_mm']:.2f} | {c['smallest_found_mm']:.2f} | {sizes} "
+            f"| {c['calls']} of {c['sites']} |"
         )
     return [*out, "", f"Commit `{data['commit']}`."]
 
