@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import skywright
+import skywright.links.servo_bus.bus as wire
 from skywright.cli import main
 from skywright.errors import InputError
 from skywright.links.servo_bus.arms import (
@@ -197,7 +198,13 @@ def test_an_overload_switches_torque_off_until_it_is_cleared() -> None:
 
 
 @pytest.fixture
-def served() -> Iterator[tuple[Emulator, ServoBus]]:
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a loaded machine the emulator's thread answers late."""
+    monkeypatch.setattr(wire, "ANSWER_S", 0.1)
+
+
+@pytest.fixture
+def served(patient: None) -> Iterator[tuple[Emulator, ServoBus]]:
     emulator = Emulator([1, 2, 7])
     emulator.start()
     bus = open_bus(f"serial:{emulator.path}:666666")
@@ -242,7 +249,7 @@ def test_wrong_ports_are_refused(text: str) -> None:
         open_bus(text)
 
 
-def test_the_command_lists_servos() -> None:
+def test_the_command_lists_servos(patient: None) -> None:
     emulator = build_emulator(skywright.load_robot("bimanual"))
     emulator.start()
     try:
