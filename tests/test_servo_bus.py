@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -48,6 +47,7 @@ from skywright.links.servo_bus.protocol import (
     to_ticks,
 )
 from skywright.run.run import run_mission
+from waiting import wait_for
 
 PRINTED = {
     "FF FF 07 FD 09 F2 0C": Packet(0xFD, 9, b""),
@@ -200,7 +200,7 @@ def test_an_overload_switches_torque_off_until_it_is_cleared() -> None:
 @pytest.fixture
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """On a loaded machine the emulator's thread answers late."""
-    monkeypatch.setattr(wire, "ANSWER_S", 0.1)
+    monkeypatch.setattr(wire, "ANSWER_S", 0.05)
 
 
 @pytest.fixture
@@ -221,8 +221,7 @@ def test_requests_over_a_terminal(served: tuple[Emulator, ServoBus]) -> None:
     bus.set_torque(True)
     assert bus.read_status(1).torque
     bus.jog_together(1, [Jog(1, 530)])
-    time.sleep(0.1)
-    assert bus.read_position(1)[0] == 530
+    wait_for(lambda: bus.read_position(1)[0] == 530)
     emulator.servos[2].ram[0x30] = 0x14
     assert bus.read_status(2).says == "too hot, overload"
     bus.clear_errors(2)
@@ -270,7 +269,7 @@ def test_a_robot_without_position_servos_is_refused() -> None:
 
 
 @pytest.fixture
-def arms() -> Iterator[tuple[Emulator, ServoFlight]]:
+def arms(patient: None) -> Iterator[tuple[Emulator, ServoFlight]]:
     robot = skywright.load_robot("bimanual")
     emulator = build_emulator(robot)
     emulator.start()
