@@ -6,8 +6,8 @@ STAMP := $(VENV)/.installed
 # Each process imports a thousand modules; parsing them anew takes six seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-# Workers of `make test`. Tests that fly in real time wait: `make test WORKERS=3` fills two cores.
-WORKERS := 2
+# Workers of `make test`. Tests that fly in real time wait: three fill two cores.
+WORKERS := 3
 
 .DEFAULT_GOAL := help
 .PHONY: help demo check test durations wheel lint bench docs page lock pictures claims evidence clean

@@ -118,6 +118,7 @@ def test_a_computed_operator_presses_a_spring_and_says_when_it_is_done(
 
 PRESS = {
     "mission.task.hover_s": 0, "mission.task.swing_deg": 0, "mission.task.survey": False,
+    "mission.timestep_ms": 2,
 }  # fmt: skip
 
 

@@ -294,13 +294,13 @@ def test_a_step_that_never_returns_ends_the_run_and_leaves_its_recording(
     command = [
         sys.executable, "-m", "skywright", "run", "waypoints", "--robot", "othex",
         "--set", f"{KEYS[group]}.kind={tmp_path / 'mine.py'}:Mine", "--out", str(out),
-        "--set", "mission.step_limit_s=2", "--set", f"mission.mode={mode}",
+        "--set", "mission.step_limit_s=1", "--set", f"mission.mode={mode}",
     ]  # fmt: skip
     done = subprocess.run(command, capture_output=True, text=True, timeout=900)
     told = " ".join((done.stdout + done.stderr).split())
     assert done.returncode == 3, told
     name = group if group == "estimator" else "mine"
-    says = f"component {name} (Mine.step in mine.py) did not return within 2 s at t = 0.1"
+    says = f"component {name} (Mine.step in mine.py) did not return within 1 s at t = 0.1"
     assert says in told and "Traceback" not in told, told
     stored = load_run(tmp_path / "out.partial")
     assert stored.outcome == "diverged" and says in stored.reason and len(stored.samples) > 5

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from skywright.analysis.campaign import local
 from skywright.analysis.compare_laws.cases import choose_cases, list_cases
 from skywright.analysis.compare_laws.compare import LawComparison, compare_laws
 from skywright.analysis.compare_laws.cost import measure_cost
@@ -81,8 +82,16 @@ def test_cases_are_named_or_defined_and_the_nominal_one_is_always_there() -> Non
         choose_cases(base, [":world.wind.mean_mps=1"])
 
 
-def test_laws_fly_the_same_seeds_and_a_law_that_cannot_is_told(tmp_path: Path) -> None:
+def test_laws_fly_the_same_seeds_and_a_law_that_cannot_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Three laws, one of which needs a fully actuated robot; a second call flies nothing anew."""
+    started = []
+    monkeypatch.setattr(
+        local,
+        "_start_worker",
+        lambda start=local._start_worker: started.append(start()) or started[-1],
+    )
     laws, out = ["thrust_vectoring", "cascade", "backstepping"], tmp_path / "flights"
 
     def compare() -> LawComparison:
@@ -92,6 +101,7 @@ def test_laws_fly_the_same_seeds_and_a_law_that_cannot_is_told(tmp_path: Path) -
         )  # fmt: skip
 
     found = compare()
+    assert len(started) == 1 and started[0].process.poll() is not None  # for all; ended
     for case in ("nominal", "mass"):
         pair = [found.find(law, case) for law in laws]
         assert [r.seed for r in pair[0].rows] == [r.seed for r in pair[1].rows]

@@ -211,7 +211,7 @@ def test_each_report_is_a_flaw_or_a_false_call() -> None:
 def flown(tmp_path_factory: pytest.TempPathFactory):
     """One pass over a sector of two: what it misses is flown once more."""
     sets = ["mission.task.arc_deg=20", "mission.task.passes=1", "mission.task.pass_length_m=0.08",
-            "mission.task.centre_s_m=0.09"]  # fmt: skip
+            "mission.task.centre_s_m=0.09", "mission.timestep_ms=2"]  # fmt: skip
     d = load_description("crack-scan", sets=sets)
     folder = tmp_path_factory.mktemp("cracks")
     return run_mission(d, out=folder / "run", records=folder / "r.db")

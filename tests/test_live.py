@@ -6,7 +6,6 @@ import math
 import socket
 import sys
 import threading
-import time
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +44,7 @@ from skywright.links.live.receiver import (
 from skywright.links.live.recorder import LiveRecorder, record
 from skywright.links.live.sources import load_run_tracks, load_scan_tracks
 from skywright.links.mavlink.stream import MavlinkStream
+from waiting import wait_for
 
 finite = st.floats(-1e6, 1e6)
 names = st.from_regex(r"[a-z][a-z0-9_-]{0,15}", fullmatch=True)
@@ -57,6 +57,13 @@ def turn(q: list[float]) -> tuple[float, ...]:
 
 
 quaternions = st.lists(st.floats(-1, 1), min_size=4, max_size=4).map(turn)
+
+
+def hear(receiver: LiveReceiver, count: int) -> list[Arrived]:
+    """Poll until `count` samples have arrived: a terminal hands them over when it has time."""
+    found: list[Arrived] = []
+    wait_for(lambda: found.extend(receiver.poll()) or len(found) >= count)
+    return found
 
 
 @settings(max_examples=80)
@@ -320,8 +327,7 @@ def test_lines_over_a_serial_port(tmp_path: Path, repository: Path) -> None:
     (signal, _) = load_scan_tracks(file)
     lines = [format_line(s) for _, s in list_samples([signal._replace(t=signal.t[:50])])]
     os.write(master, lines[3][5:] + b"".join(lines))
-    time.sleep(0.05)
-    found = receiver.poll()
+    found = hear(receiver, 50)
     assert [a.sample.sequence for a in found] == list(range(50))
     assert receiver.counts == {"size": 1}  # the end of a line that began before
     receiver.close()
@@ -338,8 +344,7 @@ def test_mavlink_poses_over_loopback(tmp_path: Path) -> None:
     target = Target(f"mavlink:{receiver.port}")
     track = Track("pose", "mocap", t, values)
     play([track, Track("SKYEC", "e", t, values[:, :2])], target, 1000.0)
-    time.sleep(0.05)
-    found = receiver.poll()
+    found = hear(receiver, len(values))
     np.testing.assert_allclose([a.sample.values for a in found], values, atol=1e-6)
     receiver.feed(b"\xfd\x01\x02", [])
     with pytest.raises(InputError, match="takes none of"):
@@ -373,8 +378,7 @@ def test_odometry_keeps_streams_apart() -> None:
     ]
     target = Target(f"mavlink:{receiver.port}")
     play(tracks, target, 1000.0)
-    time.sleep(0.05)
-    found = [(a.sample.name, a.sample.values[0]) for a in receiver.poll()]
+    found = [(a.sample.name, a.sample.values[0]) for a in hear(receiver, 40)]
     assert set(found) == {("odometry1", 1.0), ("odometry2", 2.0)} and len(found) == 40
     early = tracks[0]._replace(t=t - 5.0)
     with pytest.raises(InputError, match="times from -5 to -4 s"):
@@ -405,8 +409,7 @@ def test_a_serial_port_that_disappears_ends_the_recording_with_its_files(tmp_pat
     os.write(
         master, b"".join(format_line(Sample("SKYEC", "e", 1, n, n, (1.0, 2.0))) for n in (0, 1))
     )
-    time.sleep(0.05)
-    found = receiver.poll()
+    found = hear(receiver, 2)
     for arrived in found:
         recorder.write(arrived)
     os.close(slave)

@@ -390,7 +390,7 @@ def test_the_computed_operator_trembles_and_repeats() -> None:
 
 # --- flights -------------------------------------------------------------------------------------
 
-QUICK = ["mission.task.hover_s=3", "mission.task.wait_s=2"]
+QUICK = ["mission.task.hover_s=3", "mission.task.wait_s=2", "mission.timestep_ms=2"]
 
 
 def test_a_packaged_recording_installs_the_tool_elsewhere(tmp_path: Path) -> None:
@@ -438,7 +438,7 @@ class Leaves:
 
 
 def test_an_interrupted_operator_is_kept_repeats_and_fails_safely(tmp_path: Path) -> None:
-    d = load_description("tool-install", sets=["mission.task.hover_s=0"], seed=3)
+    d = load_description("tool-install", sets=[*QUICK, "mission.task.hover_s=0"], seed=3)
     cut = run_mission(d, out=tmp_path / "a", operator=Leaves(2.0))
     assert cut.outcome == "interrupted"
     partial = tmp_path / "a.partial"

@@ -249,12 +249,12 @@ def test_a_law_that_never_returns_ends_the_run_and_leaves_its_recording(tmp_path
     out = tmp_path / "run"
     command = [
         sys.executable, "-m", "skywright", "run", "waypoints", "--robot", "othex",
-        "--set", f"mission.law={kind}", "--set", "mission.step_limit_s=2", "--out", str(out),
+        "--set", f"mission.law={kind}", "--set", "mission.step_limit_s=1", "--out", str(out),
         "--set", f"mission.mode={'fast' if compiled else 'interactive'}",
     ]  # fmt: skip
     done = subprocess.run(command, capture_output=True, text=True, timeout=900)
     assert done.returncode == 3, done.stderr + done.stdout
-    says = "component law (Mine.step in mine.py) did not return within 2 s at t = 0.5"
+    says = "component law (Mine.step in mine.py) did not return within 1 s at t = 0.5"
     told = " ".join((done.stderr + done.stdout).split())
     assert says in told
     stored = load_run(out.with_name("run.partial"))

@@ -179,7 +179,7 @@ def test_a_ceiling_at_its_boundary_is_not_certain() -> None:
     assert fit.find_bound(0.8, "likelihood") >= fixed.find_bound(0.8, "likelihood")  # type: ignore[operator]
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=10)
 @given(
     factor=st.floats(1e-3, 1e3), seed=st.integers(0, 1000),
     axis=st.sampled_from(["linear", "log"]), link=st.sampled_from(["logit", "probit"]),

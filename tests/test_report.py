@@ -62,7 +62,7 @@ from skywright.run.warm_up import is_cached
 SHORT = (
     *EXACT,
     "mission.task.passes=2", "mission.task.pass_length_m=0.04", "mission.task.arc_deg=10",
-    "mission.task.speed_mps=0.02",
+    "mission.task.speed_mps=0.02", "mission.timestep_ms=2",
 )  # fmt: skip
 
 

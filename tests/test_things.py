@@ -38,14 +38,24 @@ BENCH = {
 
 
 @pytest.fixture(scope="module")
-def bench() -> tuple[SimulatedVehicle, list[np.ndarray]]:
-    """The dual arm on a bench, a box on the ground and a plug in the air, one second on."""
+def built() -> tuple[SimulatedVehicle, list[np.ndarray], Any]:
+    """The dual arm on a bench, a box on the ground and a plug in the air, and their state."""
     blocks: list[np.ndarray] = []
     vehicle = build_vehicle(
         load_description("waypoints", robot="bimanual", sets=BENCH), blocks.append
     )
     for _ in range(50):
         vehicle.tick()
+    return vehicle, blocks, vehicle.save()
+
+
+@pytest.fixture
+def bench(
+    built: tuple[SimulatedVehicle, list[np.ndarray], Any],
+) -> tuple[SimulatedVehicle, list[np.ndarray]]:
+    """One second on."""
+    vehicle, blocks, state = built
+    vehicle.restore(state)
     return vehicle, blocks
 
 
@@ -53,6 +63,7 @@ def test_things_fall_and_plugs_stay(
     bench: tuple[SimulatedVehicle, list[np.ndarray]],
 ) -> None:
     vehicle, blocks = bench
+    vehicle.tick()
     vehicle.flush()
     last = np.concatenate(blocks)[-1]
     np.testing.assert_allclose(last["object0_p_WO"], [0.6, 0.0, 0.05], atol=1e-3)

@@ -41,6 +41,8 @@ from skywright.vehicle.targets import NEVER, Target, TargetEstimate
 
 DESCRIPTION = load_description("tool-install")
 TOOL = DESCRIPTION.world.find_thing("tool", Tool)
+QUICK = ["mission.task.hover_s=2", "mission.task.wait_s=2", "mission.timestep_ms=2"]
+"""Where what the robot decides is tested, not how well it flies."""
 
 
 def list_solids(tool: Tool) -> list[Solid]:
@@ -319,8 +321,7 @@ class Kick:
 
 
 def fly_kicked(when: str, by: list[float]) -> RunResult:
-    sets = ["mission.task.hover_s=2", "mission.task.wait_s=2"]
-    return fly_and_evaluate(load_description("tool-install", sets=sets), [Kick(when, by)])
+    return fly_and_evaluate(load_description("tool-install", sets=QUICK), [Kick(when, by)])
 
 
 def test_a_missed_grasp_is_repeated_where_the_tool_is_now() -> None:
@@ -359,9 +360,8 @@ def test_a_tool_that_finds_no_pipe_is_carried_back() -> None:
                 self.done = True
                 vehicle.assembly.get(TrackedTarget.Me, "tracked pipe")["error_p_W"] += self.by
 
-    sets = ["mission.task.hover_s=2", "mission.task.wait_s=2"]
     moved = MoveTargets("carry", [-0.3, 0.0, 0.0])
-    result = fly_and_evaluate(load_description("tool-install", sets=sets), [moved])
+    result = fly_and_evaluate(load_description("tool-install", sets=QUICK), [moved])
     assert result.outcome == "aborted"
     assert "the pipe did not take the tool's weight" in result.reason
     assert "carried back to the bench" in result.reason

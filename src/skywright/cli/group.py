@@ -1,5 +1,6 @@
 """How every command behaves: order, errors as one line, exit codes."""
 
+import gc
 import os
 import sys
 from collections.abc import Sequence
@@ -33,6 +34,7 @@ class Group(click.Group):
         args = list(sys.argv[1:] if args is None else args)
         extra |= {"standalone_mode": False, "obj": args}  # a run notes its command
         listen()
+        gc.set_threshold(50_000)  # imports make objects, not garbage: looking took a fifth of them
         try:
             code = super().main(args, *more, **extra)
         except BaseException as error:

@@ -10,7 +10,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Generator, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
 from typing import Any, NamedTuple
@@ -55,6 +55,23 @@ class _Worker(NamedTuple):
     connection: Connection
 
 
+_KEPT: list[_Worker] | None = None
+
+
+@contextmanager
+def keep_workers() -> Iterator[None]:
+    """Inside, workers that one campaign leaves idle fly for the next: a start takes seconds."""
+    global _KEPT
+    outer, _KEPT = _KEPT, [] if _KEPT is None else _KEPT
+    try:
+        yield
+    finally:
+        if outer is None:
+            for worker in _KEPT:
+                _stop_worker(worker, kill=True)
+        _KEPT = outer
+
+
 def fly_local(
     tasks: Iterator[Flyable], workers: int, *, warm_first: bool = False
 ) -> Generator[Any, None, None]:
@@ -63,7 +80,7 @@ def fly_local(
     With `warm_first` one worker flies the first run alone, so that code is compiled once.
     Closing the iterator stops the workers and drops what they are flying.
     """
-    idle: list[_Worker] = []
+    idle: list[_Worker] = [] if _KEPT is None else _KEPT
     busy: dict[Connection, tuple[_Worker, Flyable, int]] = {}
     again: list[tuple[Flyable, int]] = []
     wanted = 1 if warm_first else workers
@@ -103,7 +120,8 @@ def fly_local(
                 wanted = workers
                 yield row._replace(attempts=attempt)
     finally:
-        for worker in [*idle, *(entry[0] for entry in busy.values())]:
+        left = [] if idle is _KEPT else idle
+        for worker in [*left, *(entry[0] for entry in busy.values())]:
             _stop_worker(worker, kill=True)
 
 

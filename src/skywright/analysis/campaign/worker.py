@@ -5,6 +5,7 @@ be read, until the other end is gone. A fresh interpreter, not a fork: threads o
 BLAS, a notebook) do not survive a fork.
 """
 
+import gc
 import signal
 import sys
 from multiprocessing.connection import Connection
@@ -13,6 +14,7 @@ from multiprocessing.connection import Connection
 def main() -> None:
     """Serve the connection whose file descriptor is the first argument."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
+    gc.set_threshold(50_000)  # as in cli/group.py
     connection = Connection(int(sys.argv[1]))
     from skywright.core.find import explain
 

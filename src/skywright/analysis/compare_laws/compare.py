@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skywright.analysis.campaign.campaign import run_campaign
+from skywright.analysis.campaign.local import keep_workers
 from skywright.analysis.campaign.spec import Campaign, build_campaign
 from skywright.analysis.compare_laws.cases import NOMINAL, Case, choose_cases, list_cases
 from skywright.analysis.compare_laws.cost import measure_cost
@@ -171,20 +172,21 @@ def compare_laws(
                     raise
                 planned.append((law, case, str(error)))
     flown = []
-    for law, case, campaign in planned:
-        if isinstance(campaign, str):
-            flown.append(Flown(law, case.name, [], campaign))
-            continue
-        if step is not None:
-            step(f"{law}, {case.name}")
-        folder = out / _name_folder(law) / case.name
-        found = run_campaign(
-            campaign, runs, out=folder, workers=workers, ray=ray, progress=step is not None
-        )
-        if found.interrupted:
-            raise KeyboardInterrupt
-        rows = [r for r in found.rows if r.run < runs]  # the folder may hold more
-        flown.append(Flown(law, case.name, rows, _find_refusal(rows)))
+    with keep_workers():
+        for law, case, campaign in planned:
+            if isinstance(campaign, str):
+                flown.append(Flown(law, case.name, [], campaign))
+                continue
+            if step is not None:
+                step(f"{law}, {case.name}")
+            folder = out / _name_folder(law) / case.name
+            found = run_campaign(
+                campaign, runs, out=folder, workers=workers, ray=ray, progress=step is not None
+            )
+            if found.interrupted:
+                raise KeyboardInterrupt
+            rows = [r for r in found.rows if r.run < runs]  # the folder may hold more
+            flown.append(Flown(law, case.name, rows, _find_refusal(rows)))
     if all(f.refused for f in flown):
         raise InputError(f"no law can fly {mission}: {flown[0].refused}")
     required = load_kind(base.mission.kind).requirements(Setup(base), None)
