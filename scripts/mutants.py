@@ -1,12 +1,14 @@
 """Change one thing in the code at a time and see whether a test notices.
 
-    python scripts/mutants.py [--workers 2] [--group NAME] [--retry-survivors]
+    python scripts/mutants.py [--workers 2] [--group NAME] [--new | --retry-survivors]
 
 `benchmarks/mutants.toml` says which files are changed, how many mutants each group gets, and which
 tests cover it. The mutants are drawn with a seed: a sign, a factor, an axis, a dropped term, a
-limit, a comparison. Named ones are listed by their text. Every mutant is tested in a copy of the
-checkout, until a test fails: first by the tests `plain`, which run without compiling (a second or
-two), then by the tests `compiled`. Of `plain`, tests that fail without compiled code are left out.
+limit, a comparison. Those on record stay as long as the code that they change; a change elsewhere
+in a file draws no others. Named ones are listed by their text. Every mutant is tested in a copy of
+the checkout, until a test fails: first by the tests `plain`, which run without compiling (a second
+or two), then by the tests `compiled`. Of `plain`, tests that fail without compiled code are left
+out.
 
 The results go to `benchmarks/mutants.csv`, one line a mutant. A survivor keeps its line's reason,
 which a person writes, as long as the mutant is the same.
@@ -26,12 +28,11 @@ import tempfile
 import time
 import tomllib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from hashlib import sha256
 from pathlib import Path
 from queue import Queue
-from random import Random
 from threading import Lock
 from typing import NamedTuple
 
@@ -166,8 +167,11 @@ def _code(node: ast.AST) -> str:
 # What is tried
 
 
-def draw_mutants(plan: dict) -> list[Mutant]:
-    """Draw each group's mutants with the seed of the plan; the named ones come first."""
+def draw_mutants(plan: dict, known: Container[tuple[str, ...]]) -> list[Mutant]:
+    """Return each group's mutants: the named ones, those `known`, and others in the seed's order.
+
+    Two changes with the same text in one file count once: the record cannot tell them apart.
+    """
     drawn = []
     for name, group in plan["groups"].items():
         for one in group.get("named", []):
@@ -181,17 +185,21 @@ def draw_mutants(plan: dict) -> list[Mutant]:
             drawn.append(
                 Mutant(name, one["file"], at, end, line, one["kind"], one["before"], one["after"])
             )
-        every = [
-            m
+        every = {
+            m.key: m
             for pattern in group["files"]
             for file in sorted(ROOT.glob(pattern))
             for m in find_mutants(name, str(file.relative_to(ROOT)), file.read_text())
-        ]
+        }
         if not every:
             raise SystemExit(f"{PLAN.name}: group {name!r} has no code to change")
-        random = Random(f"{plan['seed']} {name}")
-        drawn += random.sample(every, min(group["mutants"], len(every)))
+        order = sorted(every, key=lambda key: (key not in known, _hash(plan["seed"], *key)))
+        drawn += [every[key] for key in order[: group["mutants"]]]
     return drawn
+
+
+def _hash(*values: object) -> str:
+    return sha256(repr(values).encode()).hexdigest()
 
 
 def copy_checkout(folder: Path) -> None:
@@ -300,15 +308,18 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--group", help="only this one; the lines of the others are kept")
-    parser.add_argument("--retry-survivors", action="store_true", help="only what survived")
+    some = parser.add_mutually_exclusive_group()
+    some.add_argument("--new", action="store_true", help="only what has no result")
+    some.add_argument("--retry-survivors", action="store_true", help="only what survived")
     a = parser.parse_args()
     plan = tomllib.loads(PLAN.read_text())
     old = list(csv.DictReader(RESULTS.open())) if RESULTS.exists() else []
     known = {tuple(r[k] for k in ("file", "kind", "before", "after")): r for r in old}
-    mutants = draw_mutants(plan)
+    mutants = draw_mutants(plan, known)
     wanted = [
         m for m in mutants
         if a.group in (None, m.group)
+        and not (a.new and m.key in known)
         and not (a.retry_survivors and known.get(m.key, {}).get("result") != "survived")
     ]  # fmt: skip
     rows = {m: known[m.key] for m in mutants if m.key in known}  # until they are tried again

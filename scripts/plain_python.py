@@ -12,6 +12,23 @@ import numpy as np
 import skywright.core.record as record
 
 
+class Rows(np.ndarray):
+    """An array of records whose elements are views, too."""
+
+    def __getitem__(self, key):
+        """Return the element, a record as a view."""
+        value = super().__getitem__(key)
+        return record.View(value) if isinstance(value, np.void) else value
+
+
+def _show(value):
+    if isinstance(value, np.void):
+        return record.View(value)
+    if isinstance(value, np.ndarray) and value.dtype.names:
+        return value.view(Rows)
+    return value
+
+
 def njit(*args, **options):
     """Return the function itself, with its records as views."""
     if not args or not callable(args[0]):
@@ -20,7 +37,7 @@ def njit(*args, **options):
 
     @functools.wraps(function)
     def call(*values, **named):
-        return function(*(record.View(v) if isinstance(v, np.void) else v for v in values), **named)
+        return function(*map(_show, values), **named)
 
     call.py_func = function
     return call

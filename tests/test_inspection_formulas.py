@@ -10,8 +10,10 @@ import math
 import numpy as np
 import pytest
 
-from skywright.description.world.surface import Cylinder
-from skywright.inspection import surface_fit, weld, weld_line
+from skywright.description.world.surface import Cylinder, roll_points
+from skywright.inspection import surface_fit, weld, weld_data, weld_line
+from skywright.inspection.calibration import Calibration
+from skywright.inspection.crossings import Crossing
 
 RNG = np.random.default_rng(3)
 PIPE = Cylinder(np.zeros(3), np.eye(3), 0.2, 0.5)
@@ -134,3 +136,50 @@ def test_one_spike_does_not_move_a_long_crossing() -> None:
     found = weld._locate(*args, spiked, 1e-3, PIPE)
     assert clean is not None and clean.s == pytest.approx(0.004, abs=5e-4)
     assert found is not None and found.peak < 2.0
+
+
+@pytest.mark.parametrize(("pause", "crossings"), [(1.0, 1), (3.0, 2)])
+def test_a_long_pause_on_the_weld_makes_two_crossings(pause: float, crossings: int) -> None:
+    t = 0.02 * np.arange(20.0) + np.where(np.arange(20) < 10, 0.0, pause)
+    s, c = np.linspace(0.0, 0.002, 20), np.zeros(20)
+    runs = weld._runs(np.ones(20, bool), t, s, c)
+    assert len(weld._merge_runs(runs, t, s, c)) == crossings
+
+
+@pytest.mark.parametrize(("first", "last"), [(False, False), (True, False), (False, True)])
+def test_a_crossing_that_begins_or_ends_with_the_contact_is_one_sided(
+    first: bool, last: bool
+) -> None:
+    """Base metal that was seen 7 mm before, and then lost, does not make it a whole one."""
+    n = 101
+    t, s, c = 0.02 * np.arange(n), np.linspace(-0.05, 0.05, n), np.zeros(n)
+    signal = np.exp(-0.5 * (s / 0.004) ** 2)
+    on_weld = signal > 0.3  # |s| < 6.2 mm
+    base = ~on_weld
+    base &= ~(first & (s > -0.0125) & (s < 0.0))  # not in contact
+    base &= ~(last & (s < 0.0125) & (s > 0.0))
+    crossings, _ = weld.find_crossings(t, s, c, signal, on_weld, 1e-3, PIPE, base, [])
+    assert len(crossings) == 1
+    assert crossings[0].s == pytest.approx(0.0, abs=5e-4)
+    assert crossings[0].one_sided == (first or last)
+    assert (crossings[0].std >= weld_line.HALF_WIDTH) == (first or last)
+
+
+def test_a_line_is_described_from_its_first_to_its_last_crossing() -> None:
+    line = weld_line.WeldLine(0.1, 0.02, 0.6, 1e-3, 1e-2, 0.0, 0.01, (0, 1, 2), radius=0.2)
+    ends = line.follow(np.array([-0.05, 0.01, 0.08]))
+    at = list(zip(*ends, roll_points(PIPE, *ends)[0], strict=True))
+    crossings = tuple(
+        Crossing(float(i), s, c, tuple(p), 2.0, 0.05, 0.05, 1e-3, 20, line=0)
+        for i, (s, c, p) in enumerate(at)
+    )
+    none = np.zeros(0)
+    calibration = Calibration(0j, 1 + 0j, 60.0, (0.0, 0.0, 0.0), 0.1, 15.0, 1.2)
+    found = weld.WeldResult(
+        none, none, none, none, none, none, none > 0, none > 0, 1.0, crossings, (line,),
+        calibration, PIPE, (), 1.2, (2.0,),
+    )  # fmt: skip
+    points = np.array(weld_data.describe_welds(found)["lines"][0]["points_m"])
+    # the line bends on the pipe by less than a millimetre over this length
+    np.testing.assert_allclose(points[[0, -1]], [at[0][2], at[-1][2]], atol=1e-3)
+    np.testing.assert_allclose(np.linalg.norm(points[:, [0, 2]], axis=1), PIPE.radius, atol=1e-6)

@@ -104,12 +104,14 @@ def test_law_4_and_its_integral(b: dict[str, Any], tracked: str, zone: float) ->
     np.testing.assert_allclose(me["sigma"], before + 0.002 * 0.5 * kp * slides, atol=1e-9)
 
 
-def test_the_integral_of_the_force_has_a_length_at_most(b: dict[str, Any]) -> None:
-    b["ref"]["p_WB"], b["me"]["f_integral_max"] = b["est"]["p_WB"] + [30.0, -40.0, 20.0], 2.0
+@pytest.mark.parametrize("share", [0.1, 0.95, 1.05])
+def test_the_integral_of_the_force_has_a_length_at_most(b: dict[str, Any], share: float) -> None:
+    b["ref"]["p_WB"] = b["est"]["p_WB"] + [30.0, -40.0, 20.0]
     before, kp = b["me"]["sigma"].copy(), gains(b)[0]
-    call(PushAndSlide, b)
     grown = before + 0.002 * 0.5 * kp * np.array([30.0, -40.0, 20.0])
-    np.testing.assert_allclose(b["me"]["sigma"], 2.0 * grown / np.linalg.norm(grown), atol=1e-9)
+    b["me"]["f_integral_max"] = share * np.linalg.norm(grown)
+    call(PushAndSlide, b)
+    np.testing.assert_allclose(b["me"]["sigma"], min(share, 1.0) * grown, atol=1e-9)
 
 
 @pytest.mark.parametrize("far", [0.0, 3.0])

@@ -15,17 +15,27 @@ from skywright.description.robot.limbs import list_joints
 from skywright.description.world.structure import locate_point
 from skywright.description.world.surface import Cylinder
 from skywright.description.world.things import list_movers, locate_thing
+from skywright.inspection.notch_setup import SetupCheck
+from skywright.inspection.thickness import Reading
 from skywright.inspection.touches import FoundCylinder, TouchFit
 from skywright.missions.bar_insertion.metrics import compute_metrics as judge_insertion
 from skywright.missions.bar_transport.metrics import compute_metrics as judge_transport
 from skywright.missions.bimanual_bench.metrics import compute_metrics as judge_bimanual
 from skywright.missions.bridge_contact.metrics import compute_metrics as judge_contact
+from skywright.missions.crack_scan.cover import build_sector, compute_cover
+from skywright.missions.crack_scan.metrics import judge_search
+from skywright.missions.crack_scan.search import Search
 from skywright.missions.impact.metrics import compute_metrics as judge_impact
 from skywright.missions.impact.metrics import compute_pitch_torque
 from skywright.missions.sensor_install.metrics import compute_metrics as judge_install
 from skywright.missions.skills.survey import Touch
 from skywright.missions.skills.surveyed import Ball, Surveyed, judge_survey
 from skywright.missions.skills.tool_handling import LOW
+from skywright.missions.thickness_survey.metrics import (
+    SpotReading,
+    _find_place_error,
+    list_spot_names,
+)
 from skywright.missions.tool_install.metrics import compute_metrics as judge_tool
 from skywright.missions.tool_install.plan import find_places
 from skywright.models.deviation import build_socket_error
@@ -150,9 +160,10 @@ def test_a_bar_that_is_led_and_a_base_that_drifts() -> None:
     bar[299, 0] += 0.012
     q[450] = about("x", 4.0)
     t = np.arange(400) * DT
-    base, hands = np.zeros((n, 3)), np.zeros((n, 3))
-    base[500:, 0] = 0.02 * np.sin(2.0 * math.pi * t / 4.0)
-    hands[500:, 0] = -0.9 * base[500:, 0]  # a tenth is not felt
+    base, hands = np.tile([0.3, -0.2, 1.0], (n, 1)), np.zeros((n, 3))
+    sway = 0.02 * np.sin(2.0 * math.pi * t / 4.0)
+    base[500:, 0] += sway
+    hands[500:, 0] = -0.9 * sway  # a tenth is not felt
     aside, above = np.array([0.0, 0.2, 0.0]), lay + [0.01, 0.0, 0.02]  # poses count from there
     s, phases = build_samples(
         spans, **{
@@ -196,8 +207,8 @@ def test_presses_under_a_deck() -> None:
     body, speed, q = np.tile([1.0, 2.0, 3.0], (n, 1)), np.zeros((n, 3)), np.tile(LEVEL, (n, 1))
     body[150, 1] += 0.004
     q[160] = about("y", 1.5)
-    speed[:, 2] = 0.07
     feet[50:, 2] = -5.0
+    speed[:, 2], speed[49, 2], speed[52, 2] = 0.03, 0.07, 0.5  # just before, and as it bounces
     s, _ = build_press(
         run0,
         [("dock", 1.0), ("hold 4 N", 1.0), ("hold 4.1 N", 1.0), ("release", 1.0),
@@ -477,6 +488,46 @@ def test_hands_that_hover_before_a_tool() -> None:
     assert m["tip.hover_max_mm"] == pytest.approx(20.0)
     assert m["platform.hover_rms_mm"] == pytest.approx(30.0)
     assert m["platform.drift_max_mm"] == pytest.approx(50.0)
+
+
+def test_readings_beside_their_spots() -> None:
+    """The farthest of two, less what the map may err by."""
+    samples = build_samples([("x", 1.0)])
+    where = "mission.task.spots=[{name='a',x_m=0.1,y_m=-0.2},{name='b',x_m=0.3,y_m=0.1}]"
+    run = build_flown("thickness-survey", *samples, sets=["plant.map_error_m=0.002", where])
+    spots = dict(zip(list_spot_names(run.task), run.task.spots, strict=True))
+    reading = Reading(1.0, 0.01, 1e-4, 0.5, 30.0, "")
+    found = [
+        SpotReading(name, spot.x_m + off[0], spot.y_m + off[1], reading, 0.01, False, np.zeros(4))
+        for (name, spot), off in zip(spots.items(), ((0.003, 0.004), (-0.001, 0.0)), strict=True)
+    ]
+    assert _find_place_error(run, found) == pytest.approx(0.005 - 0.002)
+
+
+def test_coils_that_tilt_or_lift_cover_nothing() -> None:
+    """All of the sector is swept, but for a disk of 4 cm radius in its middle."""
+    task = build_flown("crack-scan", *build_samples([("scan", 1.0)])).task
+    sector = build_sector(task, 0.2, 0.008)
+    off = np.linalg.norm(sector.cells - sector.cells.mean(axis=0), axis=1) < 0.04
+    n = len(sector.cells)
+    samples, phases = build_samples([("scan", n * DT)], gap_max=0.0, tilt=0.0)
+    way = {"scan": SimpleNamespace(survey=None)}
+    run = build_flown("crack-scan", samples, phases, way)
+    s, c = sector.cells[:, :1], sector.cells[:, 1:]
+    check = SetupCheck(80.0, 0.0, 0.0, ())
+    known = Cylinder(np.zeros(3), np.eye(3), 0.2, 0.5)
+    found = Search(
+        s, c, s, [], s > 0, compute_cover(sector, s, c), s, samples["t"], sector.cells, known, check
+    )
+    whole = judge_search(run, found)
+    assert (whole["coverage.area_fraction"], whole["coverage.gap_max_mm"]) == (1.0, 0.0)
+    for column, most in (("tilt", 1.0), ("gap_max", 1.0)):
+        samples["tilt"] = samples["gap_max"] = 0.0
+        samples[column][off] = most
+        m = judge_search(run, found)
+        cell = 1e3 * math.hypot(*sector.size)
+        assert m["coverage.gap_max_mm"] == pytest.approx(80.0 - 8.0, abs=2.0 * cell)
+        assert 0.0 < m["coverage.area_fraction"] < 1.0 - 0.6 * np.mean(off)
 
 
 def test_a_survey_that_found_a_pipe_elsewhere() -> None:

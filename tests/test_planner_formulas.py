@@ -1,0 +1,239 @@
+"""The formulas of the planners by themselves, on cases with a known answer.
+
+The plans of test_planning.py and test_motion_planner.py show that a robot gets there; a term that
+matters little there is seen here.
+"""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from skywright.core.record import View
+from skywright.core.types import MAX_JOINTS
+from skywright.description.robot.loader import load_robot
+from skywright.description.world.loader import load_world
+from skywright.description.world.spec import World
+from skywright.description.world.surface import Cylinder
+from skywright.models.body_records import Kinematics
+from skywright.models.rigid_body import build_body_model, posture
+from skywright.planning import problem
+from skywright.planning.checks import Trace, check_dynamics
+from skywright.planning.configurations import compute_manipulability
+from skywright.planning.excitation import Excitation, _build_rows, _from_angles, share_lines
+from skywright.planning.inverse_kinematics import (
+    build_state,
+    build_target,
+    settle_posture,
+    step_state,
+)
+from skywright.planning.local_planner import fill_target
+from skywright.planning.motion.angular import ROUND, build_angular_map
+from skywright.planning.motion.bound import _spread_angle, compute_lower_bound
+from skywright.planning.motion.through import compute_places
+from skywright.planning.motion.transport import build_transport
+from skywright.planning.patterns import build_pattern
+
+ROBOT = load_robot("ars-lrm")[0]
+WORLD = load_world("pipe-structures")[0]
+PAPER = build_transport(ROBOT, WORLD)
+EMPTY = build_transport(ROBOT, World(name="empty", area=WORLD.area))
+
+
+# Motions of one plan
+
+
+def test_the_tip_s_target_moves_as_its_derivatives_say() -> None:
+    """Velocities and accelerations against differences of the place itself."""
+    R = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix()
+    axes = Rotation.from_rotvec([0.1, 0.4, -0.3]).as_matrix()
+    prob: Any = SimpleNamespace(cylinder=Cylinder(np.ones(3), R, 0.2, 1.0), R_WA=axes)
+
+    def find(t: float) -> Any:
+        law = [(0.1 + 0.3 * t + 0.2 * t**2, 0.3 + 0.4 * t, 0.4),
+               (0.5 - 0.4 * t + 0.3 * t**2, -0.4 + 0.6 * t, 0.6),
+               (0.02 + 0.1 * t - 0.2 * t**2, 0.1 - 0.4 * t, -0.4)]  # fmt: skip
+        target = build_target()
+        fill_target(prob, *map(np.array, law), target)
+        return target
+
+    step = 1e-4
+    before, now, after = find(0.3 - step), find(0.3), find(0.3 + step)
+    for place, rate, change in (("p", "v", "a"), ("z", "zd", "zdd")):
+        x, y, z = (getattr(f, place) for f in (before, now, after))
+        np.testing.assert_allclose(getattr(now, rate), (z - x) / (2 * step), atol=1e-6)
+        np.testing.assert_allclose(getattr(now, change), (z - 2 * y + x) / step**2, atol=1e-5)
+    local = R.T @ (now.p - 1.0)
+    assert math.hypot(local[0], local[2]) == pytest.approx(0.2 + 0.02 + 0.03 - 0.018)
+
+
+def test_a_state_moves_at_constant_acceleration() -> None:
+    rng, dt, n = np.random.default_rng(2), 0.01, 3
+    state = build_state(rng.normal(size=3), np.eye(3), rng.normal(size=n))
+    state.v[:], state.qd[:n], u = rng.normal(size=3), rng.normal(size=n), rng.normal(size=6 + n)
+    state.w[:], u[3:6] = [0.0, 0.0, 0.4], [0.0, 0.0, 1.5]
+    p, v, q, qd = state.p.copy(), state.v.copy(), state.q[:n].copy(), state.qd[:n].copy()
+    for _ in range(50):
+        step_state(state, u, n, dt)
+    T = 50 * dt
+    np.testing.assert_allclose(state.p, p + T * v + T**2 / 2 * u[:3])
+    np.testing.assert_allclose(state.v, v + T * u[:3])
+    np.testing.assert_allclose(state.q[:n], q + T * qd + T**2 / 2 * u[6:])
+    np.testing.assert_allclose(state.qd[:n], qd + T * u[6:])
+    assert state.w[2] == pytest.approx(0.4 + T * 1.5)
+    turn = Rotation.from_matrix(state.R).as_rotvec()
+    np.testing.assert_allclose(turn, [0, 0, 0.4 * T + T**2 / 2 * 1.5], atol=1e-9)
+
+
+@pytest.mark.parametrize("degrees", [30.0, 100.0, 175.0])
+def test_a_posture_turns_its_probe_wherever_it_shall_point(degrees: float) -> None:
+    robot = load_robot("othex")[0]
+    model, q = build_body_model(robot)[0], np.zeros(MAX_JOINTS)
+    home = posture(robot, "working")
+    q[: len(home)] = home
+    k, R = View(np.zeros(1, Kinematics.dtype)[0]), np.eye(3)
+    assert settle_posture(View(model), k, R, q, np.array([1.0, 0.0, 0.0]), 12) < 1e-6
+    turned = math.radians(degrees)
+    z = np.array([math.cos(turned), math.sin(turned), 0.0])
+    assert settle_posture(View(model), k, R, q, z, 12) < 1e-6
+    np.testing.assert_allclose(R @ k.R_BT[:, 2], z, atol=1e-6)
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("changed", "code"),
+    [
+        ({"q": 2.1}, problem.JOINT),
+        ({"q": -1.1}, problem.JOINT),
+        ({"qd": 3.2}, problem.MOTOR),
+        ({"v": 0.51}, problem.SPEED),
+        ({"u": 0.62}, problem.ACCELERATION),
+        ({"tilt": 0.21}, problem.TILT),
+    ],
+)
+def test_what_exceeds_a_limit_is_refused_with_it(changed: dict[str, float], code: int) -> None:
+    model = SimpleNamespace(n_joints=2, q_min=[-1.0] * 2, q_max=[2.0] * 2,
+                            motor_speed_max=[3.0] * 2, belt_inv=np.eye(2))  # fmt: skip
+    limits = problem.Limits(speed=0.5, acceleration=0.6, tilt=0.2)
+    prob: Any = SimpleNamespace(model=[model], kinematics=[None], limits=limits)
+    state, u, found = build_state(np.zeros(3), np.eye(3), np.zeros(2)), np.zeros(14), np.zeros(5)
+    state.q[1], state.qd[1] = changed.get("q", 0.0), changed.get("qd", 0.0)
+    state.v[0], u[2] = changed.get("v", 0.0), changed.get("u", 0.0)
+    state.R[:] = Rotation.from_rotvec([changed.get("tilt", 0.0), 0.0, 0.0]).as_matrix()
+    trace: Any = View(np.zeros(1, Trace.dtype)[0])
+    assert check_dynamics(prob, state, u, np.zeros(3), trace, found) == code
+    assert abs(found[0]) == pytest.approx(abs(next(iter(changed.values()))))
+
+
+def test_the_manipulability_is_the_volume_that_the_joints_span() -> None:
+    J = np.array([[0.3, 0.1, 0.0], [0.0, 0.2, 0.1], [0.0, 0.0, 0.4]])
+    k: Any = SimpleNamespace(J_BT=J)
+    assert compute_manipulability(k, 3) == pytest.approx(abs(np.linalg.det(J)))
+    two = J[:, :2]
+    assert compute_manipulability(k, 2) == pytest.approx(math.sqrt(np.linalg.det(two.T @ two)))
+    k.J_BT = np.column_stack([J[:, 0], 2.0 * J[:, 0], J[:, 1]])
+    assert compute_manipulability(k, 2) == 0.0  # both move the tip the same way
+    k.J_BT = np.column_stack([J, J @ [1.0, 1.0, 1.0]])
+    assert compute_manipulability(k, 4) > 0.0  # the fourth adds no direction
+
+
+def test_patterns_lie_about_their_centre() -> None:
+    for kind in ("raster", "line", "spiral"):
+        corners = build_pattern(kind, 0.2, 0.5, centre_s=0.1, pass_length=0.3).corners
+        assert (corners[:, 0].min(), corners[:, 0].max()) == pytest.approx((-0.05, 0.25))
+
+
+# Excitation
+
+
+def test_attitudes_are_yaw_after_pitch_after_roll() -> None:
+    angles = np.random.default_rng(4).uniform(-1.0, 1.0, (5, 3))
+    wanted = Rotation.from_euler("ZYX", angles[:, ::-1]).as_matrix()
+    np.testing.assert_allclose(_from_angles(angles), wanted, atol=1e-12)
+
+
+def test_the_lines_are_the_harmonics_within_the_band() -> None:
+    e = Excitation(40.0, 0.07, 0.3, 0.4, 0.1, 1.0)
+    dealt = share_lines(e, 6)
+    lines = np.sort(np.concatenate(dealt))
+    base = 1.0 / (e.duration - 2.0 * 2.0)
+    np.testing.assert_allclose(np.diff(lines), lines[1] - lines[0])
+    assert lines[0] >= 0.1 and lines[-1] <= 1.0 and lines[-1] + base > 1.0
+    assert max(map(len, dealt)) - min(map(len, dealt)) <= 1
+
+
+def test_an_excitation_moves_as_its_rates_say_from_rest_to_rest() -> None:
+    robot = load_robot("othex")[0]
+    e = Excitation(20.0, 0.07, 0.3, 0.4, 0.2, 1.0)
+    rows = _build_rows(
+        robot, e, 1.0, np.array([1.0, 2.0, 3.0, 0.5]), posture(robot, "folded"), True
+    )
+    t = rows["t"]
+    assert t[-1] == pytest.approx(20.0) and np.allclose(np.diff(t), 0.02)
+    for place, rate in (("p_WB", "v_WB"), ("v_WB", "a_WB")):
+        np.testing.assert_allclose(
+            np.gradient(rows[place], t, axis=0)[2:-2], rows[rate][2:-2], atol=5e-3
+        )
+    for end in (0, -1):
+        np.testing.assert_allclose(rows["p_WB"][end], [1.0, 2.0, 3.0], atol=1e-9)
+        np.testing.assert_allclose(rows["v_WB"][end], 0.0, atol=1e-9)
+    angles = Rotation.from_matrix(rows["R_WB"]).as_euler("ZYX")[:, ::-1] - [0.0, 0.0, 0.5]
+    peaks = np.abs(angles).max(axis=0)
+    assert np.all(peaks > [0.035, 0.035, 0.15]) and np.all(peaks < [0.0701, 0.0701, 0.301])
+    spin = np.linalg.norm(rows["w_WB_B"], axis=1)
+    steps = [Rotation.from_matrix(a.T @ b).magnitude() for a, b in
+             zip(rows["R_WB"][:-2], rows["R_WB"][2:], strict=True)]  # fmt: skip
+    np.testing.assert_allclose(spin[1:-1], np.array(steps) / 0.04, atol=5e-3)
+
+
+# Paths through structures
+
+
+def test_a_slice_spreads_over_angles_at_their_cost() -> None:
+    """Neighbouring cells touch, so the first step is free; against all pairs."""
+    V = np.random.default_rng(5).uniform(0.0, 1.0, (2, 7, 6))
+    for axis in (1, 2):
+        rows, found = np.moveaxis(V, axis, -1), V.copy()
+        _spread_angle(found, axis, 0.1)
+        k = np.arange(rows.shape[-1])
+        apart = np.maximum(np.abs(k[:, None] - k) - 1, 0)
+        wanted = np.min(rows[..., None, :] + 0.1 * apart, axis=-1)
+        np.testing.assert_allclose(np.moveaxis(found, axis, -1), wanted)
+
+
+def test_the_bound_of_a_free_way_is_its_cost() -> None:
+    space, start, goal = EMPTY.space, EMPTY.start, EMPTY.goal + [0.0, 1.5, 0.2, -0.1]
+    w = space[0]["weight"]
+    move, turn = w[0] * math.hypot(*(goal - start)[:2]), float(w[2:4] @ np.abs(goal - start)[2:])
+    assert compute_lower_bound(space, start, goal, []) == pytest.approx(move + turn)
+    # in coarse cells a little is lost at each slice, and never anything gained
+    bound = compute_lower_bound(space, start, goal, [4.5], 0.5, 1.0)
+    assert 0.9 * move < bound <= move + turn + 1e-9
+
+
+def test_places_are_told_along_every_way_that_leads_somewhere() -> None:
+    goal = PAPER.goal + [0.0, 2.0, 0.0, 0.0]
+    found = compute_places(PAPER.space, PAPER.start, goal)
+    assert set(found.axis) == {0, 2} and set(found.coordinate) == {0, 1}
+    level = compute_places(PAPER.space, PAPER.start, PAPER.goal)
+    assert set(level.axis) == {0}  # it climbs nowhere
+
+
+def test_pipes_across_the_plane_are_circles() -> None:
+    world = build_angular_map(PAPER.space)
+    rows = world[0]
+    round_ = rows[:, 4] == ROUND
+    np.testing.assert_allclose(rows[round_, 2], rows[round_, 3])
+    assert np.any(round_) and not np.all(round_)
+
+
+def test_a_transport_may_climb_above_both_ends() -> None:
+    low, high = EMPTY.space[0]["low"], EMPTY.space[0]["high"]
+    for end in (EMPTY.start, EMPTY.goal):
+        assert np.all(low[:4] <= end) and np.all(end <= high[:4])
+        assert high[1] > end[1] + 0.5
