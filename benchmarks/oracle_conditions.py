@@ -13,6 +13,8 @@ from __future__ import annotations
 
 import argparse
 import math
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -23,6 +25,7 @@ from conditions_table import save_table
 Row = dict[str, Any]
 
 APART_M = 0.009  # between passes; closer ones are refused
+PLANS = 4  # different plan files of a table
 
 
 def draw_scan(rng: np.random.Generator) -> Row:
@@ -309,22 +312,26 @@ def draw_insertion(rng: np.random.Generator) -> Row:
 
 
 def draw_plan(rng: np.random.Generator) -> Row:
-    """Draw plan files of this folder, winds and loads.
+    """Draw one of PLANS plan files, winds and loads; a file that is missing is planned and written.
 
-    `skywright plan bar-transport --set world.scenario_seed=K --out carry-K.csv` writes a file.
+    The files lie in the folder in which this runs, which the requests name them from. Their
+    scenarios are those of the table's seed: 11 to 14 of seed 1, 20261 to 20264 of seed 2026.
     """
-    files = sorted(Path().glob("carry-*.csv"))
-    if not files:
-        raise SystemExit("no carry-K.csv in this folder; `skywright plan` writes them")
-    file = files[int(rng.integers(len(files)))]
+    seed = rng.bit_generator.seed_seq.entropy  # type: ignore[attr-defined]
+    scenario = 10 * seed + 1 + int(rng.integers(PLANS))
+    file = Path(f"carry-{scenario}.csv")
+    if not file.exists():
+        command = [sys.executable, "-m", "skywright", "plan", "bar-transport", "--out", str(file)]
+        subprocess.run([*command, "--set", f"world.scenario_seed={scenario}"], check=True)
     first = np.genfromtxt(file, delimiter=",", names=True)[0]
     return {
         "mission.task.plan_file": file.name,
+        "mission.world": "pipe-structures",
         "mission.start_x_m": float(first["x_m"]),
         "mission.start_y_m": float(first["y_m"]),
         "mission.hover_height_m": float(first["z_m"]),
         "mission.start_yaw_deg": float(np.degrees(first["yaw_rad"])),
-        "world.scenario_seed": int(file.stem.split("-")[1]),
+        "world.scenario_seed": scenario,
         **draw_wind(rng, 4.0),
         **draw_plant(rng),
     }

@@ -197,7 +197,7 @@ def test_narrow_places_are_found_along_every_axis(axis: int) -> None:
     boxes = build_wall(axis, 8.0, (9.2, 9.2), size)
     scene = build_planning_scene(build_scene(robot, World(name="wall", things=boxes)), robot)
     start, goal = (Configuration(p, 0.0, folded) for p in ends)
-    space, (a, b) = _build_blend(scene, start, goal, [], 0.1, None, 0.0)
+    space, (a, b) = _build_blend(scene, start, goal, [], 0.1, 0.02, None, 0.0)
     for seed in range(10):
         path = plan_path(space, a, b, stream(seed), slices=2)
         assert len(path.rows) > 2

@@ -29,8 +29,10 @@ from skywright.models.things.box import Box
 from skywright.planning.inverse_dynamics import compute_wrench
 from skywright.planning.patterns import build_pattern, build_time_law, eval_time_law
 from skywright.planning.scan import ScanPlan
+from skywright.run.localisation_limit import compute_longest_period
 from skywright.run.planning import MissionPlan, plan_mission
 from skywright.run.setup import Setup
+from skywright.vehicle.sensors.station import CALIBRATION_SPEED
 
 SCAN_SEGMENTS = ["approach", "unfold", "close_in", "touch", "scan", "leave", "fold", "return"]
 
@@ -325,6 +327,30 @@ def test_a_localisation_slower_than_the_rules_bear_is_refused() -> None:
     assert ask("waypoints", "world.mocap.rate_hz=0.5", more) == "None"
 
 
+def test_a_station_slower_than_the_clearance_bears_is_refused() -> None:
+    """The longest period beside the variance of a filter that is stepped from fix to fix."""
+
+    def ask(*sets: str) -> str:
+        return str(plan_mission(load_description("bridge-contact", sets=[*sets])).blocked_by)
+
+    d = load_description("bridge-contact")
+    station, camera = d.world.total_station, d.robot.tracking_camera
+    assert camera is not None
+    period = compute_longest_period(station, camera, 0.01)
+    walk = CALIBRATION_SPEED * camera.walk_m_per_sqrt_m**2 + camera.jump_m**2 / 60.0
+    p, r = 1.0, station.range_noise_m**2
+    for _ in range(1000):
+        p = p * r / (p + r) + walk * period
+    assert math.sqrt(p + walk * station.latency_mean_s) == pytest.approx(0.01, rel=1e-6)
+
+    slow = ask("world.total_station.rate_mean_hz=1")
+    assert "rate_mean_hz = 1 gives a position every 1 s" in slow
+    assert "0.03 m (mission.surface_clearance_m): set a rate of at least 2 Hz" in slow
+    assert ask(f"world.total_station.rate_mean_hz={1.01 / period}") == "None"
+    late = ask("world.total_station.latency_mean_s=0.9")
+    assert "set a shorter latency_mean_s" in late
+
+
 def test_a_noisy_gyroscope_is_told_with_the_noise_that_the_attitude_loop_bears() -> None:
     def ask(noise: float, *sets: str) -> str:
         key = f"robot.sensors.gyro_noise_rad_s_sqrthz={noise}"
@@ -359,7 +385,7 @@ def test_a_clearance_is_told_with_its_key() -> None:
         return str(plan_mission(d).blocked_by)
 
     assert re.search(
-        r"start: .* and the ground come closer than 0\.051 m, 0\.017 m \(mission\.clearance_m\)",
+        r"start: .* and the ground come closer than 0\.051 m \(mission\.clearance_m\), 0\.017 m",
         ask(),
     )
     assert ask("mission.clearance_m=0.01") == "None"

@@ -17,7 +17,6 @@ from skywright.description.robot.limbs import list_joints, list_servos
 from skywright.errors import InputError
 from skywright.missions.sensor_install.plan import (
     BEHIND,
-    MARGIN,
     RISE,
     build_pose,
     compute_swing_frequency,
@@ -168,7 +167,7 @@ def test_what_is_in_the_way_is_flown_around_or_named() -> None:
     query = build_clearance(build_scene(d.robot, d.world), with_ground=True)
     for a, b, yaw, q in zip(there.p_WB, there.p_WB[1:], there.yaw[1:], there.q[1:], strict=False):
         room, _ = check_line(query, a, b, rot_z(yaw), q)  # by other code than the planner's
-        assert room > MARGIN - 0.005
+        assert room > DESCRIPTION.mission.task.way_clearance_m - 0.005
     refused = plan(Setup(put(way.home, 0.3)))
     assert not refused.feasible and "start: platform and lamp" in str(refused.blocked_by)
 

@@ -201,7 +201,11 @@ def test_without_a_place_it_does_not_take_off():
         ("f550-bridge", ["world.total_station.rate_mean_hz=30"], ["exceeds rate_max_hz 20"]),
         ("f550-bridge", ["world.total_station.latency_mean_s=0.01"], ["below latency_min_s"]),
         ("f550-bridge", ["robot.range_finder.range_min_m=200"], ["must be below range_max_m"]),
-        ("f550-bridge", ["world.total_station.rate_mean_hz=0.1"], ["cannot be calibrated"]),
+        (
+            "f550-bridge",
+            ["world.total_station.rate_mean_hz=0.1", "mission.clearance_m=0.4"],
+            ["cannot be calibrated"],
+        ),
         ("f550-bridge", ["world.localisation='gps'"], ["world.localisation is the text 'gps'"]),
     ],
 )

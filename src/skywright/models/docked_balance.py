@@ -87,14 +87,20 @@ def compute_docked_balance(
 
 
 def compute_borne_press(
-    docked: DockedRobot, stance: Stance, *, R_WB: Array, drag_B: Array | None = None
+    docked: DockedRobot,
+    stance: Stance,
+    *,
+    R_WB: Array,
+    drag_B: Array | None = None,
+    reserve: float = MARGIN,
+    friction: float = HALF,
 ) -> float:
     """Return the largest press (N) that a robot bears with the errors that a plant may have.
 
-    With each of SPREAD's errors at its bad end, the feet use HALF of their friction, carry LEAST_N
-    each, and the rotors keep MARGIN of their range. The docked robot's layout must have the whole
-    thrust, without `thrust_fraction`, whose reserve is what SPREAD takes. NaN where it cannot even
-    rest like that.
+    With each of SPREAD's errors at its bad end, the feet use `friction` of theirs, carry LEAST_N
+    each, and the rotors keep `reserve` of their range. The docked robot's layout must have the
+    whole thrust, without `thrust_fraction`, whose reserve is what SPREAD takes. NaN where it cannot
+    even rest like that.
     """
     e, up_B = SPREAD, R_WB[2]
     weight = -(1.0 + e.weight) * stance.mass * docked.gravity * up_B
@@ -106,19 +112,21 @@ def compute_borne_press(
     most = math.inf
     for x, y in product((-e.center, e.center), repeat=2):
         load = wrench_at(weight, stance.p_BC + [x, y, e.center]) + drag
-        rest = _solve(docked, load, LEAST_N, HALF)
-        if rest is None or rest.margin < MARGIN:
+        rest = _solve(docked, load, LEAST_N, friction)
+        if rest is None or rest.margin < reserve:
             return math.nan
-        most = min(most, _solve_most(docked, load, push))
+        most = min(most, _solve_most(docked, load, push, reserve, friction))
     return most
 
 
-def _solve_most(docked: DockedRobot, load: Array, push: Array) -> float:
+def _solve_most(
+    docked: DockedRobot, load: Array, push: Array, reserve: float, friction: float
+) -> float:
     """Return the largest multiple of the wrench `push` (6,) that the robot bears beside `load`."""
-    p = _build_programme(docked, LEAST_N, HALF)
+    p = _build_programme(docked, LEAST_N, friction)
     cost = np.zeros(p.balance.shape[1] + 1)
     cost[-1] = -1.0
-    bounds = [(None, None)] * (len(cost) - 2) + [(MARGIN, None), (0.0, None)]
+    bounds = [(None, None)] * (len(cost) - 2) + [(reserve, None), (0.0, None)]
     found = linprog(
         cost, A_ub=np.column_stack([p.rows, np.zeros(len(p.rows))]), b_ub=p.limits,
         A_eq=np.column_stack([p.balance, push]), b_eq=-load, bounds=bounds, method="highs",

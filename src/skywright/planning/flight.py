@@ -11,7 +11,7 @@ from skywright.planning.inverse_kinematics import State, build_state, wrap
 from skywright.planning.local_planner import ROW, Edge, plan_free_edge
 from skywright.planning.motion.transit import Configuration, Transit, plan_transit
 from skywright.planning.patterns import TimeLaw, build_time_law
-from skywright.planning.problem import Failure, Limits, Problem
+from skywright.planning.problem import IN_FLIGHT, Failure, Limits, Problem
 
 
 def build_transit_law(state: State, pose: Array, lim: Limits) -> TimeLaw:
@@ -46,8 +46,9 @@ def plan_flight(
     lim = prob.limits
     start, goal = Configuration(a[:3], float(a[3]), q), Configuration(b[:3], float(b[3]), q)
     way = plan_transit(
-        scene, start, goal, rng, lim.margin_transit, wanted=lim.margin_wanted, low_z=lim.ground
-    )
+        scene, start, goal, rng, lim.margin_transit, key=IN_FLIGHT, margin_self=lim.margin_shapes,
+        wanted=lim.margin_wanted, low_z=lim.ground,
+    )  # fmt: skip
     if way.blocked_by is not None:
         return [], way.blocked_by
     return plan_legs(prob, way, 0.98 * lim.margin_transit)

@@ -16,6 +16,7 @@ from skywright.planning.inverse_dynamics import Loads
 OK, CLEARANCE, ROTOR, JOINT, MOTOR, SPEED, ACCELERATION, TASK, TILT, SINGULAR = range(10)
 """Outcome of a check along a motion."""
 IN_FLIGHT, ON_SURFACE = "mission.clearance_m", "mission.surface_clearance_m"
+BETWEEN_PARTS = "mission.self_clearance_m"
 """Keys of the clearances that are kept."""
 
 
@@ -25,7 +26,8 @@ class Limits(NamedTuple):
     margin: float = 0.03  # m, clearance near the surface
     margin_transit: float = 0.05  # m, clearance in free flight, at least
     margin_wanted: float = 0.3  # m, clearance in free flight where there is room
-    margin_self: float = 0.01  # m, arm to propellers and gear
+    margin_self: float = 0.01  # m, between parts of the robot
+    margin_shapes: float = 0.02  # m, the same for planners whose shapes are coarser
     speed: float = 0.5  # m/s, platform
     acceleration: float = 0.5  # m/s^2
     yaw_rate: float = 0.6  # rad/s
@@ -100,8 +102,8 @@ def describe_failure(
     name = joints[f.which] if 0 <= f.which < len(joints) else str(f.which)
     if f.code == CLEARANCE:
         pair = describe_pair(query, f.which)
-        key = {limits.margin_self: "fixed: an arm to its own robot"}.get(f.limit, IN_FLIGHT)
-        key = ON_SURFACE if f.limit == limits.margin else key
+        keys = {limits.margin_self: BETWEEN_PARTS, limits.margin: ON_SURFACE}
+        key = keys.get(f.limit, IN_FLIGHT)
         return f"clearance of {pair} {f.value:.4f} m < {f.limit:.3f} m ({key}){where}"
     if f.code == ROTOR:
         sign = ">" if f.value > f.limit else "<"

@@ -73,11 +73,12 @@ def plan_waypoints(
             way = plan_transit(
                 scene, Configuration(state.p, yaw, q_folded),
                 Configuration(pose[:3], float(pose[3]), q_folded), rng,
-                limits.margin_transit / INSIDE, wanted=limits.margin_wanted, passive=passive,
+                limits.margin_transit / INSIDE, key=IN_FLIGHT,
+                margin_self=limits.margin_shapes, wanted=limits.margin_wanted, passive=passive,
                 low_z=limits.ground,
             )  # fmt: skip
             if way.blocked_by is not None:
-                blocked = f"way-point {i + 1}: {way.blocked_by} ({IN_FLIGHT})"
+                blocked = f"way-point {i + 1}: {way.blocked_by}"
                 break
             edges, failure = plan_legs(prob, way, limits.margin_transit)
         if failure is not None:

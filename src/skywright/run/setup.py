@@ -89,6 +89,8 @@ class Setup(Nominal, Generic[T]):
         return Limits(
             margin=mission.surface_clearance_m,
             margin_transit=mission.clearance_m,
+            margin_self=mission.self_clearance_m,
+            margin_shapes=2.0 * mission.self_clearance_m,
             speed=c.speed_max_mps,
             acceleration=c.acceleration_max_mps2,
             tilt=math.radians(c.tilt_max_deg),

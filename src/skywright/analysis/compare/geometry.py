@@ -55,7 +55,7 @@ def measure_way(d: Description) -> Way:
     ask = PipeDistance(d)
     R = rot_z(way.yaw)
     p_contact = way.p_near + (way.contact - _hand_below(way, d))
-    legs = [(a, b, q) for _, a, b, q, _ in list_legs(way)]
+    legs = [(a, b, q) for _, a, b, q in list_legs(way)]
     legs.append((way.p_near, p_contact, way.q))
     flown, rows = 0.0, []
     for a, b, q in legs:

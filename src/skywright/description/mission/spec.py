@@ -70,9 +70,13 @@ class Mission(Spec, Generic[T]):
     start_x_m: Coordinate = 0.0
     start_y_m: Coordinate = 0.0
     start_yaw_deg: float = 0.0
-    clearance_m: float = Field(default=0.05, ge=0.01, le=1)  # kept in free flight, at least
+    # kept in free flight, at least; missions with mission.task.way_clearance_m keep that instead
+    clearance_m: float = Field(default=0.05, ge=0.01, le=1)
     # kept from the surface that is worked on, by all but the probe's tip
     surface_clearance_m: float = Field(default=0.03, ge=0.005, le=1)
+    # kept between parts of the robot: 0.4 deg of a joint over 0.6 m, and 4 mm of a link (plant);
+    # planners of ways, whose shapes are coarser, keep twice as much
+    self_clearance_m: float = Field(default=0.01, ge=0, le=0.2)
     # kept from everything on the vertical way between the ground and the hover point
     climb_clearance_m: float = Field(default=0.1, ge=0, le=1)
     wind_fraction: Fraction = 0.7  # of the computed wind limit that a mission may use

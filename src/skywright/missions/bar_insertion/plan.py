@@ -41,7 +41,6 @@ from skywright.run.setup import Setup
 BACK = 0.35  # m, behind rack and socket, where the platform comes from and goes to
 ROOM = 1.2  # weight that is fed forward at most, over what may be lifted
 HAND_ROOM = 0.03  # m, from a hand's hook to the crossbar's end
-KEPT = 0.02  # m, from everything, where the hands work
 STEP = 0.05  # m, between looks at the way
 HANDLING_S = 60.0  # s, about, of everything but the ways
 
@@ -75,7 +74,9 @@ def plan(setup: Setup[BarInsertion]) -> MissionPlan[InsertionPlan]:
     blocked = _find_misfit(robot, world, task)
     least = math.inf
     if blocked is None:
-        least, blocked = _find_blocked_way(robot, world.drop_things(task.bar), found)
+        least, blocked = _find_blocked_way(
+            robot, world.drop_things(task.bar), found, task.near_clearance_m
+        )
     return MissionPlan(
         blocked is None, blocked, time.perf_counter() - began, HANDLING_S, least, way=found,
         operator=load_operator(setup.task),
@@ -145,7 +146,9 @@ def _find_misfit(robot: Robot, world: World, task: BarInsertion) -> str | None:
     return None
 
 
-def _find_blocked_way(robot: Robot, world: World, way: InsertionPlan) -> tuple[float, str | None]:
+def _find_blocked_way(
+    robot: Robot, world: World, way: InsertionPlan, keeps: float
+) -> tuple[float, str | None]:
     """Fly the straight ways in thought: (least distance m, what is in the way or None).
 
     The world is without the bar: it is what the hands touch.
@@ -171,10 +174,10 @@ def _find_blocked_way(robot: Robot, world: World, way: InsertionPlan) -> tuple[f
         for u in np.linspace(0.0, 1.0, max(math.ceil(float(np.linalg.norm(b - a)) / STEP), 1) + 1):
             found = compute_clearance(query, a + u * (b - a), rot_z(yaw_a + u * (yaw_b - yaw_a)), q)
             least = min(least, found.distance)
-            if found.distance < KEPT:
+            if found.distance < keeps:
                 pair = f"{query.names[found.robot_geom]} and {query.names[found.other_geom]}"
                 return least, (
                     f"{name}: {pair} come within {max(found.distance, 0.0):.3f} m; "
-                    f"required clearance: {KEPT:.2f} m (fixed: drift in hover)"
+                    f"required clearance: {keeps:g} m (mission.task.near_clearance_m)"
                 )
     return least, None

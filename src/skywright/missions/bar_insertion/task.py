@@ -30,5 +30,7 @@ class BarInsertion(OperatedTask):
     align_m: Positive = 0.0015
     align_deg: Positive = 1.0  # largest error of the bar's direction before the peg is lowered
     hand_speed_mps: Positive = 0.05  # speed limit of the hands
+    # kept from everything: a hand strays by up to 0.012 m in hover (sensor-install, tool-install)
+    near_clearance_m: float = Field(default=0.02, ge=0.002, le=0.3)
     # speed of the platform while the load passes to or from the hands
     lift_speed_mps: Positive = 0.03

@@ -93,7 +93,8 @@ def build_problem(d: Description[BarTransport]) -> TransportProblem:
     transport = Transport(
         start=(m.start_x_m, m.hover_height_m, float(pose[0]), float(pose[1])),
         goal=(task.goal_x_m, task.goal_z_m, float(pose[0]), float(pose[1])),
-        margin=task.margin_m, bar_length=task.bar_length_m, bar_radius=0.5 * task.bar_diameter_m,
+        margin=task.margin_m, margin_self=2.0 * m.self_clearance_m,
+        bar_length=task.bar_length_m, bar_radius=0.5 * task.bar_diameter_m,
         bar_mass=task.bar_mass_kg, p1=task.p1, p2=task.p2,
     )  # fmt: skip
     return build_transport(drop_bar(robot), world, transport)

@@ -5,7 +5,7 @@ from typing import Annotated
 from pydantic import AfterValidator, Field
 
 from skywright.core.spec import Coordinate, NonNegative, Positive, Spec
-from skywright.description.mission.spec import Task
+from skywright.missions.skills.clearances import Clearances
 from skywright.missions.skills.operated import OperatedTask
 
 
@@ -30,7 +30,7 @@ class Spot(Spec):
     name: str = ""  # label in records
 
 
-class Contact(Task):
+class Contact(Clearances):
     """Press the probe's tip on a structure with a profile of forces, docked or flying.
 
     Each force is reached over `ramp_s`, given `settle_s`, and held for `hold_s`: one measurement.
@@ -53,6 +53,11 @@ class Contact(Task):
     force_fraction: float = Field(default=0.8, gt=0, le=1)
     # usable share of the computed hover tilt
     tilt_fraction: float = Field(default=0.85, gt=0, le=1)
+    # share of each rotor's range that stays free in a docked press with the plant's stated errors:
+    # a rotor's thrust varies by 1 % (one deviation)
+    dock_rotor_reserve: float = Field(default=0.05, ge=0, le=0.5)
+    # usable share of each foot's friction in a docked press with the plant's stated errors
+    dock_friction_fraction: float = Field(default=0.5, gt=0, le=1)
     # least share of the tip's mobility off the surface that friction may leave to a slide
     mobility_fraction: float = Field(default=0.5, ge=0, le=1)
     # least force of a slide, in rms forces that the platform's motion causes
@@ -61,6 +66,9 @@ class Contact(Task):
     calm_fraction: float = Field(default=0.95, gt=0, le=1)
     slide_m: Coordinate = 0.0  # length of a slide along the structure in flight; 0: no slide
     slide_force_n: Positive = 2.0  # force on the structure during the slide
+    # kept from everything where the robot turns around a structure: a tip that stands off by
+    # stand_off_m has little more
+    turn_clearance_m: float = Field(default=0.025, ge=0.002, le=0.5)
     slide_speed_mps: float = Field(default=0.05, ge=0.005, le=0.5)  # speed of the slide
 
 

@@ -18,10 +18,11 @@ from skywright.models.geometry import ClearanceQuery, compute_clearance
 from skywright.models.rigid_body import posture
 from skywright.run.setup import Setup
 
-CLEAR = 0.10  # m, from everything on the way
-NEAR = 0.02  # m, from everything but the structure at the place of contact
-TURNING = 0.025
-"""m, from everything on these ways; before a surface the tip stands off by little more."""
+BEFORE = 0.05  # m, off the surface, where the robot is looked at: nothing but the tip touches
+WAY, TURN, NEAR, SLIDE = (
+    "mission.task.way_clearance_m", "mission.task.turn_clearance_m",
+    "mission.task.near_clearance_m", "half of mission.task.near_clearance_m",
+)  # fmt: skip
 STEPS = 25
 """Poses that are checked on one way: each turns by a few degrees."""
 
@@ -32,36 +33,38 @@ def check_way(
 ) -> str:  # fmt: skip
     """Say what stands in the way from the hover point to the stations, or return ""."""
     d, task, query = setup.description, setup.task, setup.clearance_aloft
+    wide, near = task.way_clearance_m, task.near_clearance_m
+    lowest = d.robot.platform.gear_height_m + wide
     last, folded = setup.hover[:3], posture(d.robot, "folded")
     for s in stations:
         q, p = (q_ready, s.p_dock) if task.dock else (free.q if free else folded, s.p_press)
         stand = p + stand_off * s.normal
-        if stand[2] < d.robot.platform.gear_height_m + CLEAR:
-            return f"{s.name}: the stand-off position would be {stand[2]:.2f} m above the ground"
+        if stand[2] < lowest:
+            return _tell_low(f"{s.name}: the stand-off position", stand[2], lowest)
         for u in np.linspace(0.0, 1.0, 12):
-            blocked = _find_near(query, last + u * (stand - last), s.R_level, q, CLEAR, s.name)
+            at = last + u * (stand - last)
+            blocked = _find_near(query, at, s.R_level, q, wide, WAY, s.name)
             if blocked:
                 return blocked
-        blocked = _find_near(
-            query, p + 2.5 * NEAR * s.normal, s.R_approach, q if task.dock else folded, NEAR, s.name
-        )
+        q = q if task.dock else folded
+        blocked = _find_near(query, p + BEFORE * s.normal, s.R_approach, q, near, NEAR, s.name)
         if blocked:
             return blocked
         if free and task.slide_m:
             assert d.world.structure is not None
-            far = s.p_press + 2.5 * NEAR * s.normal + find_way(task, d.world.structure)
-            if far[2] < d.robot.platform.gear_height_m + CLEAR:
-                return f"{s.name}: the slide would end {far[2]:.2f} m above the ground"
+            far = s.p_press + BEFORE * s.normal + find_way(task, d.world.structure)
+            if far[2] < lowest:
+                return _tell_low(f"{s.name}: the end of the slide", far[2], lowest)
             for u in np.linspace(0.0, 1.0, 12):
                 at = far - u * find_way(task, d.world.structure)
-                blocked = _find_near(query, at, s.R_approach, free.q, 0.5 * NEAR, s.name)
+                blocked = _find_near(query, at, s.R_approach, free.q, 0.5 * near, SLIDE, s.name)
                 if blocked:
                     return f"on the slide, {blocked}"
         last = stand
     for s in () if survey is None else survey.stations:
         assert free is not None and survey is not None
         at = s.p_press + survey.stand_off * s.normal
-        blocked = _find_near(query, at, s.R_approach, free.q, NEAR, s.name)
+        blocked = _find_near(query, at, s.R_approach, free.q, near, NEAR, s.name)
         if blocked:
             return blocked
     if free is not None and d.world.structure is not None and d.world.structure.facing == "side":
@@ -74,7 +77,7 @@ def _check_turns(
     survey: SurveyWay | None,
 ) -> str:  # fmt: skip
     """Say what the robot would hit where it turns on its straight ways around a structure."""
-    folded = posture(setup.robot, "folded")
+    folded, keeps = posture(setup.robot, "folded"), setup.task.turn_clearance_m
     home = ("the way home", setup.hover[:3], float(setup.hover[3]), folded)
     stops = [home]
     if survey is not None and survey.stations:
@@ -89,18 +92,24 @@ def _check_turns(
             R = np.ascontiguousarray(rot_z(yaw0 + u * turn))
             q = np.ascontiguousarray(q0 + u * (q1 - q0))
             at = p0 + u * (p1 - p0)
-            blocked = _find_near(setup.clearance_aloft, at, R, q, TURNING, name)
+            blocked = _find_near(setup.clearance_aloft, at, R, q, keeps, TURN, name)
             if blocked:
                 return f"{blocked}; set mission.start_x_m, start_y_m and start_yaw_deg before it"
     return ""
 
 
-def _find_near(query: ClearanceQuery, p: Array, R: Array, q: Array, least: float, name: str) -> str:
+def _tell_low(what: str, z: float, lowest: float) -> str:
+    return f"{what} would be {z:.2f} m above the ground; lowest: {lowest:.2f} m ({WAY})"
+
+
+def _find_near(
+    query: ClearanceQuery, p: Array, R: Array, q: Array, least: float, key: str, name: str
+) -> str:
     found = compute_clearance(query, p, R, q)
     if found.distance >= least:
         return ""
     pair = f"{query.names[found.robot_geom]} and {query.names[found.other_geom]}"
     return (
-        f"{name}: {pair} come within {max(found.distance, 0.0):.3f} m < {least:g} m at "
-        f"({p[0]:.2f}, {p[1]:.2f}, {p[2]:.2f}) m"
+        f"{name}: {pair} come within {max(found.distance, 0.0):.3f} m at ({p[0]:.2f}, "
+        f"{p[1]:.2f}, {p[2]:.2f}) m; required clearance: {least:g} m ({key})"
     )

@@ -13,7 +13,6 @@ from skywright.core.types import REFERENCE
 from skywright.description.loader import Description
 from skywright.missions.excitation.task import ExcitationTask
 from skywright.models.geometry import (
-    ClearanceQuery,
     compute_clearance,
     compute_self_clearance,
 )
@@ -28,13 +27,11 @@ from skywright.run.planning import MissionPlan, refuse
 from skywright.run.setup import Setup
 
 ARM_SPEED = 0.8  # rad/s, between poses
-CLEAR = 0.05  # m, from anything in the world
-CLEAR_SELF = 0.005  # m, of the arm from the propellers
 
 
 def plan(setup: Setup[ExcitationTask]) -> MissionPlan[None]:
     d, robot, world = setup.description, setup.robot, setup.world
-    task, loads, query = setup.task, setup.loads, setup.clearance
+    task, loads = setup.task, setup.loads
     began = time.perf_counter()
     e = Excitation(
         task.duration_s, math.radians(task.tilt_deg), math.radians(task.yaw_deg),
@@ -71,7 +68,7 @@ def plan(setup: Setup[ExcitationTask]) -> MissionPlan[None]:
     clearance = math.inf
     for name, table in segments.items() if not blocked else ():
         clearance, blocked = _check_clearance(
-            query, table, name, len(posture(robot, "folded")), clearance
+            setup, table, name, len(posture(robot, "folded")), clearance
         )
         if blocked:
             break
@@ -95,17 +92,25 @@ def _rest(d: Description, hover: Array) -> Any:
 
 
 def _check_clearance(
-    query: ClearanceQuery, table: NDArray[Any], name: str, n: int, least: float
+    setup: Setup[ExcitationTask], table: NDArray[Any], name: str, n: int, least: float
 ) -> tuple[float, str]:
     """Return the smallest clearance so far, and what comes too close ("" when nothing)."""
+    query, mission = setup.clearance, setup.description.mission
+    keeps, apart = mission.clearance_m, mission.self_clearance_m
     for row in table[:: 25 if name.startswith("excite") else 10]:
         found = compute_clearance(query, row["p_WB"], row["R_WB"], row["q"][:n])
         least = min(least, found.distance)
-        if found.distance < CLEAR:
+        if found.distance < keeps:
             pair = f"{query.names[found.robot_geom]} and {query.names[found.other_geom]}"
-            return least, f"{name}: {pair} come within {max(found.distance, 0.0):.3f} m < {CLEAR} m"
+            return least, (
+                f"{name}: {pair} come within {max(found.distance, 0.0):.3f} m; required "
+                f"clearance: {keeps:g} m (mission.clearance_m)"
+            )
         own = compute_self_clearance(query, row["q"][:n])
-        if own.distance < CLEAR_SELF:
+        if own.distance < apart:
             pair = f"{query.names[own.robot_geom]} and {query.names[own.other_geom]}"
-            return least, f"{name}: {pair} come within {max(own.distance, 0.0):.3f} m of each other"
+            return least, (
+                f"{name}: {pair} come within {max(own.distance, 0.0):.3f} m; required clearance: "
+                f"{apart:g} m (mission.self_clearance_m)"
+            )
     return least, ""

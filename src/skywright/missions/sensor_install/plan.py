@@ -39,9 +39,7 @@ from skywright.run.gust_limits import find_exceeded_motion
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 
-MARGIN = 0.1  # m, kept from everything on the way
 BEHIND = 0.17  # m, from the pipe's surface to the axis of what carries the arms
-NEAR_MARGIN = 0.02  # m, kept by what does not touch while the hand presses
 RISE = math.radians(15.0)  # of the forearm towards the hand: it must not touch beside the hand
 SWING_DECAYED = math.radians(1.0)  # from rest
 IDLE_DEG = (0.0, 15.0, 30.0, 45.0)  # that the forearm which does not press is turned down, at most
@@ -88,7 +86,7 @@ def plan(setup: Setup[SensorInstall]) -> MissionPlan[InstallPlan]:
     contact = cylinder.p_WP - cylinder.radius * up
     model = setup.model
     R = rot_z(yaw)
-    around = build_surroundings(setup, MARGIN)
+    around = build_surroundings(setup, task.way_clearance_m, "mission.task.way_clearance_m")
     q = _choose_pose(setup, around.query, contact, R, up, cylinder.radius)
     q_good = find_swing(model, build_pose(robot, "L", cylinder.radius))
     q_survey, survey = q_good, None
@@ -121,16 +119,17 @@ def plan(setup: Setup[SensorInstall]) -> MissionPlan[InstallPlan]:
         survey=survey,
     )  # fmt: skip
     legs = list_legs(found)
+    keys = ("way_clearance_m", "near_clearance_m")
     least, blocked = min(room_far, room_below), None
     if no_far is not None or no_below is not None:
         blocked = f"navigate: {no_far}" if no_far is not None else f"navigate on: {no_below}"
-    for name, a, b, pose, margin in (legs[0], legs[-1]):
+    for key, (name, a, b, pose) in zip(keys, (legs[0], legs[-1]), strict=True):
         distance, what = check_line(around.query, a, b, R, pose)
         least = min(least, distance)
-        if distance < margin and blocked is None:
+        if distance < getattr(task, key) and blocked is None:
             blocked = (
                 f"{name}: {what} come within {max(distance, 0.0):.3f} m; required "
-                f"clearance: {margin:.2f} m"
+                f"clearance: {getattr(task, key):g} m (mission.task.{key})"
             )
     most, joint = Loaded(robot, q, world.gravity_mps2).compute_push_limit(R.T @ up)
     if task.force_n > most and blocked is None:
@@ -140,7 +139,7 @@ def plan(setup: Setup[SensorInstall]) -> MissionPlan[InstallPlan]:
     if blocked is None:
         blocked = _find_gusts(setup, yaw)
     speed = robot.control.speed_max_mps
-    length = sum(float(np.linalg.norm(b - a)) for _, a, b, _, _ in legs)
+    length = sum(float(np.linalg.norm(b - a)) for _, a, b, _ in legs)
     return MissionPlan(
         blocked is None, blocked, time.perf_counter() - began,
         2.0 * 1.875 * length / speed + task.hold_s + task.hover_s, least, way=found,
@@ -160,13 +159,13 @@ def _find_gusts(setup: Setup[SensorInstall], yaw: float) -> str | None:
     return None if told is None else f"wind: {told}"
 
 
-def list_legs(way: InstallPlan) -> list[tuple[str, Array, Array, Array, float]]:
-    """Return the straight flights to the stand-off: (phase, from, to, joints, margin kept)."""
-    legs = [("arms to the operation pose", way.home, way.home, way.folded, MARGIN)]
+def list_legs(way: InstallPlan) -> list[tuple[str, Array, Array, Array]]:
+    """Return the straight flights to the stand-off: (phase, from, to, joints)."""
+    legs = [("arms to the operation pose", way.home, way.home, way.folded)]
     for name, there in (("navigate", way.to_far), ("navigate on", way.to_below)):
         corners = zip(there.p_WB, there.p_WB[1:], there.q[1:], strict=False)
-        legs += [(name, a, b, q, MARGIN) for a, b, q in corners]
-    return [*legs, ("approach", way.p_below, way.p_near, way.q, NEAR_MARGIN)]
+        legs += [(name, a, b, q) for a, b, q in corners]
+    return [*legs, ("approach", way.p_below, way.p_near, way.q)]
 
 
 def compute_swing_frequency(model: Table, q: Array, gravity: float) -> float:
@@ -190,7 +189,7 @@ def _choose_pose(
         q = find_swing(setup.model, build_pose(setup.robot, task.pose, radius, lower))
         hand = R @ find_hands(setup.model, q)[0]
         ends = [contact - below * up - hand for below in (task.approach_below_m, task.stand_off_m)]
-        if check_line(query, ends[0], ends[1], R, q)[0] >= NEAR_MARGIN:
+        if check_line(query, ends[0], ends[1], R, q)[0] >= task.near_clearance_m:
             return q
     return q
 
@@ -210,7 +209,7 @@ def _choose_survey(
         survey = plan_survey(setup, q, yaw)
         ends = [survey.start(i) for i in range(len(survey.travels))]
         room = min(check_line(query, p, p, R, q)[0] for p, _ in ends)
-        if room >= NEAR_MARGIN + survey.error:
+        if room >= setup.task.near_clearance_m + survey.error:
             break
     return q, survey
 

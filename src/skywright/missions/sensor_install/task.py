@@ -4,10 +4,11 @@ from typing import Literal
 
 from pydantic import Field
 
+from skywright.missions.skills.clearances import Clearances
 from skywright.missions.skills.operated import OperatedTask
 
 
-class SensorInstall(OperatedTask):
+class SensorInstall(OperatedTask, Clearances):
     """Press a sensor on a pipe from below with the left hand (Suarez 2020, section VI-B).
 
     `pose` is that of the pressing arm: "L" (upper arm down, forearm level: first trial) or

@@ -45,13 +45,22 @@ class Surroundings(NamedTuple):
     passive: str | None  # joint without a motor
     low_z: float  # m, lowest height of the platform's origin
     margin: float  # m, kept from everything
+    key: str  # that sets it
+    margin_self: float  # m, between parts of the robot
 
 
-def build_surroundings(setup: Setup[Any], margin: float) -> Surroundings:
-    """Read the nominal scene."""
+def build_surroundings(setup: Setup[Any], margin: float, key: str) -> Surroundings:
+    """Read the nominal scene; `key` sets the `margin` (m)."""
     passive = "pendulum" if setup.robot.pendulum is not None else None
     return Surroundings(
-        setup.clearance, setup.planning_scene, setup.model, passive, setup.limits.ground, margin
+        setup.clearance,
+        setup.planning_scene,
+        setup.model,
+        passive,
+        setup.limits.ground,
+        margin,
+        key,
+        setup.limits.margin_shapes,
     )
 
 
@@ -70,10 +79,11 @@ def plan_way(
         return straight, room, None
     found = plan_transit(
         around.scene, start, goal, rng, around.margin, wanted=2 * around.margin,
-        passive=around.passive, low_z=around.low_z,
+        key=around.key, margin_self=around.margin_self, passive=around.passive,
+        low_z=around.low_z,
     )  # fmt: skip
     if found.blocked_by is not None:
-        return straight, room, f"{found.blocked_by} (fixed: tracking error in flight)"
+        return straight, room, found.blocked_by
     q = np.array([find_swing(around.model, row) for row in found.q])
     return Way(found.p_WB, found.yaw, q), found.clearance, None
 

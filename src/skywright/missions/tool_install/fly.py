@@ -31,7 +31,6 @@ from skywright.missions.tool_install.plan import (
     ABOVE,
     CALM_SPEED,
     CARRY_ACCELERATION,
-    MARGIN,
     ToolPlan,
     behind,
     find_seat,
@@ -169,7 +168,7 @@ def _leave(s: Supervisor, way: ToolPlan, place: Place) -> None:
 
 def _is_elsewhere(s: Supervisor, place: Place, wanted: Place) -> bool:
     """Whether the tool has fallen, or stands too far from where the way was looked at."""
-    far = float(np.linalg.norm(place.p_WO - wanted.p_WO)) > MARGIN
+    far = float(np.linalg.norm(place.p_WO - wanted.p_WO)) > s.task.way_clearance_m
     return far or measure_tool(s)[1][2, 2] < math.cos(TILT_MAX)
 
 

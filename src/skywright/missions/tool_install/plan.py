@@ -46,12 +46,8 @@ from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 
 BACK = 0.35  # m, behind the tool, where the platform comes from and goes to
-FAR_BACK = 0.55  # m, the same where the planned way ends: MARGIN from the tool, gear and all
+FAR_BACK = 0.45  # m, the same beside the clearance where the planned way ends, gear and all
 ABOVE = 0.10  # m, of a tool over its place before it is lowered
-MARGIN = 0.1  # m, kept on the way by the robot, and by the tool above bench and pipe
-TOOL_MARGIN = 0.04  # m, kept by the carried tool from anything else
-NEAR_MARGIN = 0.02  # m, kept while the hands work
-WIDE = 0.1  # m, wanted on the way
 CALM_SPEED, CARRY_ACCELERATION = 0.4, 0.2  # m/s, m/s^2, with the tool: it swings by a / g, 1.2 deg
 HANDLING_S = 140.0  # s, about, of taking up, putting down, take-off and landing
 ROOM = 1.2  # weight that is fed forward at most, over what may be lifted
@@ -90,12 +86,12 @@ def plan(setup: Setup[ToolInstall]) -> MissionPlan[ToolPlan]:
     )  # fmt: skip
     operator = load_operator(task)
     blocked = _find_misfit(robot, world, task) or _find_blocked_work(
-        robot, world.drop_things(task.tool), found
+        robot, world.drop_things(task.tool), found, task.near_clearance_m
     )
     blocked = blocked or _find_strong_wind(setup, found)
     least = math.inf
     if blocked is None:
-        found, blocked, least = _plan_ways(d, found, task.tool)
+        found, blocked, least = _plan_ways(d, found, task)
     length = sum(
         float(np.sum(np.linalg.norm(np.diff(way[:, :3], axis=0), axis=1)))
         for way in (found.to_bench, found.to_pipe)
@@ -107,13 +103,16 @@ def plan(setup: Setup[ToolInstall]) -> MissionPlan[ToolPlan]:
     )  # fmt: skip
 
 
-def _plan_ways(d: Description, found: ToolPlan, name: str) -> tuple[ToolPlan, str | None, float]:
+def _plan_ways(
+    d: Description, found: ToolPlan, task: ToolInstall
+) -> tuple[ToolPlan, str | None, float]:
     """Plan to the bench with empty hands, and from there to the pipe with the tool.
 
     The planner knows the robot; with the tool it may not go lower than the tool allows, and the
     tool's own distances are looked at afterwards.
     """
-    robot, world, grip = d.robot, d.world, found.grip
+    robot, world, grip, name = d.robot, d.world, found.grip, task.tool
+    margin = task.way_clearance_m
     assert world.pipe is not None
     tool = world.find_thing(name, Tool)
     full, bare = build_scene(robot, world), build_scene(robot, world.drop_things(name))
@@ -122,21 +121,22 @@ def _plan_ways(d: Description, found: ToolPlan, name: str) -> tuple[ToolPlan, st
     stands = float(found.bench.p_WO[2]) - tool.foot_m
     top = max(world.pipe.z_m + 0.5 * world.pipe.diameter_m, stands)
     hangs = at_bench[2] - found.bench.p_WO[2] + tool.foot_m  # below the platform
-    low = max(top + MARGIN + hangs, at_bench[2] + LIFT, at_pipe[2] + ABOVE)
+    low = max(top + margin + hangs, at_bench[2] + LIFT, at_pipe[2] + ABOVE)
     ways = []
     least = math.inf
     for leg, scene, a, yaw_a, b, yaw_b, q, low_z in (
         ("to the bench", full, found.home[:3], float(found.home[3]),
-         behind(at_bench, found.bench.yaw, FAR_BACK), found.bench.yaw, grip.q_low, 0.0),
+         behind(at_bench, found.bench.yaw, FAR_BACK + margin), found.bench.yaw, grip.q_low, 0.0),
         ("to the pipe", bare, np.array([*at_bench[:2], low]), found.bench.yaw,
          np.array([*at_pipe[:2], low]), found.seat.yaw, grip.q, low),
     ):  # fmt: skip
         way = plan_transit(
             build_planning_scene(scene, robot), Configuration(a, yaw_a, q),
-            Configuration(b, yaw_b, q), rng, MARGIN, wanted=WIDE, low_z=low_z,
+            Configuration(b, yaw_b, q), rng, margin, key="mission.task.way_clearance_m",
+            margin_self=2.0 * d.mission.self_clearance_m, low_z=low_z,
         )  # fmt: skip
         if way.blocked_by is not None:
-            return found, f"{leg}: {way.blocked_by} (fixed: tracking error in flight)", math.nan
+            return found, f"{leg}: {way.blocked_by}", math.nan
         least = min(least, way.clearance)
         ways.append(np.column_stack([way.p_WB, way.yaw]))
     found = found._replace(to_bench=ways[0], to_pipe=ways[1])
@@ -144,10 +144,11 @@ def _plan_ways(d: Description, found: ToolPlan, name: str) -> tuple[ToolPlan, st
                          [*at_pipe + [0.0, 0.0, ABOVE], found.seat.yaw]])  # fmt: skip
     hang = rot_z(-found.bench.yaw) @ (found.bench.p_WO - at_bench)
     distance, what = find_carried_clearance(full.model, name, carried, hang)
-    if distance < TOOL_MARGIN:
+    if distance < task.carried_clearance_m:
         return found, (
             f"to the pipe: the carried tool and {what} come within {max(distance, 0.0):.3f} "
-                f"m; required clearance: {TOOL_MARGIN:.2f} m (fixed: the tool swings)"
+                f"m; required clearance: {task.carried_clearance_m:g} m "
+                "(mission.task.carried_clearance_m)"
         ), least  # fmt: skip
     return found, None, min(least, distance)
 
@@ -277,7 +278,7 @@ def _find_strong_wind(setup: Setup[ToolInstall], way: ToolPlan) -> str | None:
     )
 
 
-def _find_blocked_work(robot: Robot, world: World, way: ToolPlan) -> str | None:
+def _find_blocked_work(robot: Robot, world: World, way: ToolPlan, keeps: float) -> str | None:
     """Say what is in the way of the robot where its hands work, or return None.
 
     The world is without the tool: it is what the hands touch.
@@ -289,10 +290,10 @@ def _find_blocked_work(robot: Robot, world: World, way: ToolPlan) -> str | None:
         low = at - [0.0, 0.0, DROP]
         for p, q in ((at, grip.q), (low, grip.q_low), (behind(at, place.yaw), grip.q_low)):
             found = compute_clearance(query, p, R, q)
-            if found.distance < NEAR_MARGIN:
+            if found.distance < keeps:
                 pair = f"{query.names[found.robot_geom]} and {query.names[found.other_geom]}"
                 return (
                     f"{name}: {pair} come within {max(found.distance, 0.0):.3f} m; "
-                    f"required clearance: {NEAR_MARGIN:.2f} m (fixed: drift in hover)"
+                    f"required clearance: {keeps:g} m (mission.task.near_clearance_m)"
                 )
     return None

@@ -3,10 +3,11 @@
 from pydantic import Field
 
 from skywright.core.spec import Coordinate, NonNegative, Positive
+from skywright.missions.skills.clearances import Clearances
 from skywright.missions.skills.operated import OperatedTask
 
 
-class ToolInstall(OperatedTask):
+class ToolInstall(OperatedTask, Clearances):
     """Put the inspection tool onto the pipe, wait, take it back (Suarez 2020, section VI-A)."""
 
     tool: str = "tool"  # name of the thing that is installed
@@ -18,6 +19,9 @@ class ToolInstall(OperatedTask):
     # clearance to the tool until the hands hold it, with the lean and the motion in the wind: the
     # arm's length is wrong by 4 mm, and 20 % more drag leans the robot by as much (plant)
     wind_clearance_m: float = Field(default=0.008, ge=-0.05, le=0.05)
+    # kept by the carried tool from anything else: in gusts (Dryden, 2 m/s) it strays by up to
+    # 0.04 m from where it would hang under a platform on its way
+    carried_clearance_m: float = Field(default=0.04, ge=0.005, le=0.5)
     retries: int = Field(default=2, ge=0, le=10)  # how often a failed grasp is repeated
     hand_speed_mps: float = Field(default=0.05, ge=0.01, le=0.2)  # speed limit of the hands
     # speed of the platform while the load passes to or from the hands

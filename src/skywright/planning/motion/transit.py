@@ -29,6 +29,7 @@ from skywright.planning.motion.space import (
     build_scratch,
     build_space,
 )
+from skywright.planning.problem import BETWEEN_PARTS
 
 ROOM = 2.0
 """m around start, goal and obstacles that a way may use."""
@@ -67,12 +68,16 @@ def plan_transit(
     rng: np.random.Generator,
     margin: float = 0.1,
     *,
+    key: str = "",
+    margin_self: float = 0.02,
     wanted: float = 0.0,
     passive: str | None = None,
     low_z: float = 0.0,
     slices: int = SLICES,
 ) -> Transit:
     """Plan from `start` to `goal`, `margin` (m) from world and ground, no lower than `low_z` (m).
+
+    `key` names the input that sets the margin; the robot's parts keep `margin_self` (m) apart.
 
     Where there is room for `wanted` (m) or half of it, that is kept, but for the corners: one that
     `CORNER` of it can do without is dropped, since a flight slows down at each.
@@ -86,23 +91,23 @@ def plan_transit(
     driven = [j for j, name in enumerate(scene.joints) if name != passive]
     moving = [j for j in driven if abs(goal.q[j] - start.q[j]) > STILL]
     for keep in sorted({max(wanted, margin), max(wanted / 2, margin), margin}, reverse=True):
-        space, ends = _build_blend(scene, start, goal, moving, keep, passive, low_z)
+        space, ends = _build_blend(scene, start, goal, moving, keep, margin_self, passive, low_z)
         path = plan_path(space, ends[0], ends[1], rng, slices=slices)
         if len(path.rows):
             break
     if path.blocked < 0 and not len(path.rows) and driven:
         keep = margin
-        space, ends = _build_free(scene, start, goal, driven, margin, passive, low_z)
+        space, ends = _build_free(scene, start, goal, driven, margin, margin_self, passive, low_z)
         path = plan_path(space, ends[0], ends[1], rng, slices=slices)
     blocked_by: str | None = None
     if path.blocked >= 0:
         k = int(check_state(space, ends[0], build_scratch(space)))  # the end that is not free
-        blocked_by = f"{('start', 'goal')[k]}: {describe_pair(space, scene, path.blocked)}"
+        blocked_by = f"{('start', 'goal')[k]}: {describe_pair(space, scene, path.blocked, key)}"
         near = _finish(space, path._replace(rows=ends[[k, k]]), margin)[2]
         if near < margin:
             blocked_by += f", {near:.3f} m"
     elif not len(path.rows):
-        often = describe_pair(space, scene, int(np.argmax(path.hits)))
+        often = describe_pair(space, scene, int(np.argmax(path.hits)), key)
         blocked_by = f"no path found; most frequent obstacle: {often}"
     rows, cost, clearance = _finish(space, path, max(margin, CORNER * keep))
     u = space[0]["offset"] + rows @ space[0]["map"][:, : rows.shape[1]].T
@@ -140,7 +145,7 @@ def _drop(space: Space, scratch: Scratch, rows: Array) -> tuple[int, float]:
 
 def _build_blend(
     scene: PlanningScene, start: Configuration, goal: Configuration, moving: list[int],
-    margin: float, passive: str | None, low_z: float,
+    margin: float, margin_self: float, passive: str | None, low_z: float,
 ) -> tuple[Space, Array]:  # fmt: skip
     """The space whose one coordinate of the arms leads from the start's posture to the goal's."""
     coordinates = _platform(scene, start, goal, low_z)
@@ -152,12 +157,12 @@ def _build_blend(
         ends[0].append(0.0)
         ends[1].append(1.0)
     fixed = {name: float(start.q[j]) for j, name in enumerate(scene.joints)}
-    return _excuse_ends(scene, coordinates, fixed, np.array(ends), margin, passive)
+    return _excuse_ends(scene, coordinates, fixed, np.array(ends), margin, margin_self, passive)
 
 
 def _build_free(
     scene: PlanningScene, start: Configuration, goal: Configuration, driven: list[int],
-    margin: float, passive: str | None, low_z: float,
+    margin: float, margin_self: float, passive: str | None, low_z: float,
 ) -> tuple[Space, Array]:  # fmt: skip
     """The space in which every joint with a motor moves by itself."""
     coordinates = _platform(scene, start, goal, low_z)
@@ -166,7 +171,7 @@ def _build_free(
         high = max(float(scene.q_max[j]), float(start.q[j]), float(goal.q[j])) + STILL
         coordinates.append(Coordinate(scene.joints[j], (scene.joints[j],), low, high))
     ends = np.array([[*c.p_WB, c.yaw, *np.asarray(c.q)[driven]] for c in (start, goal)])
-    return _excuse_ends(scene, coordinates, {}, ends, margin, passive)
+    return _excuse_ends(scene, coordinates, {}, ends, margin, margin_self, passive)
 
 
 def _platform(
@@ -186,13 +191,15 @@ def _platform(
 
 def _excuse_ends(
     scene: PlanningScene, coordinates: list[Coordinate], fixed: dict[str, float], ends: Array,
-    margin: float, passive: str | None,
+    margin: float, margin_self: float, passive: str | None,
 ) -> tuple[Space, Array]:  # fmt: skip
     """Build the space; parts of the robot that are close at an end may be close on the way.
 
     The platform is one box here, into which an arm may well be folded.
     """
-    space = build_space(scene, coordinates, fixed, margin=margin, passive=passive)
+    space = build_space(
+        scene, coordinates, fixed, margin=margin, margin_self=margin_self, passive=passive
+    )
     for end in ends:
         close = _find_close(space, build_scratch(space), end)
         space[0]["margin"][np.flatnonzero(close)] = EXCUSED
@@ -211,8 +218,8 @@ def _find_close(spaces: Space, scratch: Scratch, c: Array) -> Array:
     return out
 
 
-def describe_pair(space: Space, scene: PlanningScene, pair: int) -> str:
-    """Say which two things come closer than their margin."""
+def describe_pair(space: Space, scene: PlanningScene, pair: int, key: str) -> str:
+    """Say which two things come closer than their margin, which `key` sets."""
     a, b, kind = (int(x) for x in space[0]["pairs"][pair])
     names = [*scene.names, "bar"]  # what is carried comes last
     margin = float(space[0]["margin"][pair])
@@ -221,5 +228,6 @@ def describe_pair(space: Space, scene: PlanningScene, pair: int) -> str:
     elif kind == PAIR_LIMIT:
         other = "the ground" if b == 4 else f"the area's limit in {'xyz'[b // 2]}"
     else:
-        other = names[b]
-    return f"{names[a].removesuffix(' shell')} and {other} come closer than {margin:.3g} m"
+        other, key = names[b], f"twice {BETWEEN_PARTS}: shapes are coarse"
+    told = f" ({key})" if key else ""
+    return f"{names[a].removesuffix(' shell')} and {other} come closer than {margin:.3g} m{told}"

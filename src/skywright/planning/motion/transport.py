@@ -32,6 +32,7 @@ class Transport(NamedTuple):
     start: tuple[float, float, float, float] = (0.0, 2.0, 0.0, -math.pi / 2)
     goal: tuple[float, float, float, float] = (9.0, 2.0, 0.0, -math.pi / 2)
     margin: float = 0.2  # m, kept from everything
+    margin_self: float = 0.02  # m, between parts of the robot
     bar_length: float = 2.0  # m; 0: nothing is carried
     bar_radius: float = 0.02  # m
     bar_mass: float = 0.3  # kg
@@ -83,8 +84,8 @@ def build_transport(
         coordinates.append(Coordinate(name, drives, low, high))
     carried = Carried(HANDS, t.bar_length, t.bar_radius, t.bar_mass) if t.bar_length > 0 else None
     space = build_space(
-        scene, coordinates, {}, margin=t.margin, area=limits, passive="pendulum", carried=carried,
-        p1=t.p1, p2=t.p2,
+        scene, coordinates, {}, margin=t.margin, margin_self=t.margin_self, area=limits,
+        passive="pendulum", carried=carried, p1=t.p1, p2=t.p2,
     )  # fmt: skip
     return TransportProblem(
         space, np.array(t.start), np.array(t.goal), scene, world, t

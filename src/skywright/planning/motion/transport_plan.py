@@ -23,6 +23,8 @@ from skywright.planning.motion.timing import Timed, TimeLimits, assign_times
 from skywright.planning.motion.transit import describe_pair
 from skywright.planning.motion.transport import TransportProblem
 
+MARGIN_KEY = "mission.task.margin_m"
+
 RESOLUTION = 1e-3  # of the path in cost (6), between the samples of the reported clearance
 
 
@@ -89,7 +91,7 @@ def plan_transport(
         slices=slices,
     )  # fmt: skip
     if path.blocked >= 0:
-        what = describe_pair(problem.space, problem.scene, path.blocked)
+        what = describe_pair(problem.space, problem.scene, path.blocked, MARGIN_KEY)
         raise InputError(f"{_name_end(problem)}: {what}")
     if not len(path.rows):
         raise InfeasibleError(
@@ -156,9 +158,9 @@ def describe_narrowest(problem: TransportProblem, path: Path) -> str:
         fits = "fits" if w.ratio >= 1.0 else "does not fit"
         return (
             f"the narrowest passage is {w.name!r}: {w.opening:.2f} m wide; the {w.what} "
-            f"requires {w.needs:.2f} m including margins ({fits})"
+            f"requires {w.needs:.2f} m including margins ({MARGIN_KEY} = {t.margin:g}; {fits})"
         )
     if path.hits.any():
-        often = describe_pair(problem.space, problem.scene, int(np.argmax(path.hits)))
+        often = describe_pair(problem.space, problem.scene, int(np.argmax(path.hits)), MARGIN_KEY)
         return f"most frequent obstacle: {often}"
     return "no obstacle blocked the search"
