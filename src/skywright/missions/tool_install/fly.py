@@ -18,6 +18,7 @@ from skywright.missions.skills.tool_handling import (
     TILT_MAX,
     Grip,
     Place,
+    compute_miss,
     find_platform,
     find_tool,
     lead_hands,
@@ -37,6 +38,7 @@ from skywright.missions.tool_install.plan import (
     find_seat,
 )
 from skywright.missions.tool_install.task import ToolInstall
+from skywright.run.faults._response import back_off
 from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import Hands
@@ -101,14 +103,22 @@ def fly(s: Supervisor[ToolInstall], way: ToolPlan) -> Flight:
 
 
 def withdraw(s: Supervisor[ToolInstall], way: ToolPlan) -> None:
-    """Draw the hooks down out of a handle and back off; what hangs on them stays there."""
+    """Draw the hooks down out of a handle and back off; what hangs on them stays there.
+
+    Hands that wait below the handle go with the platform: they came so, and arms that moved beside
+    the tool would meet it.
+    """
     if float(np.max(s.vehicle.reference["load"])) > 0.0:
         return
-    s.arms.move_to(way.grip.q_low)
-    s.until_arrived()
     R = s.vehicle.reference["R_WB"]
-    yaw = math.atan2(R[1, 0], R[0, 0])
-    move_platform(s, behind(np.array(s.vehicle.reference["p_WB"]), yaw), yaw, NEAR_SPEED)
+    away = behind(np.zeros(3), math.atan2(R[1, 0], R[0, 0]))
+    if _is_hooked(s, way.grip):
+        s.arms.move_to(way.grip.q_low)
+        s.until_arrived()
+    else:
+        away[2] = 0.0
+    far = float(np.linalg.norm(away))
+    back_off(s, away / far, far)
 
 
 def _carry_back(
@@ -171,6 +181,11 @@ def _is_elsewhere(s: Supervisor, place: Place, wanted: Place) -> bool:
     """Whether the tool has fallen, or stands too far from where the way was looked at."""
     far = float(np.linalg.norm(place.p_WO - wanted.p_WO)) > MARGIN
     return far or measure_tool(s)[1][2, 2] < math.cos(TILT_MAX)
+
+
+def _is_hooked(s: Supervisor, grip: Grip) -> bool:
+    """Whether the handle may be in the cradles, wherever the robot may be."""
+    return min(compute_miss(s, grip, d) for d in (np.zeros(3), s.senses.doubt)) < 0.5 * LOW
 
 
 def _is_held(s: Supervisor, grip: Grip) -> bool:

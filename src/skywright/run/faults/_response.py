@@ -88,7 +88,7 @@ def goal_joints(v: Senses) -> Array:
     """
     q, arm = np.array(v.reference["q"]), v.get(ArmModel)
     if arm is not None:
-        goal = v.get(HandState).q_goal
+        goal = v.get(HandState).q_goal if v.posture is None else v.posture
         for h in range(arm.n_hands):
             if v.reference["task"][h] != TASK_JOINTS:
                 mine = slice(arm.first[h], arm.first[h] + arm.n)
@@ -101,7 +101,7 @@ def respond(s: Supervisor, response: Response) -> None:
     if response == "let_go":
         s.begin(LET_GO)
         s.uav.motors(False)
-        _wait_until_still(s, FALL_S)
+        wait_until_still(s, FALL_S)
         return
     v = s.senses
     v.carrying = v.carrying or max(v.told("load")) > 0.0
@@ -123,10 +123,10 @@ def respond(s: Supervisor, response: Response) -> None:
         fly_back(s, s.trail.crumbs)
     _descend(s, here=response == "land_here")
     s.uav.motors(False)
-    _wait_until_still(s, LANDED_S)
+    wait_until_still(s, LANDED_S)
 
 
-def _wait_until_still(s: Supervisor, least: float) -> None:
+def wait_until_still(s: Supervisor, least: float) -> None:
     """Wait until the robot lies still, for at least `least` (s): it may roll after a fall."""
     began = since = s.vehicle.t
     while (t := s.vehicle.t) < began + FALL_MAX_S - 1e-9:
@@ -163,14 +163,30 @@ def retract(s: Supervisor) -> None:
     """Draw back from what is touched, along its normal, the arm as it is.
 
     Hands that touch nothing yet may be below or beside it: away from what is nearest on the map.
-    Fast after a rule has acted; by an order so slowly that a long arm feels no force of its own.
     """
     v, row = s.senses, build_rest(s)
     away = v.away
     if v.hands and not v.means_to_touch and v.find_pressed() is None:
         away = find_open(s, row, away, RETRACT_M)
-    pace = (RETRACT_SPEED, RETRACT_ACCELERATION) if s.senses.responding else CALM
-    _fly(s, [row["p_WB"], row["p_WB"] + RETRACT_M * away], row, *pace)
+    back_off(s, away, RETRACT_M)
+
+
+def back_off(s: Supervisor, away: Array, far: float) -> None:
+    """Fly `far` (m) along `away` (3,) from where the robot was to be, the arm as it is.
+
+    A robot that was pushed away begins where it is: on its way back to its place it would run
+    against what it is to leave. Fast after a rule has acted; by an order so slowly that a long arm
+    feels no force of its own.
+    """
+    row, pace = build_rest(s), CALM
+    start = np.array(row["p_WB"])
+    goal = start + far * away
+    if s.senses.responding:
+        pace = RETRACT_SPEED, RETRACT_ACCELERATION
+        here = np.array(s.vehicle.estimate["p_WB"])
+        if (here - start) @ away > 0.0:
+            start = here
+    _fly(s, [start, start + max(float((goal - start) @ away), 0.0) * away], row, *pace)
 
 
 def _fly(s: Supervisor, way: list[Array], row: Any, speed: float, acceleration: float) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
@@ -44,6 +45,8 @@ class Senses:
         self.restarts = False  # what failed is started again
         self.carrying = False  # when a rule acted
         self.stuck: set[int] = set()  # joints, from 0, that do not follow
+        self.posture: Array | None = None  # rad, where a sound estimate led the joints last
+        self.room: Callable[[], float] | None = None  # m, beyond what a mission keeps clear now
         self.doubt = np.zeros(3)  # m in W, from the estimate to where the robot may be as well
 
     def refresh(self) -> None:
