@@ -6,10 +6,12 @@ the landing gear, which the handle has to clear, the platform's places from the 
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
 from skywright.core.arrays import Array
+from skywright.core.rotations import rot_z
 from skywright.missions.skills.tool_handling import (
     DROP,
     LOW,
@@ -38,6 +40,7 @@ from skywright.missions.tool_install.plan import (
     find_seat,
 )
 from skywright.missions.tool_install.task import ToolInstall
+from skywright.models.geometry import compute_clearance
 from skywright.run.faults._response import back_off
 from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor
@@ -57,10 +60,11 @@ def fly(s: Supervisor[ToolInstall], way: ToolPlan) -> Flight:
     if _is_elsewhere(s, place, way.bench):
         _go_home(s, way)
         return Flight(False, "the tool is not at its planned position")
-    _come(s, way.grip, place)
+    _come(s, way, place)
     if task.hover_s > 0.0:
         s.begin("hover check")
         s.hold(task.hover_s)
+    s.senses.room = None
     weight = take_up_again(s, way.grip, way.most_n, task.retries, speeds)
     if weight is None:
         s.begin("return")
@@ -91,7 +95,8 @@ def fly(s: Supervisor[ToolInstall], way: ToolPlan) -> Flight:
     if _is_elsewhere(s, found, seat):
         _go_home(s, way, from_pipe=True)
         return Flight(False, "the tool is no longer on the pipe")
-    _come(s, way.grip, found)
+    _come(s, way, found)
+    s.senses.room = None
     weight = take_up_again(s, way.grip, way.most_n, task.retries, speeds)
     if weight is None:
         s.begin("return")
@@ -160,13 +165,34 @@ def _measure_seat(s: Supervisor, task: ToolInstall) -> Place:
     return find_seat(s.vehicle.world, task, *s.devices.surveyor.survey(PIPE))
 
 
-def _come(s: Supervisor, grip: Grip, place: Place) -> None:
+def _come(s: Supervisor[ToolInstall], way: ToolPlan, place: Place) -> None:
     """Come up to a tool that stands at `place`, hands low; then they wait below its handle."""
-    p = find_platform(grip, place)
+    p = find_platform(way.grip, place)
     move_platform(s, behind(p, place.yaw), place.yaw, NEAR_SPEED)
+    s.senses.room = _build_room(s, way, place)
     move_platform(s, p - [0.0, 0.0, DROP], place.yaw, NEAR_SPEED)
-    lead_hands(s, grip, -LOW, 0.05)
+    lead_hands(s, way.grip, -LOW, 0.05)
     s.wait(STEADY_S)
+
+
+def _build_room(
+    s: Supervisor[ToolInstall], way: ToolPlan, place: Place
+) -> Callable[[], float] | None:
+    """Return what tells the distance (m) to a tool at `place`, less what every wind leaves for
+    which the flight was planned. The map has the tool on the bench: it is met alike at both."""
+    if s.surroundings is None:
+        return None
+    query, n = s.surroundings(), s.vehicle.n_joints
+    keeps = way.clear - 0.5 * s.task.wind_clearance_m  # its other half is for the arms' lengths
+    at, there = find_platform(way.grip, way.bench), find_platform(way.grip, place)
+    turn = rot_z(way.bench.yaw - place.yaw)
+
+    def measure() -> float:
+        est = s.senses.estimate
+        p, R = at + turn @ (est.p_WB - there), turn @ est.R_WB
+        return float(compute_clearance(query, p, R, np.array(est.q[:n])).distance) - keeps
+
+    return measure
 
 
 def _leave(s: Supervisor, way: ToolPlan, place: Place) -> None:

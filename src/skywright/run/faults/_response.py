@@ -105,12 +105,17 @@ def respond(s: Supervisor, response: Response) -> None:
         return
     v = s.senses
     v.carrying = v.carrying or max(v.told("load")) > 0.0
-    if response == "land_here":
+    if response != "land_here":
+        leaves = v.engaged
+    else:  # a jolt is felt as a touch, and no time is to be lost on the way down
+        leaves = v.leads_hands or (v.means_to_touch and not v.carrying)
+        if not v.hands or v.means_to_touch or v.find_pressed() is not None:
+            v.left = v.away
         _anchor(s)
-    # a jolt is felt as a touch, and no time is to be lost on the way down
-    if v.means_to_touch or (v.engaged and response != "land_here"):
+    if leaves:
         s.begin("retract")
         s.kind.withdraw(s, s.way)
+    v.left = None
     if response == "hold":
         s.begin("hold")
         _wait_until_good(s)
@@ -165,8 +170,8 @@ def retract(s: Supervisor) -> None:
     Hands that touch nothing yet may be below or beside it: away from what is nearest on the map.
     """
     v, row = s.senses, build_rest(s)
-    away = v.away
-    if v.hands and not v.means_to_touch and v.find_pressed() is None:
+    away = v.away if v.left is None else v.left
+    if v.left is None and v.hands and not v.means_to_touch and v.find_pressed() is None:
         away = find_open(s, row, away, RETRACT_M)
     back_off(s, away, RETRACT_M)
 
@@ -195,7 +200,9 @@ def _fly(s: Supervisor, way: list[Array], row: Any, speed: float, acceleration: 
     n = max(math.ceil(total / ROW_PERIOD), 1)
     u = np.linspace(0.0, 1.0, n + 1)
     points = way[0] + quintic(u)[0][:, None] * (way[1] - way[0])
-    s.body.track(_build_table(s, row, u * n * ROW_PERIOD, points))
+    table = _build_table(s, row, u * n * ROW_PERIOD, points)
+    table["a_WB"] = quintic(u)[2][:, None] * (way[1] - way[0]) / (n * ROW_PERIOD) ** 2
+    s.body.track(table)
     s.until_arrived()
 
 

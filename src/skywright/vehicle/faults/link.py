@@ -16,6 +16,9 @@ from skywright.vehicle.faults.localisation import FOR_GOOD
 from skywright.vehicle.link import ControlLink
 from skywright.vehicle.plant import RotorState
 
+LATE_SHARE, DRAWN_DELAY_S = 0.5, (0.005, 0.015)
+"""Of the faults that a mission draws, and s each way: with 15 ms the OTHex's rotors saturated for
+141 s of a scan."""
 MOST_DELAY_S = 0.2
 """s; what is under way then still fits the link (link.py: DEPTH)."""
 
@@ -77,10 +80,13 @@ class Link(Fault):
 
     @classmethod
     def draw_table(cls, rng: np.random.Generator, robot: Any, world: Any) -> dict[str, Any] | None:
-        """Where the world has a link: for a moment, or for good."""
+        """Where the world has a link: lost for a moment or for good, or later."""
         link = world.link
         if link.delay_s == 0.0 and link.jitter_s == 0.0 and link.loss_fraction == 0.0:
             return None
+        if rng.random() < LATE_SHARE:
+            later = float(rng.uniform(*DRAWN_DELAY_S))
+            return {"loss_fraction": 0.0, "delay_s": later}
         return {"for_s": float(rng.choice([0.1, 0.3, FOR_GOOD]))}
 
     @staticmethod
