@@ -13,9 +13,10 @@ from skywright.core.interrupt import check_interrupt
 from skywright.description.mission.spec import Mission, T
 from skywright.errors import SimulationError
 from skywright.models.geometry import ClearanceQuery
-from skywright.run.faults._response import LANDED_S, Trail, respond, wait_until_still
+from skywright.run.faults._response import LANDED_S, respond, wait_until_still
 from skywright.run.faults._rule import Acted, Response, Rule
 from skywright.run.faults._senses import Senses
+from skywright.run.faults._trail import Trail
 from skywright.run.faults._watch import RuleActed, Watch
 from skywright.run.flight import Flight, PhaseRecord
 from skywright.run.hand_flight import Mode

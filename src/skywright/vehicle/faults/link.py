@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 from skywright.core.record import Record
 from skywright.core.spec import Fraction, Positive
 from skywright.core.types import MAX_ROTORS
+from skywright.models.capability import MOTOR_TIMEOUT_S
 from skywright.vehicle.bus import Clock, MuJoCo
 from skywright.vehicle.component import Fault, InOut, words
 from skywright.vehicle.faults.localisation import FOR_GOOD
@@ -37,7 +38,7 @@ class Link(Fault):
         for_s: Positive = FOR_GOOD
         loss_fraction: Fraction = 1.0
         delay_s: Annotated[float, Field(ge=0.0, le=MOST_DELAY_S)] = 0.0
-        motor_timeout_s: Positive = 0.5
+        motor_timeout_s: Positive = MOTOR_TIMEOUT_S
 
         @model_validator(mode="after")
         def _check_effect(self) -> Self:
