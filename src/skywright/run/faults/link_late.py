@@ -41,7 +41,7 @@ class LinkLate(Rule):
         self._ages: list[float] = []  # s
         self._last = self.age = 0.0  # s
         self._most = math.nan  # s
-        self._slowed = ""
+        self._period = 0.0  # s, between the tick that read a packet and the rule's look
 
     def begin(self, v: Senses) -> None:
         from skywright.run.link_limit import compute_most_delay
@@ -52,6 +52,7 @@ class LinkLate(Rule):
         if isinstance(vehicle, SimulatedVehicle) and vehicle.has_link:
             self._stamp = v.place(ImuBatch, "t")
             self._most = compute_most_delay(vehicle.nominal, vehicle.law)
+            self._period = vehicle.dt
 
     def look(self, v: Senses) -> float:
         if self._stamp is None or math.isnan(self._most):
@@ -59,7 +60,7 @@ class LinkLate(Rule):
         stamp = self._stamp.tolist()
         if stamp > self._last:
             self._last = stamp
-            self._ages = [*self._ages[1 - ARRIVALS :], v.t - stamp]
+            self._ages = [*self._ages[1 - ARRIVALS :], v.t - self._period - stamp]
         if len(self._ages) < ARRIVALS:
             return 0.0
         self.age = sorted(self._ages)[ARRIVALS // 2]
