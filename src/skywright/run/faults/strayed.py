@@ -16,9 +16,12 @@ if TYPE_CHECKING:
 class Strayed(Rule):
     """Distance from the reference, as estimated, beside a structure."""
 
-    watches = "distance of the estimated from the commanded position while hands are led"
+    watches = (
+        "distance of the estimated from the commanded position while hands are led that carry "
+        "nothing"
+    )
     unit = "m"
-    source = "planned ways keep 0.1 m from everything; gusts of the built-in missions move 0.05 m"
+    source = "what ways keep from everything; three times the motion in gusts that plans admit"
     every = 2
 
     class Table(Rule.Table):
@@ -32,6 +35,6 @@ class Strayed(Rule):
         self._p_WB = v.place(Estimate, "p_WB")
 
     def look(self, v: Senses) -> float:
-        if v.responding or not v.leads_hands:
+        if v.responding or not v.leads_hands or max(v.told("load")) > 0.0:
             return math.nan
         return math.dist(self._p_WB.tolist(), v.told("p_WB"))
