@@ -128,7 +128,9 @@ def retract(s: Supervisor) -> None:
     back_off(s, away, RETRACT_M)
 
 
-def back_off(s: Supervisor, away: Array, far: float) -> None:
+def back_off(
+    s: Supervisor, away: Array, far: float, acceleration: float = RETRACT_ACCELERATION
+) -> None:
     """Fly `far` (m) along `away` (3,) from where the robot was to be, the arm as it is.
 
     A robot that was pushed away begins where it is: on its way back to its place it would run
@@ -139,7 +141,7 @@ def back_off(s: Supervisor, away: Array, far: float) -> None:
     start = np.array(row["p_WB"])
     goal = start + far * away
     if s.senses.responding:
-        pace = RETRACT_SPEED, RETRACT_ACCELERATION
+        pace = RETRACT_SPEED, acceleration
         here = np.array(s.vehicle.estimate["p_WB"])
         if (here - start) @ away > 0.0:
             start = here
