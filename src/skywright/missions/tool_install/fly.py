@@ -48,8 +48,8 @@ from skywright.vehicle.arms.ports import Hands
 from skywright.vehicle.targets import PIPE
 
 BACKS_OFF = 0.45
-"""m/s^2, after a fault: a lean of 2.6 deg, which raises hands 0.45 m ahead of the robot by 2 cm; the
-arms are 3.6 cm below the handle."""
+"""m/s^2, after a fault: a lean of 2.6 deg, which raises hands 0.45 m ahead of the robot by 2 cm.
+The arms are 3.6 cm below the handle."""
 
 
 def fly(s: Supervisor[ToolInstall], way: ToolPlan) -> Flight:
