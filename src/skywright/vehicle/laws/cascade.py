@@ -93,6 +93,8 @@ class Cascade(Law):
         Raises InputError where these give no stable loops, or cannot take off along a link's arc.
         """
         gains = self._compute_gains(context, context.model)
+        if me.lead == 0.0:  # on the ground: a law that is tuned in flight has taken off
+            check_balance(gains, context)
         for name in gains._fields:
             if name not in ("wrench", "pose"):
                 me[name] = getattr(gains, name)
@@ -102,7 +104,6 @@ class Cascade(Law):
         weight = context.mass * context.world.gravity_mps2
         me.f_external_max, me.t_integral_max = 0.4 * weight, 0.1 * weight
         me.pose_bandwidth, me.pose = gains.pose, math.nan
-        check_balance(gains, context)
 
     def observe_wrench(self, context: Context) -> Array:
         """Return the bandwidths (3,) rad/s of the external force that is cancelled."""
