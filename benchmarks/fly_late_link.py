@@ -2,7 +2,8 @@
 
 What the check of the link before take-off (run/link_limit.py) would refuse happens in flight: the
 OTHex's attitude loop bears 5.2 ms each way, the link gets 12 ms later, once on the way to the pipe
-and once while the robot scans. Each flight is judged as benchmarks/judge_faults.py does.
+and once while the robot scans. The rule link_late slows the loop, and the robot lands. Each flight
+is judged as benchmarks/judge_faults.py does.
 """
 
 from __future__ import annotations

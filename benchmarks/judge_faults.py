@@ -5,13 +5,17 @@ FOLDER/runs. Of each flight it tells the fault, the rule that acted and how much
 collisions began before and after that while it was still in the air, and whether the robot is down
 at the end: still, motors off, on the ground. A collision is a contact of parts that should touch
 nothing; it lasts until nothing is touched for 0.3 s, so what was hit before the rule acted and is
-still touched counts once. A flight passes when it is down, no collision began after the rule had
-acted, and a flight that did not succeed has a reason. What is touched, a model of the true scene
-tells, posed as recorded: an arm that hangs without torque meets the ground first, which at the
-speed of a landing is none, and neither is the ground for a robot that falls. Counted apart, as
-`own`, are contacts of the robot with itself or with what it carries alone, `own_n` is their largest
-force: a forearm without torque swings against its base, and a tool that is set down on the ground
-meets the arms. A tool that the robot does not carry is met as anything else.
+still touched counts once. A flight passes when it is down, has had no second collision, and has a
+reason unless it succeeded: the first one may be the fault itself, as where a gust pushes the robot
+onto what it works at. What is touched, a model of the true scene tells, posed as recorded: an arm
+that hangs without torque meets the ground first, which at the speed of a landing is none, and
+neither is the ground for a robot that falls. Counted apart are
+- as `fell` what a robot hits that falls because its motors were stopped: nothing steers it any
+  more, and that it falls is known before take-off (`skywright capability`: without which rotor, and
+  without the control link);
+- as `own` contacts of the robot with itself or with what it carries alone, `own_n` is their largest
+  force: a forearm without torque swings against its base, and a tool that is set down on the ground
+  meets the arms. A tool that the robot does not carry is met as anything else.
 `--table FILE` writes the result, one row a flight. Exit code 1 when one fails.
 """
 
@@ -58,6 +62,7 @@ class Judged(NamedTuple):
     later: int
     own: int
     own_n: float
+    fell: int
     is_down: bool
     passed: bool
     reason: str
@@ -150,9 +155,13 @@ def judge(folder: Path) -> Judged:
     off = float(np.sum(s["rotor_thrust"][-1])) < OFF_N
     is_down = still and off and "ground" in list_touched(d, s[-1]).all
     begins = list_collisions(s, aloft)
-    falls = any(a["response"] == "let_go" for a in acted)
-    first = sum(s["t"][k] <= at for k in begins)
-    others = [k for k in begins if s["t"][k] > at and not _is_landing(d, s[k], falls)]
+    falls = min((a["t_s"] for a in acted if a["response"] == "let_go"), default=np.inf)
+    first = sum(bool(s["t"][k] <= at) for k in begins)
+    others = [
+        k for k in begins if s["t"][k] > at and not _is_landing(d, s[k], bool(falls < np.inf))
+    ]
+    fell = [k for k in others if s["t"][k] > falls]
+    others = [k for k in others if s["t"][k] <= falls]
     mine = [k for k in others if _is_own(d, s, k, at)]
     own, later = len(mine), len(others) - len(mine)
     has_reason = told["outcome"] == "succeeded" or bool(told["reason"])
@@ -163,8 +172,8 @@ def judge(folder: Path) -> Judged:
     return Judged(
         folder.name, d.mission.name, what, fault.table.start_s,
         "+".join(a["rule"] for a in acted) or "-", at - fault.table.start_s, told["outcome"],
-        first, later, own, find_most(s, mine), is_down, is_down and has_reason and later == 0,
-        told["reason"],
+        first, later, own, find_most(s, mine), len(fell), is_down,
+        is_down and has_reason and first + later <= 1, told["reason"],
     )  # fmt: skip
 
 
@@ -191,7 +200,7 @@ def main() -> int:
         print(
             f"{mark} {r.run:12s} {r.mission:15s} {r.start_s:6.1f} s {r.fault[:60]:60s} "
             f"{r.rule:34s} {r.after_s:+6.2f} s {r.outcome:9s} "
-            f"hits {r.before}/{r.later}, own {r.own} ({r.own_n:.1f} N) "
+            f"hits {r.before}/{r.later}, own {r.own} ({r.own_n:.1f} N), fell onto {r.fell} "
             f"{'down' if r.is_down else 'NOT DOWN'} {r.reason[:70]}"
         )
     if a.table is not None:

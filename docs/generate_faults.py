@@ -79,12 +79,19 @@ def list_judged() -> list[str]:
     ended = sum(f["rule"] != "-" for f in flights)
     own = [f for f in flights if int(f["own"]) > 0]
     strict = sum(f["passed"] == "True" and f not in own for f in flights)
+    before = [f for f in flights if int(f["before"] or 0) > 0]
+    later = [f for f in flights if int(f["later"] or 0) > 0]
+    fell = [f for f in flights if int(f.get("fell") or 0) > 0]
+    calm = [f for f in flights if f["passed"] == "True" and f not in later]
     rows += [
         "",
         f"A rule ended {ended} of the {len(flights)} flights. In {len(own)} the robot touched "
         "itself or its load after that"
         + (f", with {max(float(f['own_n']) for f in own):.0f} N at most" if own else "")
-        + f". With these contacts counted as collisions, {strict} flights pass.",
+        + f". With these contacts counted as collisions, {strict} flights pass. A first collision, "
+        f"which is allowed, began in {len(before)} before a rule acted, or without one, and in "
+        f"{len(later)} after it; with none allowed after it, {len(calm)} flights pass. In "
+        f"{len(fell)} the robot fell onto something else than the ground.",
     ]
     rows += [""] if own else []
     for f in own:
@@ -97,8 +104,8 @@ def list_judged() -> list[str]:
     if bad:
         rows += ["", "These flights did not pass:", ""]
     for f in bad:
-        hits = f["later"]
-        what = f"{hits} collisions after the rule" if hits != "0" else "not down, or no reason"
+        hits = int(f["before"] or 0) + int(f["later"] or 0)
+        what = f"{hits} collisions" if hits > 1 else "not down, or no reason"
         when = f"{f['fault']} at {float(f['start_s']):g} s"
         rows.append(f"- `{f['mission']}` {int(f['run'])} ({when}): {what}")
     return rows

@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from skywright.description.loader import load_description
-from skywright.run.link_limit import compute_arrival, find_exceeded_delay
+from skywright.run.backends import build_vehicle
+from skywright.run.faults.link_late import ARRIVALS, LinkLate
+from skywright.run.link_limit import (
+    SPARE,
+    compute_arrival,
+    compute_most_delay,
+    find_exceeded_delay,
+    slow_down,
+)
 from skywright.run.setup import Setup
 from skywright.vehicle.loops import AttitudeGains, compute_delay_margin
 
@@ -64,3 +73,36 @@ def test_the_scan_is_refused_where_its_flights_saturate(
     assert (says is not None) == refused
     if says is not None:
         assert "ms each way" in says and "attitude_bandwidth_rad_s = 14" in says
+
+
+@pytest.mark.parametrize("mission", ["pipe-weld-scan", "sensor-install", "bridge-contact"])
+def test_a_slower_law_bears_a_later_link(mission: str) -> None:
+    """Laws of three kinds; what a law has gathered stays."""
+    d = load_description(mission, sets=["world.link.delay_s=0.001"])
+    vehicle = build_vehicle(d)
+    before = compute_most_delay(vehicle.nominal, vehicle.law)
+    assert 0.005 < before < 0.05
+    memory = vehicle.get_memory(vehicle.law.name)
+    memory.theta[:] = 0.1
+    share = slow_down(vehicle, 0.016)
+    assert share is not None and 0.2 < share <= 1.0
+    assert np.all(np.asarray(memory.theta) == 0.1)
+    assert slow_down(vehicle, 0.5) is None
+    assert compute_most_delay(vehicle.nominal, vehicle.law, SPARE) < before  # as it took off
+
+
+def test_the_age_of_what_arrives_counts_not_that_of_a_silent_link() -> None:
+    """The median of arrivals: a lost packet or a silent moment is no late link."""
+    rule = LinkLate("late")
+    stamp = np.zeros(())
+    rule._stamp, rule._most = stamp, 0.005
+    v = SimpleNamespace(t=0.0)
+    for k in range(40):
+        v.t = 0.02 * k + 0.02
+        late = 0.012 if k >= 30 else 0.004
+        if k % 7 and not 10 <= k < 20:  # lost, and silent
+            stamp[...] = v.t - late
+        value = rule.look(v)
+        if ARRIVALS <= k < 30:
+            assert value == pytest.approx(0.8)
+    assert value == pytest.approx(2.4) and "12.0 ms late" in rule.explain(value)

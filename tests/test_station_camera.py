@@ -163,6 +163,23 @@ def test_an_outage_is_bridged_by_the_camera_and_healed():
     )
 
 
+@pytest.mark.parametrize(
+    ("sensor", "jump"), [("gyroscope", [0.08, -0.17, 0.07]), ("accelerometer", [0.44, 0.08, 0.89])]
+)
+def test_a_zero_that_jumps_is_told_and_found_again(sensor, jump):
+    """The camera contradicts the inertial unit for longer than its own jumps do."""
+    sets = [f"plant.faults.a.sensor={sensor}", f"plant.faults.a.jump={jump}"]
+    sets += ["plant.faults.a.kind=sensor", "plant.faults.a.start_s=8", STATION]
+    result = run(load("waypoints", robot="f550-bridge", seed=3, sets=sets), report=False)
+    assert result.outcome == "aborted" and "estimator inconsistent" in result.reason
+    s = result.samples
+    acted = result.acted[0].t_s
+    assert 8.0 < acted < 9.2
+    error = np.linalg.norm(s["est_p_WB"] - s["p_WB"], axis=1)
+    aloft = (s["t"] > acted + 1.0) & (s["p_WB"][:, 2] > 0.3)
+    assert np.max(error[aloft]) < 0.05 and np.linalg.norm(s["v_WB"][-1]) < 0.1
+
+
 def test_both_ways_of_running_are_bit_identical():
     sets = ("mission.hover_height_m=0.8",)
     d = [load("waypoints", robot="f550-bridge", sets=[STATION, *sets, f"mission.mode={m!r}"])

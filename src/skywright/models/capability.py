@@ -40,6 +40,8 @@ from skywright.models.wind import (
     is_held,
 )
 
+MOTOR_TIMEOUT_S = 0.5
+"""s without a command over the control link, after which motors' controllers stop them."""
 LARGEST_PUSH = 100.0
 """N; the search for the largest push ends here."""
 
@@ -92,6 +94,7 @@ class Capability(NamedTuple):
             "hover_power_w": self.hover_power,
             "endurance_s": self.endurance,
             "dispensable_rotors": list(self.dispensable),
+            "falls_without_link_s": MOTOR_TIMEOUT_S,
             "lean_without_rotor_deg": np.degrees(self.lean_without).round(3).tolist(),
             "rotors": [
                 {

@@ -14,7 +14,7 @@ from matplotlib.patches import Circle
 from matplotlib.projections.polar import PolarAxes
 
 from skywright.core.arrays import Array
-from skywright.models.capability import Capability
+from skywright.models.capability import MOTOR_TIMEOUT_S, Capability
 
 BLUE, ORANGE, GREEN, RED, GREY = "#1f5fa8", "#d9731a", "#2c8a4b", "#b3261e", "#8a8f98"
 SIDES = (("forward (+x)", BLUE), ("left (+y)", GREEN), ("back (-x)", ORANGE), ("right (-y)", RED))
@@ -65,6 +65,10 @@ def _headline(c: Capability) -> str:
 
 
 def _say_losses(c: Capability) -> str:
+    return f"{_say_rotors(c)}; falls after {MOTOR_TIMEOUT_S:g} s without a control link"
+
+
+def _say_rotors(c: Capability) -> str:
     n = len(c.hover_thrust)
     if not c.dispensable:
         return "cannot land after the loss of any rotor"

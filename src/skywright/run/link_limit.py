@@ -7,10 +7,27 @@ from typing import Any
 
 import numpy as np
 
+from skywright.errors import InputError
+from skywright.models.nominal import Nominal
 from skywright.models.rotor_reaction import compute_reaction_times
 from skywright.run.parts import build_law
 from skywright.run.setup import Setup
+from skywright.vehicle.component import Law
+from skywright.vehicle.interface import Backend
 from skywright.vehicle.loops import compute_delay_margin
+from skywright.vehicle.simulated import SimulatedVehicle
+
+SCALED = (
+    "attitude_bandwidth_rad_s", "attitude_integral_rad_s",
+    "position_bandwidth_rad_s", "position_integral_rad_s",
+)  # fmt: skip
+"""Keys of a loop that is slowed as a whole: its position stays apart from its attitude."""
+TO_LAND = {"motion_sensitivity": 0.0, "phase_margin_deg": 45.0, "swing_damping": 0.2}
+"""Of [robot.control], in a landing: no fastest motion, less damping of rate loop and swing."""
+SHARES = np.geomspace(1.0, 0.2, 12)
+"""Of the bandwidths, tried for a link that got later."""
+SPARE = math.radians(20.0)
+"""Phase margin that a slower loop keeps: its damping is then about 0.17."""
 
 
 def find_exceeded_delay(setup: Setup[Any]) -> str | None:
@@ -21,16 +38,12 @@ def find_exceeded_delay(setup: Setup[Any]) -> str | None:
     d, link = setup.description, setup.description.world.link
     if link.delay_s + link.jitter_s == 0.0:
         return None
-    loop = build_law(d, setup).get_attitude_loop(d.robot)
+    law = build_law(d, setup)
+    loop = law.get_attitude_loop(d.robot)
     if loop is None:
         return None
-    rotors, period = setup.rotors, 1.0 / d.robot.control.rate_hz
-    weight = float(setup.model["mass0"][0] + setup.model["mass"][0].sum()) * d.world.gravity_mps2
-    reaction = float(np.min(compute_reaction_times(rotors, setup.allocator, weight)[:2]))
-    # a period of sampling and computing goes off, the rest is shared by both ways
-    spare = math.radians(d.mission.link_phase_deg)
-    both = compute_delay_margin(loop, rotors.time_constant, spare, reaction) - period
-    most, asked = max(0.5 * both, 0.0), compute_arrival(link.delay_s, link.jitter_s, period)
+    most = compute_most_delay(setup, law, math.radians(d.mission.link_phase_deg))
+    asked = compute_arrival(link.delay_s, link.jitter_s, 1.0 / d.robot.control.rate_hz)
     if asked <= most:
         return None
     return (
@@ -40,6 +53,46 @@ def find_exceeded_delay(setup: Setup[Any]) -> str | None:
         "(mission.link_phase_deg); robot.control.attitude_bandwidth_rad_s = "
         f"{loop.bandwidth:g} sets that loop, and a lower one bears more"
     )
+
+
+def compute_most_delay(nominal: Nominal, law: Law, spare: float = 0.0) -> float:
+    """Return the delay (s) each way with which a law keeps `spare` (rad) of phase; NaN: unknown."""
+    robot, world = nominal.robot, nominal.world
+    period, loop = 1.0 / robot.control.rate_hz, law.get_attitude_loop(robot)
+    if loop is None:
+        return law.compute_borne_delay(nominal, spare)
+    weight = float(nominal.model["mass0"][0] + nominal.model["mass"][0].sum()) * world.gravity_mps2
+    reaction = float(np.min(compute_reaction_times(nominal.rotors, nominal.allocator, weight)[:2]))
+    # a period of sampling and computing goes off, the rest is shared by both ways
+    both = compute_delay_margin(loop, nominal.rotors.time_constant, spare, reaction) - period
+    return max(0.5 * both, 0.0)
+
+
+def slow_down(vehicle: Backend, delay: float) -> float | None:
+    """Slow a law in flight until it bears `delay` (s) each way; returns its share of the bandwidths
+    or None where none of SHARES does, or the law cannot be changed."""
+    if not isinstance(vehicle, SimulatedVehicle):
+        return None
+    nominal, law = vehicle.nominal, vehicle.law
+    link = nominal.world.link.model_copy(update={"delay_s": delay})
+    world = nominal.world.model_copy(update={"link": link})
+    for share in SHARES:
+        told = {k: v for k, v in law.table if v is not None}
+        own = {k: TO_LAND.get(k, share * told[k]) for k in (*SCALED, *TO_LAND) if k in told}
+        control = nominal.robot.control
+        slow = {k: share * getattr(control, k) for k in SCALED}
+        control = control.model_copy(update=slow | TO_LAND)
+        robot = nominal.robot.model_copy(update={"control": control})
+        slower = type(law)(law.name, law.table.model_copy(update=own))
+        there = Nominal(robot, world)
+        try:
+            if compute_most_delay(there, slower, SPARE) < delay:
+                continue
+            vehicle.tune_law(slower.table, there)
+        except InputError:  # no gains with that delay
+            continue
+        return float(share)
+    return None
 
 
 def compute_arrival(delay: float, jitter: float, period: float) -> float:

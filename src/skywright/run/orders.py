@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from skywright.run.faults._response import build_crumb, build_rest
+from skywright.run.faults._response import build_rest
+from skywright.run.faults._trail import build_crumb
 from skywright.run.flight import Flight
 from skywright.run.pilot import STEADY_S, GivenBack, TakenOver, rejoin
 from skywright.vehicle.interface import Ticked

@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.run.faults._response import build_crumb, build_rest, fly_back
+from skywright.run.faults._response import build_rest, fly_back
+from skywright.run.faults._trail import build_crumb
 from skywright.run.hand_flight import CLIMB, HandFlight, Mode, find_tilt_in_place
 from skywright.vehicle.commands import State
 from skywright.vehicle.results import Result

@@ -13,9 +13,10 @@ from skywright.core.interrupt import check_interrupt
 from skywright.description.mission.spec import Mission, T
 from skywright.errors import SimulationError
 from skywright.models.geometry import ClearanceQuery
-from skywright.run.faults._response import Trail, respond
+from skywright.run.faults._response import LANDED_S, respond, wait_until_still
 from skywright.run.faults._rule import Acted, Response, Rule
 from skywright.run.faults._senses import Senses
+from skywright.run.faults._trail import Trail
 from skywright.run.faults._watch import RuleActed, Watch
 from skywright.run.flight import Flight, PhaseRecord
 from skywright.run.hand_flight import Mode
@@ -227,7 +228,7 @@ class Supervisor(Generic[T]):
         self.uav.land(self.ground_height)
         self.until_arrived()
         self.uav.motors(False)
-        self.wait(1.0)
+        wait_until_still(self, LANDED_S)
         self.end("done")
         return flight
 

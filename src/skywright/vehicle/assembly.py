@@ -93,7 +93,7 @@ class Assembly:
         self.steps.sort(key=lambda s: s.slot == "fast")
         self._own_records(context)
         context = dataclasses.replace(context, records=self.records, components=self.components)
-        self.context, limited = context, self._limit(context)
+        self.context, limited = context, self.limit(context)
         for c in dict.fromkeys(step.component for step in self.steps):  # who fills before who reads
             me = self.records.get((_me(c), c.name))
             given = limited if c.side == "robot" else context
@@ -175,7 +175,7 @@ class Assembly:
         fillers = self._fillers.get(record, [])
         return any(s.component.side == "plant" for s in fillers) and not self._goes_up(record)
 
-    def _limit(self, context: Context) -> Context:
+    def limit(self, context: Context) -> Context:
         """Return the context of the robot's side: no record, object or memory of the plant's."""
         robot = [c for c in self.components if c.side == "robot"]
         named = tuple(c for c in context.named if c.side == "robot")

@@ -97,25 +97,21 @@ class Uniform(Draws):
 class Context:
     """What a component is built from: the robot's side, nominal."""
 
-    nominal: Nominal
-    """The robot, its rigid body, rotors and allocation, and the surfaces of the world."""
+    nominal: Nominal  # the robot, its rigid body, rotors and allocation, the world's surfaces
     world: World
     mass: float  # kg, nominal, whole robot, arm folded
     dt: float  # s, control period
     h: float  # s, physics step
     law: str  # kind of the platform's law
-    asked: frozenset[type[Record]]
-    """Records that law, estimator and further parts ask for: some components run on demand."""
+    asked: frozenset[type[Record]]  # records that law, estimator and parts ask for
     records: dict[Any, NDArray[Any]]
     """Records of the vehicle by (class, name), (1,) arrays; the robot's side has its own only."""
     springs: Springs  # of joints and force sensor, as believed
     named: tuple[Component, ...] = ()
     """Law, estimator and further parts, which the description names; likewise."""
     alive: list[Any] = field(default_factory=list)
-    components: Sequence[Component] = ()
-    """All of the vehicle, at build; likewise."""
-    carried: list[Any] = field(default_factory=list)
-    """Of a component of group "link": what it carries (vehicle/assembly.py: Carried)."""
+    components: Sequence[Component] = ()  # all of the vehicle, at build; likewise
+    carried: list[Any] = field(default_factory=list)  # by a link (vehicle/assembly.py: Carried)
 
     @property
     def robot(self) -> Robot:
@@ -327,6 +323,10 @@ class Law(Component):
     def get_attitude_loop(self, robot: Robot) -> AttitudeGains | None:
         """Return the loop that a link's delay may make unstable; None: none that is known."""
         return None
+
+    def compute_borne_delay(self, nominal: Nominal, spare: float) -> float:
+        """Return the link's delay (s) each way that keeps `spare` (rad), where no loop is told."""
+        return float("nan")
 
     def compute_rate_torque(self, nominal: Nominal, I_C: Array) -> Array | None:
         """Return N m (3, 2) for 1 rad/s of roll and pitch, of inertia `I_C` (3, 3), or None."""

@@ -18,7 +18,7 @@ from skywright.core.rotations import cross, mat_t_mat, mat_t_vec, mat_vec
 from skywright.core.scratch import local
 from skywright.core.spec import Bandwidth, NonNegative, Positive, Spec
 from skywright.core.types import MAX_JOINTS
-from skywright.description.robot.spec import Control
+from skywright.description.robot.spec import Control, Robot
 from skywright.description.world.spec import World
 from skywright.models.nominal import Nominal
 from skywright.models.rotor_reaction import compute_reaction_times, limit_bandwidth
@@ -93,6 +93,13 @@ def choose_bandwidths(table: Spec, context: Context | Nominal) -> Control:
     """Return [robot.control] with what the law's own table tells in its place."""
     own = {k: v for k, v in table if k in Control.model_fields and v is not None}
     return context.robot.control.model_copy(update=own)
+
+
+def get_attitude_gains(table: Spec, robot: Robot) -> AttitudeGains:
+    """Return the attitude loop that a law's table and [robot.control] tell."""
+    own = {k: v for k, v in table if k in Control.model_fields and v is not None}
+    c = robot.control.model_copy(update=own)
+    return AttitudeGains(c.attitude_bandwidth_rad_s, c.attitude_damping, c.attitude_integral_rad_s)
 
 
 def compute_delay_margin(

@@ -342,6 +342,27 @@ class SimulatedVehicle(NoPilotSwitch):
             law.give_up_rotor(self.get_memory(law.name), left)
         return left
 
+    @property
+    def has_link(self) -> bool:
+        """Whether a control link stands between robot and controller."""
+        return any(c.group == "link" for c in self.assembly.components)
+
+    def tune_law(self, table: Any, nominal: Nominal) -> None:
+        """Give the law the gains that a table makes on a robot in a world as believed; what it has
+        gathered stays. Raises InputError, and changes nothing, where there are none."""
+        given = self.assembly.limit(self.assembly.context)
+        given = dataclasses.replace(given, nominal=nominal, world=nominal.world)
+        rows = next(
+            rows for (record, owner), rows in self.assembly.records.items()
+            if owner == self.law.name and record in self.assembly.memories
+        )  # fmt: skip
+        before = rows.copy()
+        try:
+            self.law.build(View(rows[0]), table, given)
+        except InputError:
+            rows[:] = before
+            raise
+
     def stop_computer(self, failed: StepFailed) -> bool:
         """Run what failed no more; a law is started again once, and this returns True."""
         return self.watchdog.stop(failed, self.t)

@@ -129,9 +129,13 @@ def lead_hands(s: Supervisor, grip: Grip, along: float, speed: float) -> None:
     s.arms.hands_to_marker(goals, speed)
 
 
-def compute_miss(s: Supervisor, grip: Grip) -> float:
-    """Return how far (m) the worse hand is, across the handle, from where it holds it."""
+def compute_miss(s: Supervisor, grip: Grip, shift: Array | None = None) -> float:
+    """Return how far (m) the worse hand is, across the handle, from where it holds it.
+
+    `shift` (3,) m: from the estimate to where the robot is taken to be.
+    """
     p, R = measure_tool(s)
+    p = p if shift is None else p - shift
     worst = 0.0
     for h, hand in enumerate(grip.hands):
         goal = p + R @ (grip.handle + np.array([0.0, hand[1], 0.0]) - grip.cradle)

@@ -70,6 +70,7 @@ class ToolPlan(NamedTuple):
     to_bench: Array  # (n, 4) way-points: m, rad
     to_pipe: Array
     most_n: float  # weight that may be lifted
+    clear: float = math.inf  # m, to the tool before the hands hold it, in the wind as expected
 
 
 def plan(setup: Setup[ToolInstall]) -> MissionPlan[ToolPlan]:
@@ -88,8 +89,10 @@ def plan(setup: Setup[ToolInstall]) -> MissionPlan[ToolPlan]:
     blocked = _find_misfit(robot, world, task) or _find_blocked_work(
         robot, world.drop_things(task.tool), found, task.near_clearance_m
     )
-    blocked = blocked or _find_strong_wind(setup, found)
     least = math.inf
+    if blocked is None:
+        found = found._replace(clear=_measure_stances(setup, found)[0])
+        blocked = _find_strong_wind(setup, found)
     if blocked is None:
         found, blocked, least = _plan_ways(d, found, task)
     length = sum(
@@ -236,35 +239,18 @@ def behind(p: Array, yaw: float, back: float = BACK) -> Array:
 
 def _find_strong_wind(setup: Setup[ToolInstall], way: ToolPlan) -> str | None:
     """Say that wind leans or moves the robot onto the tool that it comes up to, or return None."""
-    wind = setup.world.wind
-    if compute_speed(wind) == 0.0:
+    wind, keeps = setup.world.wind, setup.task.wind_clearance_m
+    if compute_speed(wind) == 0.0 or way.clear >= keeps:
         return None
-    query = build_clearance(setup.scene)
 
     def judge(share: float) -> tuple[float, str]:
         air = wind.model_copy(update={
             "mean_mps": share * wind.mean_mps, "vertical_mps": share * wind.vertical_mps
         })  # fmt: skip
         world = setup.world.model_copy(update={"wind": air})
-        there = Setup(setup.description._replace(world=world))
-        least, what = math.inf, ""
-        at, bench = find_platform(way.grip, way.bench), rot_z(way.bench.yaw)
-        for place in (way.bench, way.seat):  # the robot meets the tool alike at both
-            for R, shift in find_stances(there, place.yaw, way.grip.q_low, ACCELERATION):
-                here = bench @ rot_z(-place.yaw)
-                for back in COMES:
-                    p = at + here @ shift - [0.0, 0.0, DROP] - back * bench[:, 0]
-                    found = compute_clearance(query, p, here @ R, way.grip.q_low)
-                    if found.distance < least:
-                        least = found.distance
-                        pair = query.names[found.robot_geom], query.names[found.other_geom]
-                        what = f"{pair[0]} and {pair[1]}"
-        return least, what
+        return _measure_stances(Setup(setup.description._replace(world=world)), way)
 
     least, what = judge(1.0)
-    keeps = setup.task.wind_clearance_m
-    if least >= keeps:
-        return None
     low, high = 0.0, 1.0
     for _ in range(STEPS):
         middle = 0.5 * (low + high)
@@ -276,6 +262,24 @@ def _find_strong_wind(setup: Setup[ToolInstall], way: ToolPlan) -> str | None:
         f"required clearance: {keeps:g} m (mission.task.wind_clearance_m); largest wind: "
         f"{low * speed:.1f} m/s (world.wind.mean_mps)"
     )
+
+
+def _measure_stances(setup: Setup[ToolInstall], way: ToolPlan) -> tuple[float, str]:
+    """Return the least distance (m) on the way up to the tool, however the robot stands."""
+    query = build_clearance(setup.scene)
+    least, what = math.inf, ""
+    at, bench = find_platform(way.grip, way.bench), rot_z(way.bench.yaw)
+    for place in (way.bench, way.seat):  # the robot meets the tool alike at both
+        for R, shift in find_stances(setup, place.yaw, way.grip.q_low, ACCELERATION):
+            here = bench @ rot_z(-place.yaw)
+            for back in COMES:
+                p = at + here @ shift - [0.0, 0.0, DROP] - back * bench[:, 0]
+                found = compute_clearance(query, p, here @ R, way.grip.q_low)
+                if found.distance < least:
+                    least = found.distance
+                    pair = query.names[found.robot_geom], query.names[found.other_geom]
+                    what = f"{pair[0]} and {pair[1]}"
+    return least, what
 
 
 def _find_blocked_work(robot: Robot, world: World, way: ToolPlan, keeps: float) -> str | None:

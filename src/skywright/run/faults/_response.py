@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +24,7 @@ from skywright.run.faults._room import (
     hold_stuck,
 )
 from skywright.run.faults._rule import LET_GO, Response
-from skywright.run.faults._senses import Senses
-from skywright.vehicle.arms.ports import ArmModel, HandState
+from skywright.run.faults._trail import Crumb, goal_joints
 from skywright.vehicle.rest_to_rest import ROW_PERIOD, duration, quintic
 
 if TYPE_CHECKING:
@@ -49,68 +48,26 @@ WAIT_S = 30.0  # s, of holding before it comes home
 AGREES_S = 1.0  # s, for which a value has to be good again
 
 
-class Crumb(NamedTuple):
-    """Where the robot was commanded to be."""
-
-    p_WB: Array
-    R_WB: Array
-    q: Array
-    away: Array  # unit vector from what it touched, zero in free flight
-
-
-class Trail:
-    """The way that was flown, to come back on."""
-
-    PERIOD = 0.2  # s
-
-    def __init__(self) -> None:
-        self.crumbs: list[Crumb] = []
-        self._next = 0.0
-
-    def drop(self, v: Senses) -> None:
-        """Note where the robot is to be, now and then."""
-        if v.t < self._next or v.reference["active"] < 0.5:
-            return
-        self._next = v.t + self.PERIOD
-        self.crumbs.append(build_crumb(v))
-
-
-def build_crumb(v: Senses) -> Crumb:
-    """Return where the robot is commanded to be now."""
-    ref, away = v.reference, v.away if v.touching else np.zeros(3)
-    return Crumb(np.array(ref["p_WB"]), np.array(ref["R_WB"]), goal_joints(v), away)
-
-
-def goal_joints(v: Senses) -> Array:
-    """Return where the servos lead the joints, in the layout of a row's `q`.
-
-    Joints that do not follow are where they are: a law that leads a tip would make up for them.
-    """
-    q, arm = np.array(v.reference["q"]), v.get(ArmModel)
-    if arm is not None:
-        goal = v.get(HandState).q_goal
-        for h in range(arm.n_hands):
-            if v.reference["task"][h] != TASK_JOINTS:
-                mine = slice(arm.first[h], arm.first[h] + arm.n)
-                q[mine] = goal[mine]
-    return hold_stuck(v, q)
-
-
 def respond(s: Supervisor, response: Response) -> None:
     """Fly a response; returns when the robot is down."""
     if response == "let_go":
         s.begin(LET_GO)
         s.uav.motors(False)
-        _wait_until_still(s, FALL_S)
+        wait_until_still(s, FALL_S)
         return
     v = s.senses
     v.carrying = v.carrying or max(v.told("load")) > 0.0
-    if response == "land_here":
+    if response != "land_here":
+        leaves = v.engaged
+    else:  # a jolt is felt as a touch, and no time is to be lost on the way down
+        leaves = v.leads_hands or (v.means_to_touch and not v.carrying)
+        if not v.hands or v.means_to_touch or v.find_pressed() is not None:
+            v.left = v.away
         _anchor(s)
-    # a jolt is felt as a touch, and no time is to be lost on the way down
-    if v.means_to_touch or (v.engaged and response != "land_here"):
+    if leaves:
         s.begin("retract")
         s.kind.withdraw(s, s.way)
+    v.left = None
     if response == "hold":
         s.begin("hold")
         _wait_until_good(s)
@@ -123,10 +80,10 @@ def respond(s: Supervisor, response: Response) -> None:
         fly_back(s, s.trail.crumbs)
     _descend(s, here=response == "land_here")
     s.uav.motors(False)
-    _wait_until_still(s, LANDED_S)
+    wait_until_still(s, LANDED_S)
 
 
-def _wait_until_still(s: Supervisor, least: float) -> None:
+def wait_until_still(s: Supervisor, least: float) -> None:
     """Wait until the robot lies still, for at least `least` (s): it may roll after a fall."""
     began = since = s.vehicle.t
     while (t := s.vehicle.t) < began + FALL_MAX_S - 1e-9:
@@ -163,14 +120,32 @@ def retract(s: Supervisor) -> None:
     """Draw back from what is touched, along its normal, the arm as it is.
 
     Hands that touch nothing yet may be below or beside it: away from what is nearest on the map.
-    Fast after a rule has acted; by an order so slowly that a long arm feels no force of its own.
     """
     v, row = s.senses, build_rest(s)
-    away = v.away
-    if v.hands and not v.means_to_touch and v.find_pressed() is None:
+    away = v.away if v.left is None else v.left
+    if v.left is None and v.hands and not v.means_to_touch and v.find_pressed() is None:
         away = find_open(s, row, away, RETRACT_M)
-    pace = (RETRACT_SPEED, RETRACT_ACCELERATION) if s.senses.responding else CALM
-    _fly(s, [row["p_WB"], row["p_WB"] + RETRACT_M * away], row, *pace)
+    back_off(s, away, RETRACT_M)
+
+
+def back_off(
+    s: Supervisor, away: Array, far: float, acceleration: float = RETRACT_ACCELERATION
+) -> None:
+    """Fly `far` (m) along `away` (3,) from where the robot was to be, the arm as it is.
+
+    A robot that was pushed away begins where it is: on its way back to its place it would run
+    against what it is to leave. Fast after a rule has acted; by an order so slowly that a long arm
+    feels no force of its own.
+    """
+    row, pace = build_rest(s), CALM
+    start = np.array(row["p_WB"])
+    goal = start + far * away
+    if s.senses.responding:
+        pace = RETRACT_SPEED, acceleration
+        here = np.array(s.vehicle.estimate["p_WB"])
+        if (here - start) @ away > 0.0:
+            start = here
+    _fly(s, [start, start + max(float((goal - start) @ away), 0.0) * away], row, *pace)
 
 
 def _fly(s: Supervisor, way: list[Array], row: Any, speed: float, acceleration: float) -> None:
@@ -179,7 +154,9 @@ def _fly(s: Supervisor, way: list[Array], row: Any, speed: float, acceleration: 
     n = max(math.ceil(total / ROW_PERIOD), 1)
     u = np.linspace(0.0, 1.0, n + 1)
     points = way[0] + quintic(u)[0][:, None] * (way[1] - way[0])
-    s.body.track(_build_table(s, row, u * n * ROW_PERIOD, points))
+    table = _build_table(s, row, u * n * ROW_PERIOD, points)
+    table["a_WB"] = quintic(u)[2][:, None] * (way[1] - way[0]) / (n * ROW_PERIOD) ** 2
+    s.body.track(table)
     s.until_arrived()
 
 

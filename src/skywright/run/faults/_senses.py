@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
@@ -44,6 +45,9 @@ class Senses:
         self.restarts = False  # what failed is started again
         self.carrying = False  # when a rule acted
         self.stuck: set[int] = set()  # joints, from 0, that do not follow
+        self.posture: Array | None = None  # rad, where a sound estimate led the joints last
+        self.left: Array | None = None  # unit vector from what was touched when a rule acted
+        self.room: Callable[[], float] | None = None  # m, beyond what a mission keeps clear now
         self.doubt = np.zeros(3)  # m in W, from the estimate to where the robot may be as well
 
     def refresh(self) -> None:
@@ -143,7 +147,12 @@ class Senses:
     @property
     def engaged(self) -> bool:
         """Whether hands are led to something, or the robot touches: it is near a structure."""
-        return self.touching or any(t != TASK_JOINTS for t in self.told("task")[: self.hands])
+        return self.touching or self.leads_hands
+
+    @property
+    def leads_hands(self) -> bool:
+        """Whether hands are led to something."""
+        return any(t != TASK_JOINTS for t in self.told("task")[: self.hands])
 
     def find_pressed(self) -> Array | None:
         """Return where hands press, unit (3,) in W; None where they press nothing or carry.

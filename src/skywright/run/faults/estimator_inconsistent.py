@@ -29,6 +29,7 @@ class EstimatorInconsistent(Rule):
     unit = ""
     source = "the filter gives up after 10 that agree with each other"
     from_take_off = True
+    every = 1  # hands that are led follow an estimate that jumps
 
     class Table(Rule.Table):
         """Limit in measurements."""
@@ -51,7 +52,12 @@ class EstimatorInconsistent(Rule):
         return float(self._rejected.tolist() + RESTART * restarts)
 
     def repair(self, s: Supervisor) -> Response:
-        """The robot was near its reference: it may be there still, where the estimate is not."""
+        """The robot was near its reference: it may be there still, where the estimate is not.
+
+        Hands that were led by the estimate stop where it led them before it was given up.
+        """
+        for crumb in s.trail.crumbs[-2:][:1]:
+            s.senses.posture = crumb.q
         away = np.array(s.senses.reference["p_WB"] - s.senses.estimate["p_WB"])
         if float(np.linalg.norm(away)) < FAR:
             s.senses.doubt = away

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from skywright.core.spec import NonNegative
+from skywright.models.capability import MOTOR_TIMEOUT_S
 from skywright.run.faults._rule import Response
 from skywright.run.faults.link_silent import LinkSilent
 
@@ -15,6 +16,6 @@ class LinkLost(LinkSilent):
     class Table(LinkSilent.Table):
         """Limit (s). A link that comes back starts no motors of a robot that falls."""
 
-        limit: NonNegative = 0.5
+        limit: NonNegative = MOTOR_TIMEOUT_S
         hold_s: NonNegative = 0.0
         response: Response = "let_go"

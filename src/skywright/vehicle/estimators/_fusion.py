@@ -10,7 +10,11 @@ from skywright.core.scratch import local
 from skywright.vehicle.component import helper
 from skywright.vehicle.estimators._kalman import correct, inject, place_point
 from skywright.vehicle.estimators._strapdown import (
+    BA_,
+    BG_,
     COVARIANCE_STEP,
+    HOLD_ACCEL,
+    HOLD_RATE,
     P_,
     R_,
     V_,
@@ -27,6 +31,7 @@ GATE_ODO = 30.0  # the camera has jumped, not the robot
 GATE_RANGE = 16.0
 NO_GATE = math.inf
 RUN = 5  # rejected fixes in a row: not they are wrong but the filter
+OFTEN, OFTEN_S = 8.0, 0.5  # jumps of the camera within s: not it jumps but the inertial unit is off
 
 
 @helper
@@ -141,6 +146,7 @@ def fuse_fix(me: Any, z: Any) -> None:
         if me.rejected_row < RUN:
             return
         me.rejected_row = 0
+        me.restarts += 1
         for i in range(3):  # lost: the position is anywhere, what the camera tells of it is not
             me.P_full[P_ + i, P_ + i] += far
             me.P_full[B_ + i, B_ + i] += far
@@ -190,12 +196,30 @@ def fuse_odometry(me: Any, k: int) -> None:
         r[3 + i] = me.r_odo_R
     for i in range(6):
         kept[i] = nu[i]
+    me.often *= math.exp(-max(me.odo_t[k] - me.last_odo, 0.0) / OFTEN_S)
+    me.last_odo = me.odo_t[k]
     if not correct(me.P_full, H, kept, r, GATE_ODO, dx) < GATE_ODO:
         me.jumps += 1
+        me.often += 1.0
         for i in range(3):
             me.P_full[B_ + i, B_ + i] += far
+        if me.often > OFTEN:
+            me.often = 0.0
+            me.restarts += 1
+            doubt_inertial(me)
         correct(me.P_full, H, nu, r, NO_GATE, dx)
     _inject(me, dx)
+
+
+@helper
+def doubt_inertial(me: Any) -> None:
+    """Take the inertial unit's zeros, and what was integrated with them, for hardly known."""
+    for i in range(3):
+        me.P_full[BG_ + i, BG_ + i] += HOLD_RATE**2
+        me.P_full[BA_ + i, BA_ + i] += HOLD_ACCEL**2
+        me.P_full[R_ + i, R_ + i] += (OFTEN_S * HOLD_RATE) ** 2
+        me.P_full[V_ + i, V_ + i] += (OFTEN_S * HOLD_ACCEL) ** 2
+        me.P_full[P_ + i, P_ + i] += (0.5 * OFTEN_S**2 * HOLD_ACCEL) ** 2
 
 
 @helper

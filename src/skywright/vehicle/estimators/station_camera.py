@@ -128,6 +128,9 @@ class StationCamera(Estimator):
         rejected_row: int
         late: int  # came after the horizon had passed
         jumps: int  # of the camera
+        often: float  # of them lately
+        last_odo: float  # s, stamp of the newest camera sample that was fused
+        restarts: int  # times that the inertial unit or the place was given up
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Take what data sheets say."""
@@ -213,6 +216,7 @@ class StationCamera(Estimator):
                 for j in range(N_STATE):
                     me.P[i, j] = me.P_full[i, j]
         predict_now(me, imu, body, allocated, est, rotor, clock.t, before, changed)
+        state.rejected, state.restarts = float(me.rejected_row), float(me.restarts)
         state.fix_age = clock.t - me.last_fix
         tell_deviation(me, me.P_full, body.gravity, state)
 

@@ -10,12 +10,16 @@ from pydantic import Field, model_validator
 from skywright.core.record import Record
 from skywright.core.spec import Fraction, Positive
 from skywright.core.types import MAX_ROTORS
+from skywright.models.capability import MOTOR_TIMEOUT_S
 from skywright.vehicle.bus import Clock, MuJoCo
 from skywright.vehicle.component import Fault, InOut, words
 from skywright.vehicle.faults.localisation import FOR_GOOD
 from skywright.vehicle.link import ControlLink
 from skywright.vehicle.plant import RotorState
 
+LATE_SHARE, DRAWN_DELAY_S = 0.5, (0.005, 0.015)
+"""Of the faults that a mission draws, and s each way: with 15 ms the OTHex's rotors saturated for
+141 s of a scan."""
 MOST_DELAY_S = 0.2
 """s; what is under way then still fits the link (link.py: DEPTH)."""
 
@@ -34,7 +38,7 @@ class Link(Fault):
         for_s: Positive = FOR_GOOD
         loss_fraction: Fraction = 1.0
         delay_s: Annotated[float, Field(ge=0.0, le=MOST_DELAY_S)] = 0.0
-        motor_timeout_s: Positive = 0.5
+        motor_timeout_s: Positive = MOTOR_TIMEOUT_S
 
         @model_validator(mode="after")
         def _check_effect(self) -> Self:
@@ -77,10 +81,13 @@ class Link(Fault):
 
     @classmethod
     def draw_table(cls, rng: np.random.Generator, robot: Any, world: Any) -> dict[str, Any] | None:
-        """Where the world has a link: for a moment, or for good."""
+        """Where the world has a link: lost for a moment or for good, or later."""
         link = world.link
         if link.delay_s == 0.0 and link.jitter_s == 0.0 and link.loss_fraction == 0.0:
             return None
+        if rng.random() < LATE_SHARE:
+            later = float(rng.uniform(*DRAWN_DELAY_S))
+            return {"loss_fraction": 0.0, "delay_s": later}
         return {"for_s": float(rng.choice([0.1, 0.3, FOR_GOOD]))}
 
     @staticmethod

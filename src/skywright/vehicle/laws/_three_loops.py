@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from skywright.description.robot.spec import Control, Robot
+from skywright.description.robot.spec import Robot
 from skywright.vehicle.component import AttitudeGains, Law
 from skywright.vehicle.loops import (
     ArmLoop,
@@ -14,6 +14,7 @@ from skywright.vehicle.loops import (
     fill_arm,
     fill_attitude,
     fill_position,
+    get_attitude_gains,
 )
 
 
@@ -27,11 +28,7 @@ class ThreeLoops(Law):
 
     def get_attitude_loop(self, robot: Robot) -> AttitudeGains:
         """Return the loop that `attitude_torque` closes."""
-        own = {k: v for k, v in self.table if k in Control.model_fields and v is not None}
-        c = robot.control.model_copy(update=own)
-        return AttitudeGains(
-            c.attitude_bandwidth_rad_s, c.attitude_damping, c.attitude_integral_rad_s
-        )
+        return get_attitude_gains(self.table, robot)
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Fill gains from bandwidths."""

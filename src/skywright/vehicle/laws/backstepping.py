@@ -33,10 +33,10 @@ from skywright.core.record import Array, Mat3, Vec3
 from skywright.core.rotations import cross, mat_t_mat, mat_t_vec, mat_vec
 from skywright.core.scratch import local
 from skywright.core.types import MAX_JOINTS
+from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
-from skywright.models.nominal import Nominal
 from skywright.vehicle.bus import Allocated, Body, Estimate, Reference, WrenchCommand
-from skywright.vehicle.component import Law, Out, helper
+from skywright.vehicle.component import AttitudeGains, Law, Out, helper
 from skywright.vehicle.follower import Press
 from skywright.vehicle.laws._standard_mode import (
     StandardLoop,
@@ -52,6 +52,7 @@ from skywright.vehicle.loops import (
     arm_velocity,
     choose_bandwidths,
     fill_arm,
+    get_attitude_gains,
     limit_attitude,
     rest,
 )
@@ -91,10 +92,9 @@ class Backstepping(Law):
         theta: Vec3  # rad s, chi of the attitude, in B
         shift: float  # m, of the platform along the probe
 
-    def compute_rate_torque(self, nominal: Nominal, I_C: Array) -> Array:
-        """Return the torque of k_1 + k_2, the damping of the PID."""
-        c = choose_bandwidths(self.table, nominal)
-        return I_C[:, :2] * (2.0 * c.attitude_damping * c.attitude_bandwidth_rad_s)
+    def get_attitude_loop(self, robot: Robot) -> AttitudeGains:
+        """Return the PID that the gains of the attitude make."""
+        return get_attitude_gains(self.table, robot)
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Fill gains from bandwidths; raises InputError where there are none.

@@ -22,13 +22,12 @@ from skywright.core.record import Array, Vec2, Vec3
 from skywright.core.rotations import cross, log_so3, mat_t_mat, mat_t_vec, mat_vec, norm
 from skywright.core.scratch import local
 from skywright.core.spec import Positive
-from skywright.errors import InputError
 from skywright.models.nominal import Nominal
-from skywright.models.rigid_body import compute_body, posture
 from skywright.vehicle.arms.ports import Floating, Hands, Wrench
 from skywright.vehicle.bus import Allocated, Body, Estimate, Reference, WrenchCommand
 from skywright.vehicle.component import Context, Law, Out, helper
 from skywright.vehicle.gusts import GustModel
+from skywright.vehicle.laws._cascade_checks import check_balance, compute_borne_delay
 from skywright.vehicle.laws._cascade_gains import (
     CascadeGains,
     build_gust_model,
@@ -36,7 +35,6 @@ from skywright.vehicle.laws._cascade_gains import (
     compute_cascade_gains,
 )
 from skywright.vehicle.laws._thrust import Thrust, ThrustTable, aim_thrust, fill_thrust
-from skywright.vehicle.link_arc import compute_link_arc
 from skywright.vehicle.loops import (
     ArmLoop,
     ArmTable,
@@ -95,6 +93,8 @@ class Cascade(Law):
         Raises InputError where these give no stable loops, or cannot take off along a link's arc.
         """
         gains = self._compute_gains(context, context.model)
+        if me.lead == 0.0:  # on the ground: a law that is tuned in flight has taken off
+            check_balance(gains, context)
         for name in gains._fields:
             if name not in ("wrench", "pose"):
                 me[name] = getattr(gains, name)
@@ -104,7 +104,6 @@ class Cascade(Law):
         weight = context.mass * context.world.gravity_mps2
         me.f_external_max, me.t_integral_max = 0.4 * weight, 0.1 * weight
         me.pose_bandwidth, me.pose = gains.pose, math.nan
-        check_balance(gains, context)
 
     def observe_wrench(self, context: Context) -> Array:
         """Return the bandwidths (3,) rad/s of the external force that is cancelled."""
@@ -120,6 +119,13 @@ class Cascade(Law):
         gains = self._compute_gains(nominal, nominal.model[0])
         I_eff = compute_bodies(nominal.robot, nominal.model[0])[1]["I_eff"]
         return np.asarray(I_eff[:, :2] * gains.k_rate[:2] * (gains.rotor_tau / gains.lead))
+
+    def compute_borne_delay(self, nominal: Nominal, spare: float) -> float:
+        """Return what attitude and rate loop bear together."""
+        c = choose_bandwidths(self.table, nominal)
+        return compute_borne_delay(
+            self._compute_gains(nominal, nominal.model[0]), c, nominal, spare
+        )
 
     def _compute_gains(self, context: Context | Nominal, model: Any) -> CascadeGains:
         c = choose_bandwidths(self.table, context)
@@ -142,28 +148,6 @@ class Cascade(Law):
             acceleration_for_motion(me, ref, est, body, floating, wrench, hands, f_W)
             force_for_motion(me, body, wrench, f_W)
             apply_force(me, ref, est, body, floating, wrench, allocated.saturated, cmd, f_W)
-
-
-def check_balance(gains: CascadeGains, context: Context) -> None:
-    """Raise InputError where the roll loop is too slow for the take-off along a link's arc.
-
-    On the end of its link the robot is an inverted pendulum sideways, which falls at sqrt(g / h):
-    the attitude has to answer faster.
-    """
-    robot, world = context.robot, context.world
-    arc = compute_link_arc(robot, context.model.reshape(1))
-    if arc is None:
-        return
-    _, com, _ = compute_body(context.model.reshape(1), posture(robot, "working"))
-    falls = math.sqrt(world.gravity_mps2 / (arc.top + com[2]))
-    found, rate = float(gains.k_attitude[0]), robot.control.rate_hz
-    if found < falls:
-        raise InputError(
-            f"robot.control: at rate_hz = {rate:g} and world.link.delay_s = "
-            f"{world.link.delay_s:g} the roll loop reaches {found:.2f} rad/s; to take off "
-            f"from the end of its link {robot.name!r} requires {falls:.2f} rad/s: raise "
-            "rate_hz or lower delay_s"
-        )
 
 
 @helper

@@ -1,0 +1,81 @@
+"""A control link that gets later in flight than the loops bear."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from skywright.core.spec import NonNegative
+from skywright.run.faults._rule import Response, Rule
+
+if TYPE_CHECKING:
+    from skywright.run.faults._senses import Senses
+    from skywright.run.supervisor import Supervisor
+
+ARRIVALS = 5
+"""Packets of which the median age counts: a lost one makes the age of what is newest larger."""
+
+
+class LinkLate(Rule):
+    """Age of inertial samples as they come over the link, over what the law bears."""
+
+    watches = (
+        "age of the inertial samples that come over the control link, by their stamps, over the "
+        "delay each way that the law bears (both ways are taken to be alike)"
+    )
+    unit = ""
+    source = "beyond it the attitude loop is unstable: the check before take-off has the same limit"
+    from_take_off = True
+    every = 1
+
+    class Table(Rule.Table):
+        """Limit as a share."""
+
+        limit: NonNegative = 1.0
+        hold_s: NonNegative = 0.0
+        response: Response = "land_here"
+
+    def __init__(self, name: str, table: Any = None) -> None:
+        super().__init__(name, table)
+        self._stamp: Any = None
+        self._ages: list[float] = []  # s
+        self._last = self.age = 0.0  # s
+        self._most = math.nan  # s
+        self._period = 0.0  # s, between the tick that read a packet and the rule's look
+
+    def begin(self, v: Senses) -> None:
+        from skywright.run.link_limit import compute_most_delay
+        from skywright.vehicle.readings import ImuBatch
+        from skywright.vehicle.simulated import SimulatedVehicle
+
+        vehicle = v.vehicle
+        if isinstance(vehicle, SimulatedVehicle) and vehicle.has_link:
+            self._stamp = v.place(ImuBatch, "t")
+            self._most = compute_most_delay(vehicle.nominal, vehicle.law)
+            self._period = vehicle.dt
+
+    def look(self, v: Senses) -> float:
+        if self._stamp is None or math.isnan(self._most):
+            return math.nan
+        stamp = self._stamp.tolist()
+        if stamp > self._last:
+            self._last = stamp
+            self._ages = [*self._ages[1 - ARRIVALS :], v.t - self._period - stamp]
+        if len(self._ages) < ARRIVALS:
+            return 0.0
+        self.age = sorted(self._ages)[ARRIVALS // 2]
+        return self.age / max(self._most, 1e-9)
+
+    def repair(self, s: Supervisor) -> Response:
+        """Slow the law until it bears that delay."""
+        from skywright.run.link_limit import slow_down
+
+        slow_down(s.vehicle, self.age)
+        return super().repair(s)
+
+    def explain(self, value: float) -> str:
+        """Say both delays."""
+        return (
+            f"the control link is {1000.0 * self.age:.1f} ms late each way, more than the "
+            f"{1000.0 * self._most:.1f} ms that the law bears"
+        )

@@ -1,0 +1,58 @@
+"""What the cascade's gains bear: the take-off along a link's arc, and a control link's delay."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from skywright.description.robot.spec import Control
+from skywright.errors import InputError
+from skywright.models.floating import compute_free_inertia
+from skywright.models.nominal import Nominal
+from skywright.models.rigid_body import compute_body, posture
+from skywright.vehicle.component import Context
+from skywright.vehicle.laws._cascade_gains import CascadeGains, compute_bodies
+from skywright.vehicle.link_arc import compute_link_arc
+from skywright.vehicle.loops import compute_delay
+
+
+def compute_borne_delay(g: CascadeGains, c: Control, nominal: Nominal, spare: float) -> float:
+    """Return the delay (s) each way with which attitude and rate loop keep `spare` (rad) of phase.
+
+    L(s) = k_rate (1 + k_attitude / s) / (s (1 + lead s)), about roll and pitch; above the swing of
+    what hangs on the platform, only the platform itself turns and the gain is larger.
+    """
+    robot, world = nominal.robot, nominal.world
+    free = compute_free_inertia(robot, world, posture(robot, "working"))
+    heavier = np.diag(compute_bodies(robot, nominal.model[0])[1]["I_eff"]) / free
+    s, both = 1j * np.geomspace(1.0, 1000.0, 4000), math.inf
+    for axis in (0, 1):
+        for more in (1.0, max(float(heavier[axis]), 1.0)):
+            k = more * float(g.k_rate[axis])
+            L = k * (1.0 + float(g.k_attitude[axis]) / s) / (s * (1.0 + g.lead * s))
+            at = int(np.argmax(np.abs(L) < 1.0))
+            both = min(both, (math.pi + float(np.angle(L[at])) - spare) / abs(s[at]))
+    return max(world.link.delay_s + 0.5 * (both - compute_delay(c, world)), 0.0)
+
+
+def check_balance(gains: CascadeGains, context: Context) -> None:
+    """Raise InputError where the roll loop is too slow for the take-off along a link's arc.
+
+    On the end of its link the robot is an inverted pendulum sideways, which falls at sqrt(g / h):
+    the attitude has to answer faster.
+    """
+    robot, world = context.robot, context.world
+    arc = compute_link_arc(robot, context.model.reshape(1))
+    if arc is None:
+        return
+    _, com, _ = compute_body(context.model.reshape(1), posture(robot, "working"))
+    falls = math.sqrt(world.gravity_mps2 / (arc.top + com[2]))
+    found, rate = float(gains.k_attitude[0]), robot.control.rate_hz
+    if found < falls:
+        raise InputError(
+            f"robot.control: at rate_hz = {rate:g} and world.link.delay_s = "
+            f"{world.link.delay_s:g} the roll loop reaches {found:.2f} rad/s; to take off "
+            f"from the end of its link {robot.name!r} requires {falls:.2f} rad/s: raise "
+            "rate_hz or lower delay_s"
+        )
