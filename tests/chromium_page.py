@@ -30,7 +30,6 @@ def open_page(
         chromium, "--headless=new", "--no-sandbox", "--enable-unsafe-swiftshader", "--use-gl=angle",
         "--use-angle=swiftshader", "--disable-background-networking", "--no-first-run",
         f"--user-data-dir={profile}", "--window-size=700,450", "--remote-debugging-port=0",
-        "--force-device-scale-factor=0.5",  # a quarter of the pixels to draw, the same layout
         *options, url,
     ]  # fmt: skip
     browser = subprocess.Popen(command, stderr=subprocess.DEVNULL)
