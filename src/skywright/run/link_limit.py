@@ -22,12 +22,12 @@ SCALED = (
     "position_bandwidth_rad_s", "position_integral_rad_s",
 )  # fmt: skip
 """Keys of a loop that is slowed as a whole: its position stays apart from its attitude."""
-TO_LAND = {"motion_sensitivity": 0.0, "phase_margin_deg": 45.0, "swing_damping": 0.2}
-"""Of [robot.control], in a landing: no fastest motion, less damping of rate loop and swing."""
+TO_LAND = {"motion_sensitivity": 0.0, "swing_damping": 0.1}
+"""Of [robot.control], in a landing: not the fastest motion, and less damping of the swing."""
 SHARES = np.geomspace(1.0, 0.2, 12)
 """Of the bandwidths, tried for a link that got later."""
-SPARE = math.radians(20.0)
-"""Phase margin that a slower loop keeps: its damping is then about 0.17."""
+SPARE = math.radians(34.0)
+"""Phase margin that a slower loop keeps: its damping is then about 0.3."""
 
 
 def find_exceeded_delay(setup: Setup[Any]) -> str | None:
