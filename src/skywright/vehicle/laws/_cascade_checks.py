@@ -33,10 +33,8 @@ def compute_borne_delay(g: CascadeGains, c: Control, nominal: Nominal, spare: fl
     s, both = 1j * np.geomspace(1.0, 1000.0, 4000), math.inf
     for axis in (0, 1):
         for more in (1.0, max(float(heavier[axis]), 1.0)):
-            k, keeps = (
-                more * float(g.k_rate[axis]),
-                spare if more == 1.0 else min(spare, FREE_SPARE),
-            )
+            k = more * float(g.k_rate[axis])
+            keeps = spare if more == 1.0 else min(spare, FREE_SPARE)
             L = k * (1.0 + float(g.k_attitude[axis]) / s) / (s * (1.0 + g.lead * s))
             at = int(np.argmax(np.abs(L) < 1.0))
             both = min(both, (math.pi + float(np.angle(L[at])) - keeps) / abs(s[at]))
