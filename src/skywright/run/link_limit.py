@@ -9,7 +9,9 @@ import numpy as np
 
 from skywright.errors import InputError
 from skywright.models.nominal import Nominal
+from skywright.models.rigid_body import compute_body, posture
 from skywright.models.rotor_reaction import compute_reaction_times
+from skywright.run.gyro_limit import compute_strain
 from skywright.run.parts import build_law
 from skywright.run.setup import Setup
 from skywright.vehicle.component import Law
@@ -22,12 +24,13 @@ SCALED = (
     "position_bandwidth_rad_s", "position_integral_rad_s",
 )  # fmt: skip
 """Keys of a loop that is slowed as a whole: its position stays apart from its attitude."""
-TO_LAND = {"motion_sensitivity": 0.0, "phase_margin_deg": 45.0, "swing_damping": 0.2}
-"""Of [robot.control], in a landing: no fastest motion, less damping of rate loop and swing."""
+TO_LAND = {"motion_sensitivity": 0.0, "phase_margin_deg": 55.0, "swing_damping": 0.1}
+"""Of [robot.control], in a landing: not the fastest motion, and less damping."""
 SHARES = np.geomspace(1.0, 0.2, 12)
 """Of the bandwidths, tried for a link that got later."""
-SPARE = math.radians(20.0)
-"""Phase margin that a slower loop keeps: its damping is then about 0.17."""
+SIGMAS = 3.0  # of the gyroscope's noise, that fit the rotors' room
+SPARE = math.radians(30.0)
+"""Phase margin that a slower loop keeps: its damping is then about 0.27."""
 
 
 def find_exceeded_delay(setup: Setup[Any]) -> str | None:
@@ -86,13 +89,22 @@ def slow_down(vehicle: Backend, delay: float) -> float | None:
         slower = type(law)(law.name, law.table.model_copy(update=own))
         there = Nominal(robot, world)
         try:
-            if compute_most_delay(there, slower, SPARE) < delay:
+            late = compute_most_delay(there, slower, SPARE) < delay
+            if late or is_strained(there, slower, SIGMAS):
                 continue
             vehicle.tune_law(slower.table, there)
         except InputError:  # no gains with that delay
             continue
         return float(share)
     return None
+
+
+def is_strained(nominal: Nominal, law: Law, sigmas: float) -> bool:
+    """Whether a law answers the gyroscope's noise with more than the rotors have."""
+    mass, c, I_B = compute_body(nominal.model, posture(nominal.robot, "working"))
+    I_C = I_B - mass * (c @ c * np.eye(3) - np.outer(c, c))
+    torque = law.compute_rate_torque(nominal, I_C)
+    return torque is not None and compute_strain(nominal, torque).exceeds(sigmas)
 
 
 def compute_arrival(delay: float, jitter: float, period: float) -> float:

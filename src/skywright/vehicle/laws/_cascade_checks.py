@@ -16,12 +16,16 @@ from skywright.vehicle.laws._cascade_gains import CascadeGains, compute_bodies
 from skywright.vehicle.link_arc import compute_link_arc
 from skywright.vehicle.loops import compute_delay
 
+FREE_SPARE = math.radians(12.0)
+"""rad: 35 deg less the 22 deg that an attitude loop 2.5 times slower takes."""
+
 
 def compute_borne_delay(g: CascadeGains, c: Control, nominal: Nominal, spare: float) -> float:
     """Return the delay (s) each way with which attitude and rate loop keep `spare` (rad) of phase.
 
     L(s) = k_rate (1 + k_attitude / s) / (s (1 + lead s)), about roll and pitch; above the swing of
-    what hangs on the platform, only the platform itself turns and the gain is larger.
+    what hangs on the platform, only the platform itself turns: there the gain is larger, and at
+    most FREE_SPARE is kept, for FREE_MARGIN of _cascade_gains.py is that of the rate loop alone.
     """
     robot, world = nominal.robot, nominal.world
     free = compute_free_inertia(robot, world, posture(robot, "working"))
@@ -30,9 +34,10 @@ def compute_borne_delay(g: CascadeGains, c: Control, nominal: Nominal, spare: fl
     for axis in (0, 1):
         for more in (1.0, max(float(heavier[axis]), 1.0)):
             k = more * float(g.k_rate[axis])
+            keeps = spare if more == 1.0 else min(spare, FREE_SPARE)
             L = k * (1.0 + float(g.k_attitude[axis]) / s) / (s * (1.0 + g.lead * s))
             at = int(np.argmax(np.abs(L) < 1.0))
-            both = min(both, (math.pi + float(np.angle(L[at])) - spare) / abs(s[at]))
+            both = min(both, (math.pi + float(np.angle(L[at])) - keeps) / abs(s[at]))
     return max(world.link.delay_s + 0.5 * (both - compute_delay(c, world)), 0.0)
 
 
