@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numba import njit
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
@@ -21,7 +22,13 @@ from skywright.description.robot.loader import load_robot
 from skywright.models.body_records import MAX_LINKS, Kinematics
 from skywright.models.floating import compute_free_inertia
 from skywright.models.link_motion import Motion
-from skywright.models.rigid_body import build_body_model, fill_body, fill_kinematics, posture
+from skywright.models.rigid_body import (
+    build_body_model,
+    compute_kinematics,
+    fill_body,
+    fill_kinematics,
+    posture,
+)
 from skywright.vehicle.arms.ports import Floating, Hands, Wrench
 from skywright.vehicle.bus import Body, Estimate, Reference, WrenchCommand
 from skywright.vehicle.follower import Press
@@ -373,23 +380,32 @@ def test_a_loop_of_torques_is_unstable_beyond_its_delay_margin() -> None:
         assert math.isfinite(compute_sensitivity(late, in_air=True)) == stable
 
 
+@njit
+def press_tip(
+    me: Any, ref: Any, press: Any, est: Any, body: Any, model: Any, kin: Any, qdd: Any
+) -> float:
+    scratch = Motion(np.zeros((MAX_LINKS, 3)), np.zeros((MAX_LINKS, 3)), np.zeros((MAX_LINKS, 3)))
+    fill_kinematics(model, est.q, kin)
+    fill_body(model, kin, body)
+    return float(press_with(me, ref, press, est, body, model, kin, scratch, qdd))
+
+
 @pytest.mark.parametrize("case", ["drifts", "docked", "reaches"])
 def test_a_tip_of_torques_makes_up_for_the_platform_and_stops_where_nothing_is(case: str) -> None:
     robot = load_robot("f550-bridge-torque")[0]
     model, q = build_body_model(robot)[0], posture(robot, "working")
     kin, body, est, me = make(Kinematics), make(Body), make(Estimate), make(BacksteppingTorque.Me)
     est.q[: len(q)], est.R_WB, est.f_tip = q, TURN, 4.0
-    fill_kinematics(View(model), est.q, kin)
-    fill_body(View(model), kin, body)
-    me.damp, me.stiff, me.k_f, axis = 40.0, 400.0, 0.5, body.R_BT[:, 2].copy()
+    at = compute_kinematics(build_body_model(robot), q)
+    me.damp, me.stiff, me.k_f, axis = 40.0, 400.0, 0.5, at["R_BT"][:, 2]
     press, ref = make(Press, press=1.0, force=4.0), make(Reference, R_WB=TURN)
-    ref.p_WT = TURN @ body.p_BT
+    ref.p_WT = TURN @ at["p_BT"]
     if case == "reaches":  # 1 cm more than the tip may be ahead
         ref.p_WT -= TURN @ axis * (backstepping.REACH + 0.01)
     else:
         est.v_WB, press.docked = TURN @ axis * 0.02, float(case == "docked")
-    motion, qdd = Motion(*(np.zeros((MAX_LINKS, 3)) for _ in range(3))), np.zeros(MAX_JOINTS)
-    force = press_with(me, ref, press, est, body, View(model), kin, motion, qdd)
+    qdd, records = np.zeros(MAX_JOINTS), [v._row for v in (me, ref, press, est, body)]
+    force = press_tip(*records, model, kin._row, qdd)
     along = axis @ body.J_BT[:, : len(q)] @ qdd[: len(q)]
     wanted = {"drifts": -40.0 * 0.02, "docked": 0.0, "reaches": -400.0 * 0.01}[case]
     assert along == pytest.approx(wanted, rel=0.02, abs=1e-6)

@@ -22,8 +22,8 @@ from skywright.missions.bar_insertion.metrics import compute_metrics as judge_in
 from skywright.missions.bar_transport.metrics import compute_metrics as judge_transport
 from skywright.missions.bimanual_bench.metrics import compute_metrics as judge_bimanual
 from skywright.missions.bridge_contact.metrics import compute_metrics as judge_contact
+from skywright.missions.crack_scan import metrics as crack_metrics
 from skywright.missions.crack_scan.cover import build_sector, compute_cover
-from skywright.missions.crack_scan.metrics import judge_search
 from skywright.missions.crack_scan.search import Search
 from skywright.missions.impact.metrics import compute_metrics as judge_impact
 from skywright.missions.impact.metrics import compute_pitch_torque
@@ -504,14 +504,14 @@ def test_readings_beside_their_spots() -> None:
     assert _find_place_error(run, found) == pytest.approx(0.005 - 0.002)
 
 
-def test_coils_that_tilt_or_lift_cover_nothing() -> None:
+def test_coils_that_tilt_or_lift_cover_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """All of the sector is swept, but for a disk of 4 cm radius in its middle."""
     task = build_flown("crack-scan", *build_samples([("scan", 1.0)])).task
     sector = build_sector(task, 0.2, 0.008)
     off = np.linalg.norm(sector.cells - sector.cells.mean(axis=0), axis=1) < 0.04
     n = len(sector.cells)
     samples, phases = build_samples([("scan", n * DT)], gap_max=0.0, tilt=0.0)
-    way = {"scan": SimpleNamespace(survey=None)}
+    way = {"scan": SimpleNamespace(survey=None), "pitch_m": 0.0065, "passes": 7}
     run = build_flown("crack-scan", samples, phases, way)
     s, c = sector.cells[:, :1], sector.cells[:, 1:]
     check = SetupCheck(80.0, 0.0, 0.0, ())
@@ -519,15 +519,20 @@ def test_coils_that_tilt_or_lift_cover_nothing() -> None:
     found = Search(
         s, c, s, [], s > 0, compute_cover(sector, s, c), s, samples["t"], sector.cells, known, check
     )
-    whole = judge_search(run, found)
+    whole = crack_metrics.judge_search(run, found)
     assert (whole["coverage.area_fraction"], whole["coverage.gap_max_mm"]) == (1.0, 0.0)
     for column, most in (("tilt", 1.0), ("gap_max", 1.0)):
         samples["tilt"] = samples["gap_max"] = 0.0
         samples[column][off] = most
-        m = judge_search(run, found)
+        m = crack_metrics.judge_search(run, found)
         cell = 1e3 * math.hypot(*sector.size)
         assert m["coverage.gap_max_mm"] == pytest.approx(80.0 - 8.0, abs=2.0 * cell)
         assert 0.0 < m["coverage.area_fraction"] < 1.0 - 0.6 * np.mean(off)
+    monkeypatch.setattr(crack_metrics, "judge_scan", lambda run: {})  # what it shares with a scan
+    monkeypatch.setattr(crack_metrics, "find_search", lambda run: found)
+    planned = crack_metrics.compute_metrics(run)
+    assert planned["coverage.pitch_full_mm"] == pytest.approx(6.5)
+    assert planned["coverage.passes"] == 7.0
 
 
 def test_a_survey_that_found_a_pipe_elsewhere() -> None:
