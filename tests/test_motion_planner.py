@@ -253,7 +253,7 @@ def test_a_bar_longer_than_the_gap_is_refused_with_the_passage_s_name() -> None:
     with pytest.raises(InfeasibleError, match=r"no path within 0\.3\d* s; ") as error:
         plan_transport(ROBOT, problem, time_s=0.3)
     assert "'lower gap'" in str(error.value) and "2.80 m" in str(error.value)
-    assert "(does not fit)" in str(error.value)
+    assert "0.2 m on each side (mission.task.margin_m): it does not fit" in str(error.value)
 
 
 def test_the_bound_is_infinite_where_a_slice_is_closed() -> None:

@@ -230,6 +230,7 @@ def test_every_numeric_key_of_the_specs_has_a_unit_or_is_known_to_be_bare() -> N
         "servo_lag_error", "sensor_noise_error", "inertia_error", "drag_error", "friction_error",
         "calm_fraction", "force_fraction", "tilt_fraction", "squeeze_fraction", "press_share",
         "mobility_fraction", "battery_min_fraction", "spin_spread_fraction",
+        "dock_rotor_reserve", "dock_friction_fraction",
         "gust_sigmas", "noise_sigmas", "slide_sigmas", "swing_sigmas",
         "gamma", "p1", "p2",
         # counts

@@ -158,7 +158,8 @@ def describe_narrowest(problem: TransportProblem, path: Path) -> str:
         fits = "fits" if w.ratio >= 1.0 else "does not fit"
         return (
             f"the narrowest passage is {w.name!r}: {w.opening:.2f} m wide; the {w.what} "
-            f"requires {w.needs:.2f} m including margins ({MARGIN_KEY} = {t.margin:g}; {fits})"
+            f"requires {w.needs:.2f} m with a margin of {t.margin:g} m on each side "
+            f"({MARGIN_KEY}): it {fits}"
         )
     if path.hits.any():
         often = describe_pair(problem.space, problem.scene, int(np.argmax(path.hits)), MARGIN_KEY)
