@@ -91,6 +91,18 @@ def test_a_slower_law_bears_a_later_link(mission: str) -> None:
     assert compute_most_delay(vehicle.nominal, vehicle.law, SPARE) < before  # as it took off
 
 
+def test_a_law_with_a_bandwidth_of_its_own_is_slowed_alike() -> None:
+    """Its own table stands before [robot.control]."""
+    shares, found = [], []
+    for own in ([], ['mission.law.kind="cascade"', "mission.law.attitude_bandwidth_rad_s=8"]):
+        d = load_description("sensor-install", sets=["world.link.delay_s=0.001", *own])
+        vehicle = build_vehicle(d)
+        shares.append(slow_down(vehicle, 0.016))
+        found.append(np.array(vehicle.get_memory(vehicle.law.name).k_rate))
+    assert shares[0] is not None and shares[0] == shares[1]
+    assert np.array_equal(found[0], found[1])
+
+
 def test_the_age_of_what_arrives_counts_not_that_of_a_silent_link() -> None:
     """The median of arrivals: a lost packet or a silent moment is no late link."""
     rule = LinkLate("late")

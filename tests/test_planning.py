@@ -349,6 +349,8 @@ def test_a_station_slower_than_the_clearance_bears_is_refused() -> None:
     assert ask(f"world.total_station.rate_mean_hz={1.01 / period}") == "None"
     late = ask("world.total_station.latency_mean_s=0.9")
     assert "set a shorter latency_mean_s" in late
+    exact = ("world.total_station.range_noise_m=0", "world.total_station.pointing_noise_m=0")
+    assert ask("world.total_station.latency_mean_s=0.9", *exact) == late
 
 
 def test_a_noisy_gyroscope_is_told_with_the_noise_that_the_attitude_loop_bears() -> None:

@@ -92,7 +92,7 @@ def slow_down(vehicle: Backend, delay: float) -> float | None:
             late = compute_most_delay(there, slower, SPARE) < delay
             if late or is_strained(there, slower, SIGMAS):
                 continue
-            vehicle.tune_law(slower.table, there)
+            vehicle.tune_law(slower, there)
         except InputError:  # no gains with that delay
             continue
         return float(share)

@@ -73,4 +73,6 @@ def compute_longest_period(station: TotalStation, camera: TrackingCamera, sigma:
         q += camera.jump_m**2 / camera.jump_interval_s
     r = max(station.range_noise_m, station.pointing_noise_m) ** 2
     left = max(sigma**2 - q * station.latency_mean_s, 0.0)
-    return left**2 / (q * (left + r)) if q > 0.0 else float("inf")
+    if q == 0.0:
+        return math.inf
+    return left**2 / (q * (left + r)) if left > 0.0 else 0.0

@@ -347,9 +347,9 @@ class SimulatedVehicle(NoPilotSwitch):
         """Whether a control link stands between robot and controller."""
         return any(c.group == "link" for c in self.assembly.components)
 
-    def tune_law(self, table: Any, nominal: Nominal) -> None:
-        """Give the law the gains that a table makes on a robot in a world as believed; what it has
-        gathered stays. Raises InputError, and changes nothing, where there are none."""
+    def tune_law(self, tuned: Law, nominal: Nominal) -> None:
+        """Give the law the gains that another of its kind makes on a robot in a world as believed;
+        what it has gathered stays. Raises InputError, and changes nothing, where there are none."""
         given = self.assembly.limit(self.assembly.context)
         given = dataclasses.replace(given, nominal=nominal, world=nominal.world)
         rows = next(
@@ -358,7 +358,7 @@ class SimulatedVehicle(NoPilotSwitch):
         )  # fmt: skip
         before = rows.copy()
         try:
-            self.law.build(View(rows[0]), table, given)
+            tuned.build(View(rows[0]), tuned.table, given)
         except InputError:
             rows[:] = before
             raise
