@@ -81,7 +81,8 @@ def list_judged() -> list[str]:
     strict = sum(f["passed"] == "True" and f not in own for f in flights)
     before = [f for f in flights if int(f["before"] or 0) > 0]
     later = [f for f in flights if int(f["later"] or 0) > 0]
-    fell = [f for f in flights if int(f.get("fell") or 0) > 0]
+    told = "fell" in flights[0]  # not by the judge of older tables
+    fell = [f for f in flights if told and int(f["fell"]) > 0]
     calm = [f for f in flights if f["passed"] == "True" and f not in later]
     rows += [
         "",
@@ -90,8 +91,8 @@ def list_judged() -> list[str]:
         + (f", with {max(float(f['own_n']) for f in own):.0f} N at most" if own else "")
         + f". With these contacts counted as collisions, {strict} flights pass. A first collision, "
         f"which is allowed, began in {len(before)} before a rule acted, or without one, and in "
-        f"{len(later)} after it; with none allowed after it, {len(calm)} flights pass. In "
-        f"{len(fell)} the robot fell onto something else than the ground.",
+        f"{len(later)} after it; with none allowed after it, {len(calm)} flights pass."
+        + (f" In {len(fell)} the robot fell onto something else than the ground." if told else ""),
     ]
     rows += [""] if own else []
     for f in own:
@@ -105,7 +106,9 @@ def list_judged() -> list[str]:
         rows += ["", "These flights did not pass:", ""]
     for f in bad:
         hits = int(f["before"] or 0) + int(f["later"] or 0)
-        what = f"{hits} collisions" if hits > 1 else "not down, or no reason"
+        why = [f"{hits} collision{'s' * (hits > 1)}"] * (hits > 0)
+        why += ["not down"] * (f["is_down"] != "True")
+        what = ", ".join(why or ["no reason"])
         when = f"{f['fault']} at {float(f['start_s']):g} s"
         rows.append(f"- `{f['mission']}` {int(f['run'])} ({when}): {what}")
     return rows

@@ -96,10 +96,12 @@ def list_cracks(flights: Flights) -> list[tuple[str, str, str]]:
 
 def tell_flown(name: str, flights: Flights) -> str:
     """Say how many flights met all of their requirements, and why the others did not."""
+    if not flights:
+        return f"`{name}`: not flown yet."
     good = sum(f["outcome"] == "succeeded" for f in flights)
     commits = ", ".join(f"`{c}`" for c in dict.fromkeys(f["commit"] for f in flights))
     text = f"`{name}`: {good} of {len(flights)} flights met all requirements of the mission"
-    return text + (f" (commit {commits})." if flights else ".")
+    return f"{text} (commit {commits})."
 
 
 def build_detection() -> list[str]:

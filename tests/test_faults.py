@@ -392,6 +392,13 @@ def test_a_link_that_gets_later_than_the_law_bears_slows_it_and_lands():
     assert np.mean(settled > 0) < 0.1  # the loop is stable again
 
 
+def test_a_link_with_jitter_that_was_accepted_is_not_late():
+    keys = ("delay_s=0.004", "jitter_s=0.003", "loss_fraction=0.2")
+    d = load_description("waypoints", "othex", seed=3, sets=[f"world.link.{k}" for k in keys])
+    result = fly_and_evaluate(d)
+    assert result.outcome == "succeeded", result.reason
+
+
 @pytest.mark.parametrize("robot", ["othex", "f550-bridge", "bimanual"])
 def test_no_squall_is_drawn_that_the_robot_does_not_hold(robot):
     d, rng = load_description("waypoints", robot), np.random.default_rng(5)

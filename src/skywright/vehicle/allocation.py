@@ -40,7 +40,7 @@ class RotorAllocation(Component):
     """Fills RotorDrive and Allocated from the commanded wrench (models/allocation.py).
 
     Force is given up where it turns the platform nowhere: at the centre of mass, or, with a link on
-    a joint without a servo, at the point p with p x f = A f (models/floating.py).
+    a joint without a servo, at the point p with p x f = A f (models/floating.py), f along z_B.
 
     Thrusts that a law commands itself (port ThrustCommand) are taken as they are, within the limits
     of the rotors in use; `saturated` then says that they do not make the commanded wrench and that

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 
 ARRIVALS = 5
 """Packets of which the median age counts: a lost one makes the age of what is newest larger."""
+SIGMAS = 3.0
+"""Of the jitter in `[world.link]`, that an expected packet may be late: packets keep their order,
+wait for each other, and medians of a link as expected reach two."""
 
 
 class LinkLate(Rule):
@@ -21,7 +24,8 @@ class LinkLate(Rule):
 
     watches = (
         "age of the inertial samples that come over the control link, by their stamps, over the "
-        "delay each way that the law bears (both ways are taken to be alike)"
+        "delay each way that the law bears (both ways are taken to be alike), or that a packet of "
+        "`[world.link]` has at three standard deviations, if that is more"
     )
     unit = ""
     source = "beyond it the attitude loop is unstable: the check before take-off has the same limit"
@@ -51,8 +55,11 @@ class LinkLate(Rule):
         vehicle = v.vehicle
         if isinstance(vehicle, SimulatedVehicle) and vehicle.has_link:
             self._stamp = v.place(ImuBatch, "t")
+            link, self._period = vehicle.nominal.world.link, vehicle.dt
             self._most = compute_most_delay(vehicle.nominal, vehicle.law)
-            self._period = vehicle.dt
+            if link.jitter_s > 0.0:  # with it a mission was accepted
+                expected = link.delay_s + SIGMAS * link.jitter_s + self._period
+                self._most = max(self._most, expected)
 
     def look(self, v: Senses) -> float:
         if self._stamp is None or math.isnan(self._most):
@@ -77,5 +84,5 @@ class LinkLate(Rule):
         """Say both delays."""
         return (
             f"the control link is {1000.0 * self.age:.1f} ms late each way, more than the "
-            f"{1000.0 * self._most:.1f} ms that the law bears"
+            f"{1000.0 * self._most:.1f} ms that the law bears or [world.link] tells"
         )
