@@ -22,6 +22,7 @@ from skywright.description.world.loader import load_world
 from skywright.description.world.spec import World
 from skywright.description.world.surface import Cylinder
 from skywright.models.body_records import Kinematics
+from skywright.models.kinematic_tree import FIXED, HINGE, Tree
 from skywright.models.rigid_body import build_body_model, posture
 from skywright.planning import problem
 from skywright.planning.checks import Trace, check_dynamics
@@ -36,7 +37,11 @@ from skywright.planning.inverse_kinematics import (
 from skywright.planning.local_planner import fill_target
 from skywright.planning.motion.angular import ROUND, build_angular_map
 from skywright.planning.motion.bound import _spread_angle, compute_lower_bound
+from skywright.planning.motion.kinematics import _rodrigues
+from skywright.planning.motion.planner import _check_ends
+from skywright.planning.motion.space import _first_moments, build_scratch
 from skywright.planning.motion.through import compute_places
+from skywright.planning.motion.timing import TimeLimits, assign_times
 from skywright.planning.motion.transport import build_transport
 from skywright.planning.patterns import build_pattern
 
@@ -243,3 +248,46 @@ def test_a_transport_may_climb_above_both_ends() -> None:
     for end in (EMPTY.start, EMPTY.goal):
         assert np.all(low[:4] <= end) and np.all(end <= high[:4])
         assert high[1] > end[1] + 0.5
+
+
+def test_a_joint_turns_about_any_axis() -> None:
+    axis, out = np.array([0.36, -0.48, 0.8]), np.zeros((3, 3))
+    _rodrigues(axis, 0.7, out)
+    np.testing.assert_allclose(out, Rotation.from_rotvec(0.7 * axis).as_matrix(), atol=1e-12)
+
+
+def test_first_moments_are_those_of_the_stretched_chain() -> None:
+    """Two links in line beyond the first joint: what hangs on it at most, and beyond the second."""
+    pos, com = np.zeros((3, 3)), np.zeros((3, 3))
+    pos[:, 0], com[:, 0] = [0.0, 0.1, 0.4], [0.0, 0.2, 0.3]
+    tree = Tree(
+        np.array([-1, 0, 1]), np.array([FIXED, HINGE, HINGE]), np.array([-1, 0, 1]), pos,
+        np.tile(np.eye(3), (3, 1, 1)), np.tile([0.0, 1.0, 0.0], (3, 1)), np.array([5.0, 2.0, 3.0]),
+        com,
+    )  # fmt: skip
+    moment, _ = _first_moments(tree, -1)
+    np.testing.assert_allclose(moment[1:], [2.0 * 0.2 + 3.0 * (0.4 + 0.3), 3.0 * 0.3])
+
+
+def test_a_shape_lies_in_its_sphere_which_is_no_larger() -> None:
+    r = EMPTY.space[0]
+    for s in range(int(r["ns"])):
+        if not np.any(r["s_half"][s]):
+            ends = np.linalg.norm(r["s_p1"][s] - r["s_p0"][s])
+            assert r["bound"][s] == pytest.approx(ends / 2.0 + r["s_radius"][s])
+
+
+def test_ends_are_checked_with_the_line_between_them() -> None:
+    scratch = build_scratch(EMPTY.space)
+    blocked, free, cost = _check_ends(EMPTY.space, EMPTY.start, EMPTY.goal, scratch)
+    assert (blocked, free) == (-1, True) and cost == pytest.approx(9.0)
+
+
+def test_an_averaged_motion_moves_as_its_rates_say() -> None:
+    limits = TimeLimits(speed=1.0, acceleration=0.8, mass=7.0, thrust=118.8, smooth=1.2)
+    rows = np.array([EMPTY.start, EMPTY.start + [2.0, 0.0, 0.0, 0.0]])
+    timed = assign_times(EMPTY.space, rows, limits)
+    for place, rate in ((timed.c, timed.cd), (timed.cd, timed.cdd)):
+        slope = np.gradient(place, timed.t, axis=0)
+        np.testing.assert_allclose(slope[2:-2], rate[2:-2], atol=0.02)
+    np.testing.assert_allclose(timed.c[[0, -1]], rows, atol=1e-9)
