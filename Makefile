@@ -6,8 +6,9 @@ STAMP := $(VENV)/.installed
 # Each process imports a thousand modules; parsing them anew takes six seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-# Workers of `make test`. Tests that fly in real time wait: three fill two cores.
-WORKERS := 3
+# Workers of `make test`. Three are quicker on two cores, where nothing else runs: pages are drawn
+# and flown in real time.
+WORKERS := 2
 
 .DEFAULT_GOAL := help
 .PHONY: help demo check test durations wheel lint bench docs page lock pictures claims evidence clean

@@ -157,7 +157,7 @@ def test_the_example_reads_a_log_and_finds_the_model_that_made_it(tmp_path: Path
     (tmp_path / "log").write_bytes(head + body)
     table = example.build_table(example.decode(tmp_path / "log"))
     said = example.compare(table)
-    assert "R² 1.00, lag 80 ms, 0.150 N a rotor" in said[0]
+    assert "R² 1.00, lag 80 ms, delay 0 ms, 0.150 N a rotor" in said[0]
     assert "R² 1.00, lag 80 ms" in said[1] and "inertia 1.5e-05" in said[1]
     assert "R² 1.00, lag 80 ms" in said[2] and "inertia 1.5e-05" in said[2]
     assert "alone: R² 1.00, lag 80 ms" in said[3]

@@ -32,7 +32,7 @@ from skywright.planning.scan import ScanPlan
 from skywright.run.localisation_limit import compute_longest_period
 from skywright.run.planning import MissionPlan, plan_mission
 from skywright.run.setup import Setup
-from skywright.vehicle.sensors.station import CALIBRATION_SPEED
+from skywright.vehicle.sensor_flight import CALIBRATION_SPEED
 
 SCAN_SEGMENTS = ["approach", "unfold", "close_in", "touch", "scan", "leave", "fold", "return"]
 

@@ -10,7 +10,7 @@ from skywright.description.world.localisation import TotalStation
 from skywright.run.kind import load_kind
 from skywright.run.parts import build_rules
 from skywright.run.setup import Setup
-from skywright.vehicle.sensors.station import CALIBRATION_SPEED
+from skywright.vehicle.sensor_flight import CALIBRATION_SPEED
 
 TOUCHING = frozenset({"probe", "hands"})
 """What kinds need whose robots touch something."""

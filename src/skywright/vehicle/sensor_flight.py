@@ -84,6 +84,9 @@ def build_path(points: Array, times: Array, yaw: Array) -> Path:
     return Path(t, line(t), np.stack([np.cross(y, z), y, z], axis=2))
 
 
+CALIBRATION_SPEED = 0.7  # m/s, mean, of the flight that tells the sensors' errors
+
+
 def build_inspection_path(
     seed: int, duration: float = 100.0, speed: float = 0.5, flat_until: float = 0.0
 ) -> Path:

@@ -17,7 +17,7 @@ class TooClose(Rule):
 
     watches = (
         "what is missing of the distance to the nominal scene that a mission keeps while it waits "
-        "beside a thing (`tool-install`, until the hooks are raised into the handle)"
+        "beside a thing that it comes up to, until it is to touch it"
     )
     unit = "m"
     source = "the mission keeps what the lean, place and gusts of its plan leave"

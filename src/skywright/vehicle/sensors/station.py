@@ -43,10 +43,12 @@ from skywright.vehicle.bus import Clock, Truth
 from skywright.vehicle.component import Component, Out, Output, Sensor, helper
 from skywright.vehicle.plant import SETTLE
 from skywright.vehicle.readings import Fix, Odometry
-from skywright.vehicle.sensor_flight import build_inspection_path, record_flight
+from skywright.vehicle.sensor_flight import (
+    CALIBRATION_SPEED,
+    build_inspection_path,
+    record_flight,
+)
 from skywright.vehicle.sensor_tables import get_true_table
-
-CALIBRATION_SPEED = 0.7  # m/s, mean
 
 
 class StationCamera(Sensor):
