@@ -24,6 +24,7 @@ import numpy as np
 from conditions_table import save_table
 from fly_inspections import HERE, KEPT, read_commit
 
+from skywright.analysis.pod.groups import compare_groups
 from skywright.analysis.pod.method import Method
 from skywright.analysis.pod.pod import compute_pod
 from skywright.analysis.pod.table import load_inspections
@@ -90,7 +91,8 @@ def evaluate(folder: Path) -> dict[str, Any]:
             curve = compute_pod(table, Method()).to_json()
             cell |= {k: curve[k] for k in ("a50", "a90", "a90_95")}
         cells.append(cell)
-    return {"commit": read_commit(), "cells": cells}
+    p = compare_groups(load_inspections(folder / "pod.csv", None), ROBOT, Method()).to_json()
+    return {"commit": read_commit(), "one_curve_p": p["p_same"], "cells": cells}
 
 
 def main() -> None:
