@@ -237,6 +237,15 @@ def test_a_face_over_an_edge_reads_one_of_its_walls_or_is_refused() -> None:
     assert {"the echoes differ in shape", "two walls under the face"} <= refused
 
 
+def test_an_ascan_without_noise_shows_one_wall() -> None:
+    probe = PROBE._replace(noise=0.0, grass=0.0)
+    gauge = ThicknessGauge(set_up(), 0.0095)
+    for i in range(40):
+        last = gauge.add([0.0], scan(0.006 + 1e-4 * i, seed=i, probe=probe))[0]
+        assert last.reason in ("", "not yet steady")
+        gauge.restart()
+
+
 # -- rules, set-up, files ------------------------------------------------------------------------
 
 

@@ -37,6 +37,7 @@ class Rules(NamedTuple):
     threshold_fsh: float = 0.06  # height from which a peak is an echo
     spacing_m: float = 1e-4  # that the first two spacings may differ by
     other_db: float = 15.0  # over the noise: an echo before the wall's second, of another wall
+    other_fsh: float = 0.02  # and its least height
     shape: float = 0.9  # least correlation of the two echoes
     steady_m: float = 5e-5  # range of the readings that agree
     steady_count: int = 5
@@ -249,8 +250,8 @@ class ThicknessGauge:
             alike = compare_shapes(ascan, setup.pulse, found.times[0], delay, found.noise)
             if alike < rules.shape:
                 return refuse(
-                    f"the echoes differ in shape (correlation {alike:.2f}): walls that differ by "
-                    "parts of a wavelength under the face",
+                    f"the echoes differ in shape (correlation {alike:.2f}): two walls under the "
+                    "face that differ by less than a pulse length",
                     thickness,
                 )
         other = self._find_other(ascan, found, thickness)
@@ -277,7 +278,7 @@ class ThicknessGauge:
         distribution reaches `other_db` = 15 dB in one of 1e6 A-scans.
         """
         setup, first = self.setup, found.times[0]
-        strong = found.noise * 10 ** (self.rules.other_db / 20)
+        strong = max(found.noise * 10 ** (self.rules.other_db / 20), self.rules.other_fsh)
         second = first + 2.0 * thickness / setup.velocity - 4.0 * setup.pulse.width
         for time in find_echoes(ascan, setup.pulse, strong, most=6).times:
             if first + 4.0 * setup.pulse.width < time < second:

@@ -54,7 +54,7 @@ def _find_slow_station(setup: Setup[Any], camera: TrackingCamera, touches: bool)
         f"localisation is too slow: world.total_station.rate_mean_hz = {station.rate_mean_hz:g} "
         f"gives a position every {1.0 / station.rate_mean_hz:.2g} s and the tracking camera walks "
         f"in between: {SIGMAS:g} standard deviations of the position exceed {keeps:g} m "
-        f"(mission.{key}): set {remedy}, or a larger mission.{key}"
+        f"(mission.{key}): set {remedy}"
     )
 
 

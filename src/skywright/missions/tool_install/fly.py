@@ -181,12 +181,16 @@ def _come(s: Supervisor[ToolInstall], way: ToolPlan, place: Place) -> None:
 def _build_room(
     s: Supervisor[ToolInstall], way: ToolPlan, place: Place
 ) -> Callable[[], float] | None:
-    """Return what tells the distance (m) to a tool at `place`, less what every wind leaves for
-    which the flight was planned. The map has the tool on the bench: it is met alike at both."""
+    """Return what tells by how much (m) a tool at `place` is farther than its limit.
+
+    The limit is the least distance of the plan, in its wind, less the clearance that the plan
+    requires: that is for what the plan leaves out (lengths of the arms, joints that lag, gusts
+    beyond three deviations). The map has the tool on the bench: it is met alike at both.
+    """
     if s.surroundings is None:
         return None
     query, n = s.surroundings(), s.vehicle.n_joints
-    keeps = way.clear - 0.5 * s.task.wind_clearance_m  # its other half is for the arms' lengths
+    keeps = way.clear - s.task.wind_clearance_m
     at, there = find_platform(way.grip, way.bench), find_platform(way.grip, place)
     turn = rot_z(way.bench.yaw - place.yaw)
 
