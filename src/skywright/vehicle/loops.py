@@ -90,15 +90,19 @@ class ArmLoop(Record):
 
 
 def choose_bandwidths(table: Spec, context: Context | Nominal) -> Control:
-    """Return [robot.control] with what the law's own table tells in its place."""
+    """Return `merge_control` for the robot of a context."""
+    return merge_control(table, context.robot)
+
+
+def merge_control(table: Spec, robot: Robot) -> Control:
+    """Return [robot.control] with what a law's own table tells in its place."""
     own = {k: v for k, v in table if k in Control.model_fields and v is not None}
-    return context.robot.control.model_copy(update=own)
+    return robot.control.model_copy(update=own)
 
 
 def get_attitude_gains(table: Spec, robot: Robot) -> AttitudeGains:
     """Return the attitude loop that a law's table and [robot.control] tell."""
-    own = {k: v for k, v in table if k in Control.model_fields and v is not None}
-    c = robot.control.model_copy(update=own)
+    c = merge_control(table, robot)
     return AttitudeGains(c.attitude_bandwidth_rad_s, c.attitude_damping, c.attitude_integral_rad_s)
 
 

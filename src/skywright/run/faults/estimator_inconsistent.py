@@ -56,8 +56,8 @@ class EstimatorInconsistent(Rule):
 
         Hands that were led by the estimate stop where it led them before it was given up.
         """
-        for crumb in s.trail.crumbs[-2:][:1]:
-            s.senses.posture = crumb.q
+        if s.trail.crumbs:
+            s.senses.posture = s.trail.crumbs[-2:][0].q
         away = np.array(s.senses.reference["p_WB"] - s.senses.estimate["p_WB"])
         if float(np.linalg.norm(away)) < FAR:
             s.senses.doubt = away
