@@ -22,14 +22,14 @@ from skywright.errors import InputError
 Array = NDArray[np.float64]
 
 KEYS = ("map_error_m", "map_error_deg", "map_error_size_m")
-X, Y, Z, YAW, TILT, SIZE, CROSS_TILT = range(7)
+X, Y, Z, YAW, TILT, SIZE, CROSS_TILT, ROLL = range(8)
 
 
 def displace_world(world: World, plant: Plant, seed: int) -> World:
     """Return the world as it truly is: its pipe or structure off the map by what `seed` draws."""
     if not any(getattr(plant, key) for key in KEYS):
         return world
-    u = build_stream(seed, "map").uniform(-1.0, 1.0, 7)
+    u = build_stream(seed, "map").uniform(-1.0, 1.0, 8)
     if world.pipe is not None:
         return world.model_copy(update={"pipe": _displace_pipe(world.pipe, plant, u)})
     if world.structure is not None:
@@ -44,6 +44,7 @@ def _displace_pipe(pipe: Pipe, plant: Plant, u: Array) -> Pipe:
         **_displace_place(pipe, plant, u),
         "yaw_deg": pipe.yaw_deg + turn * float(u[YAW]),
         "inclination_deg": pipe.inclination_deg + turn * float(u[TILT]),
+        "roll_deg": pipe.roll_deg + turn * float(u[ROLL]),
         "diameter_m": pipe.diameter_m + 2.0 * plant.map_error_size_m * float(u[SIZE]),
     })  # fmt: skip
 

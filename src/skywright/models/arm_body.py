@@ -56,6 +56,7 @@ class Deviation(NamedTuple):
     pipe_error: Array = np.zeros(3)  # m, in W: likewise of a tracked pipe
     socket_error: Array = np.zeros(6)  # m, rad: where a socket stands, against the world file
     survey_error: Array = np.zeros(6)  # m, rad: of motion capture's measurement of the socket
+    camera_error: Array = np.zeros(6)  # m, rad: where the probe's camera is and looks, in T
     spring_factor: Array = np.ones(0)  # (n_joints,) on the stiffness of each joint's spring
     hardening_factor: float = 1.0  # on the stiffness beyond the linear range over that within
     backlash_factor: float = 1.0

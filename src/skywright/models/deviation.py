@@ -33,7 +33,9 @@ def build_deviation(plant: Plant, robot: Robot, seed: int) -> Deviation:
     markers = [np.clip(rng.standard_normal(k), -3.0, 3.0) for k in (3, 3, 6)]
     n_links = len(list_limbs(robot))
     springs = 1.0 + plant.spring_spread * np.clip(rng.standard_normal(n_joints + 1), -3.0, 3.0)
-    zeros, lengths = (np.clip(rng.standard_normal(k), -3.0, 3.0) for k in (n_joints, n_links))
+    zeros, lengths, camera = (
+        np.clip(rng.standard_normal(k), -3.0, 3.0) for k in (n_joints, n_links, 6)
+    )
     zeros = plant.joint_offset_error_deg + plant.joint_offset_spread_deg * zeros
     return Deviation(
         mass_factor=1.0 + plant.mass_error,
@@ -49,6 +51,9 @@ def build_deviation(plant: Plant, robot: Robot, seed: int) -> Deviation:
         socket_error=build_socket_error(plant),
         survey_error=np.repeat([plant.survey_error_m, math.radians(plant.survey_error_deg)], 3)
         * markers[2],
+        camera_error=np.repeat(
+            [plant.probe_camera_error_m, math.radians(plant.probe_camera_error_deg)], 3
+        ) * camera,
         spring_factor=(1.0 + plant.spring_error) * springs[:-1],
         hardening_factor=1.0 + plant.hardening_error,
         backlash_factor=1.0 + plant.backlash_error,

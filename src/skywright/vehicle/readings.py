@@ -49,6 +49,13 @@ class TargetCapture(Output):
     R_WO: Mat3
 
 
+class DatumImage(Output):
+    """Where the probe's camera sees the datum mark."""
+
+    fresh: float
+    p_TM: Vec3  # m, from the tip
+
+
 class Fix(Output):
     """Where a point of the robot was, by satellites or a total station."""
 

@@ -134,9 +134,12 @@ class Plant(Spec):
     servo_lag_error: float = Field(default=0.1, gt=-0.9, lt=10)  # of the arm's servos
     sensor_noise_error: float = Field(default=0.2, ge=0, le=0.7)  # 1 sigma of its logarithm
     marker_error_m: NonNegative = 0.001  # 1 sigma a axis: motion-capture markers of the probe
+    # 1 sigma a axis: place and direction of the probe's camera against the probe
+    probe_camera_error_m: NonNegative = 0.0005
+    probe_camera_error_deg: NonNegative = 0.2
     # the true pipe or structure is up to this far, either way, from the map (world file)
     map_error_m: float = Field(default=0.0, ge=0, le=0.2)  # each axis
-    map_error_deg: float = Field(default=0.0, ge=0, le=20)  # heading, inclination or slope
+    map_error_deg: float = Field(default=0.0, ge=0, le=20)  # heading, inclination or slope, turn about an axis
     map_error_size_m: float = Field(default=0.0, ge=0, le=0.05)  # radius
     # where tracked things that do not move, as a socket, stand against the world file
     socket_x_error_m: float = Field(default=0.0, ge=-0.1, le=0.1)  # in the socket's frame

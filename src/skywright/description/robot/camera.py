@@ -1,4 +1,4 @@
-"""What a robot file may say of its camera: the table `robot.camera`."""
+"""What a robot file may say of its cameras: the tables `robot.camera`, `robot.probe.camera`."""
 
 from __future__ import annotations
 
@@ -36,3 +36,20 @@ class Camera(Spec):
         """R_BC (3, 3): z of C forward along the optical axis, x to the right, y down."""
         level = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
         return rot_z(math.radians(self.yaw_deg)) @ rot_y(math.radians(self.pitch_deg)) @ level
+
+
+class ProbeCamera(Spec):
+    """A camera on the probe's holder that measures where a datum mark is: `robot.probe.camera`.
+
+    It looks along the probe's axis from `back_m` behind the tip, `aside_m` beside the axis (along x
+    of T).
+    """
+
+    back_m: float = Field(default=0.08, ge=0, le=1)
+    aside_m: float = Field(default=0.03, ge=-0.5, le=0.5)
+    field_of_view_deg: float = Field(default=80.0, gt=0, lt=170)  # across and down
+    range_max_m: Positive = 1.0
+    slant_max_deg: float = Field(default=60.0, gt=0, le=90)  # of the mark's normal
+    rate_hz: float = Field(default=30.0, gt=0, le=500)
+    bearing_noise_rad: NonNegative = 0.001
+    range_noise_fraction: NonNegative = 0.005

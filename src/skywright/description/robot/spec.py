@@ -21,7 +21,7 @@ from skywright.core.spec import (
 )
 from skywright.core.types import MAX_JOINTS, MAX_ROTORS
 from skywright.description.robot.arm import Arm, Link
-from skywright.description.robot.camera import Camera
+from skywright.description.robot.camera import Camera, ProbeCamera
 from skywright.description.robot.docking import Docking
 from skywright.description.robot.force_sensor import ForceSensor
 from skywright.description.robot.inertia import check_inertia
@@ -153,6 +153,7 @@ class Probe(Spec):
     tip_radius_m: Positive = 0.004
     radius_m: Positive = 0.012  # collision capsule of the holder
     force_n: Positive = 2.0  # nominal push
+    camera: ProbeCamera | None = None
 
     @model_validator(mode="after")
     def _slider_is_a_part(self) -> Probe:

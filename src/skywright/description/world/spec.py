@@ -21,8 +21,9 @@ class Pipe(Spec):
     """A pipe: a cylinder whose centre sits at (x, y, z).
 
     Its axis points along +y at yaw 0 and inclination 0; `yaw_deg` turns it about z,
-    `inclination_deg` lifts its +y end. The circumferential angle phi of a surface point is zero
-    at the side facing -x (at yaw 0) and grows towards the top.
+    `inclination_deg` lifts its +y end, `roll_deg` turns it about its axis. The circumferential
+    angle phi of a surface point is zero at the side facing -x (at yaw 0 and roll 0) and grows
+    towards the top.
     """
 
     diameter_m: Positive = 0.4
@@ -32,6 +33,7 @@ class Pipe(Spec):
     z_m: Coordinate = 1.5
     yaw_deg: float = 0.0
     inclination_deg: float = Field(default=0.0, ge=-90, le=90)
+    roll_deg: float = Field(default=0.0, ge=-180, le=180)  # lifts where phi is counted from
     friction: NonNegative = 0.2  # mean coefficient between the probe's tip and the surface
     friction_variation: float = Field(default=0.0, ge=0, le=1)  # standard deviation over the mean
     friction_length_m: Positive = 0.03  # correlation length of the friction along the surface

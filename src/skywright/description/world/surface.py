@@ -14,7 +14,7 @@ import numpy as np
 
 from skywright.core.arrays import Array
 from skywright.core.compiled import helper
-from skywright.core.rotations import rot_x, rot_z
+from skywright.core.rotations import rot_x, rot_y, rot_z
 from skywright.core.user_code import njit
 from skywright.description.world.spec import Pipe, Weld
 
@@ -31,6 +31,7 @@ class Cylinder(NamedTuple):
 def build_cylinder(pipe: Pipe) -> Cylinder:
     """Return the pipe's frame and size; `inclination_deg` lifts the +y end."""
     r = rot_z(math.radians(pipe.yaw_deg)) @ rot_x(math.radians(pipe.inclination_deg))
+    r = r @ rot_y(math.radians(pipe.roll_deg))
     p = np.array([pipe.x_m, pipe.y_m, pipe.z_m])
     return Cylinder(p, np.ascontiguousarray(r), pipe.diameter_m / 2, pipe.length_m / 2)
 

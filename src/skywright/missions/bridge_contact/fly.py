@@ -21,6 +21,7 @@ from skywright.missions.bridge_contact.stations import Station
 from skywright.missions.bridge_contact.survey import SurveyWay, get_ball
 from skywright.missions.bridge_contact.task import BridgeContact, Contact
 from skywright.missions.skills.pressing import TIP_GAP, Presser
+from skywright.missions.skills.datum import SeenMark, look_at_datum
 from skywright.missions.skills.survey import TRIES, PressingTip, Touch, survey_surface
 from skywright.missions.skills.surveyed_structure import fit_structure
 from skywright.models.contact_stance import ContactStance
@@ -93,29 +94,38 @@ class Pilot(Presser):
 
     def find_with_tip(self, survey: SurveyWay) -> str:
         """Touch the structure around the spots with the tip and plan again, likewise."""
-        stance, first = self.way.free, survey.stations[0]
+        stance, first = self.way.free, survey.stops[0]
         assert stance is not None
         back = first.p_press + self.way.stand_off * first.normal
         self.go("survey_approach", p=back, R=first.R_level, q=stance.q)
 
-        def come(i: int, _: list[Touch]) -> None:
-            at = survey.stations[i]
+        def stand_off(at: Station) -> None:
             self.go("survey_move", p=at.p_press + survey.stand_off * at.normal, R=at.R_approach,
                     speed=0.2)  # fmt: skip
 
+        mark = None
+        if survey.mark is not None:
+            stand_off(survey.mark)
+            self.s.wait(SETTLE_S)
+            mark = look_at_datum(self.s, survey.setup)
+            if isinstance(mark, str):
+                self.go("survey_leave", p=back, R=first.R_level, speed=0.2)
+                return mark
         tip = PressingTip(self.s, True, TIP_FELT_N)
         travel = survey.stand_off + survey.reach + DEEP * TIP_FELT_N / survey.stiffness
         touches = survey_surface(
             self.s, tip, [at.R_WS for at in survey.stations], [travel] * len(survey.stations),
-            come, lambda: self.s.wait(SETTLE_S),
+            lambda i, _: stand_off(survey.stations[i]), lambda: self.s.wait(SETTLE_S),
         )  # fmt: skip
         self.go("survey_leave", p=back, R=first.R_level, speed=0.2)
-        return self._plan_found(survey, touches)
+        return self._plan_found(survey, touches, mark)
 
-    def _plan_found(self, survey: SurveyWay, touches: list[Touch]) -> str:
+    def _plan_found(
+        self, survey: SurveyWay, touches: list[Touch], mark: SeenMark | None = None
+    ) -> str:
         """Fit the structure to the touches and plan again; returns what failed, or ""."""
         ball = get_ball(survey.setup, len(survey.feet) > 0, self.s.vehicle.pose_std)
-        found = fit_structure(survey.setup, touches, ball)
+        found = fit_structure(survey.setup, touches, ball, mark)
         if found.reason:
             return found.reason
         plan = plan_found(survey.setup, found.structure)

@@ -13,6 +13,7 @@ from skywright.missions.bridge_contact.operated_press import PRESS, TOUCH
 from skywright.missions.bridge_contact.plan import ContactPlan
 from skywright.missions.bridge_contact.survey import read_survey
 from skywright.missions.bridge_contact.task import BridgeContact
+from skywright.missions.skills.datum import DATUM_WHERE, judge_datum, read_datum
 from skywright.missions.skills.operated import OPERATED_MEASURES, measure_operated
 from skywright.missions.skills.survey import PHASE
 from skywright.missions.skills.surveyed import SURVEY_WHERE
@@ -46,7 +47,8 @@ MEASURES: Measures = {
     "press.fraction": ("", "largest force of the profile divided by press.limit_n"),
     "press.place_error_mm": (
         "mm",
-        "largest distance of the tip from its spot along the surface, without the error of the map",
+        "largest distance of the tip from its spot along the surface, less the bound of the map's "
+        "error unless a datum was seen",
     ),
     "free.rms_error_n": ("N", "force.rms_error_n in flight, undocked"),
     "free.mean_error_n": ("N", "force.mean_error_n in flight, undocked"),
@@ -70,6 +72,7 @@ FELT = Where((TOUCH, PRESS))  # by an operator, where there is one
 DOCKING = Where(("dock", "seat", PHASE), "just before the feet touch")
 WHERE = {
     **SURVEY_WHERE,
+    **DATUM_WHERE,
     "force.": HOLD,
     "dock.": HOLD,
     "dock.touch_speed_mps": DOCKING,
@@ -154,7 +157,8 @@ def _find_place_error(run: Flown[BridgeContact, ContactPlan], deck: Surface) -> 
         place, R = locate_point(deck, np.array([spot.x_m, spot.y_m]))
         off = (samples["p_WT"][samples["phase"] == i] - place) @ R[:, :2]
         worst = max(worst, float(np.max(np.linalg.norm(off, axis=1), initial=0.0)))
-    return max(worst - run.setup.description.plant.map_error_m, 0.0)
+    seen = read_datum(run.setup, samples, phases) is not None  # then the map does not count
+    return max(worst - (0.0 if seen else run.setup.description.plant.map_error_m), 0.0)
 
 
 def _judge_survey(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
@@ -165,8 +169,10 @@ def _judge_survey(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
     touches, ball = read_survey(survey, run.samples, run.phases)
     if all(t.reason for t in touches):
         return {}
-    found = fit_structure(run.setup, touches, ball)
-    return judge_structure(run.setup, found, run.way.stations[0].place, ball)
+    mark = read_datum(run.setup, run.samples, run.phases)
+    found = fit_structure(run.setup, touches, ball, mark)
+    judged = judge_structure(run.setup, found, run.way.stations[0].place, ball)
+    return judged if mark is None else judged | judge_datum(run.setup, mark)
 
 
 def compute_bench_metrics(run: Flown[Any, Any]) -> dict[str, float]:

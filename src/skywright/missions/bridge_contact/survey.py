@@ -17,6 +17,7 @@ from skywright.description.world.structure import PLANE, Structure, build_surfac
 from skywright.errors import InputError
 from skywright.missions.bridge_contact.stations import Station
 from skywright.missions.bridge_contact.task import BridgeContact, Contact
+from skywright.missions.skills.datum import LOOK_S, explain_view, get_datum
 from skywright.missions.skills.survey import Tip, Touch, read_touches
 from skywright.missions.skills.surveyed import CLEAR, TIP_STD, Ball, get_map_error, get_tip
 from skywright.missions.skills.surveyed_structure import compute_structure_reach
@@ -45,6 +46,12 @@ class SurveyWay(NamedTuple):
     reach: float  # m, how far behind the map's surface the true one may be
     stiffness: float  # N/m, with which the robot holds its place
     duration_s: float
+    mark: Station | None = None  # where the robot looks at the datum first
+
+    @property
+    def stops(self) -> list[Station]:
+        """Where the tip stands off the surface, in flying order."""
+        return self.stations if self.mark is None else [self.mark, *self.stations]
 
 
 def plan_survey(
@@ -53,12 +60,12 @@ def plan_survey(
 ) -> SurveyWay:  # fmt: skip
     """Say what touches where; `stand` gives the poses at a place, `q` the arm before it docks.
 
-    Raises InputError for a curved deck to be docked on.
+    Raises InputError for a curved deck to be docked on, and for a datum that the camera may miss.
     """
     structure, surface, task = setup.world.structure, setup.surface, setup.task
     error, docking, control = get_map_error(setup), setup.robot.docking, setup.robot.control
     assert structure is not None and surface is not None
-    feet, stations, lever = np.zeros((0, 3)), [], 0.0
+    feet, stations, lever, mark = np.zeros((0, 3)), [], 0.0, None
     places = [s.place for s in spots]
     if docking is not None and structure.facing == "down" and surface.shape == PLANE:
         feet, lever = list_feet(docking), docking.radius_m
@@ -70,12 +77,21 @@ def plan_survey(
     else:
         places = choose_places(task, structure)
         stations = [stand(place, f"touch {i + 1}") for i, place in enumerate(places)]
+        if (datum := get_datum(setup)) is not None:
+            mark = stand(np.array(datum.get_place()), "the datum")
+            places = [mark.place, *places]
     reach = max(compute_structure_reach(structure, error, place) for place in places)
     reach += lever * math.tan(math.sqrt(2.0) * error.turn)
     reach += 0.0 if setup.world.tracks_markers else LOCALISED_STD
     stiffness = compute_body(setup.model, q)[0] * control.position_bandwidth_rad_s**2
     lasts = len(stations) * TIP_S if stations else len(spots) * FEET_S
-    return SurveyWay(setup, feet, stations, reach + CLEAR, reach, stiffness, lasts)
+    if mark is not None:
+        lasts += LOOK_S + TIP_S / 2
+        aside = math.sqrt(2.0) * (error.place + math.tan(error.turn) * math.hypot(*mark.place))
+        hidden = explain_view(setup, reach + CLEAR, aside)
+        if hidden:
+            raise InputError(hidden)
+    return SurveyWay(setup, feet, stations, reach + CLEAR, reach, stiffness, lasts, mark)
 
 
 def choose_places(task: Contact, structure: Structure) -> list[Array]:

@@ -61,7 +61,7 @@ def check_way(
                 if blocked:
                     return f"on the slide, {blocked}"
         last = stand
-    for s in () if survey is None else survey.stations:
+    for s in () if survey is None else survey.stops:
         assert free is not None and survey is not None
         at = s.p_press + survey.stand_off * s.normal
         blocked = _find_near(query, at, s.R_approach, free.q, near, NEAR, s.name)
@@ -81,7 +81,7 @@ def _check_turns(
     home = ("the way home", setup.hover[:3], float(setup.hover[3]), folded)
     stops = [home]
     if survey is not None and survey.stations:
-        first = survey.stations[0]
+        first = survey.stops[0]
         back = ("the way to the survey", first.p_press + stand_off * first.normal, first.yaw,
                 free.q)  # fmt: skip
         stops.append(back)

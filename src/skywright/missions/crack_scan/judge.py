@@ -15,7 +15,7 @@ from skywright.missions.crack_scan.plan import CrackWay
 from skywright.missions.crack_scan.search import Search, as_scan, find_search
 from skywright.missions.crack_scan.task import CrackScan
 from skywright.missions.scan.coverage import SCAN
-from skywright.missions.scan.metrics import get_surface
+from skywright.missions.scan.metrics import find_survey, get_surface
 from skywright.models.things.crack import Crack
 from skywright.run.flight import Flown
 from skywright.run.inspected import Inspected, InspectedFlaw
@@ -46,12 +46,16 @@ class Flaw(NamedTuple):
 def list_flaws(run: Flown[CrackScan, CrackWay]) -> tuple[list[Flaw], list[Flaw]]:
     """Return the cracks in the sector that was asked for, and those beside it.
 
-    Their places are carried to the pipe that the survey found, as it counts s and c.
+    Their places are carried to the pipe that the survey found, as it counts s and c. Where it
+    counts them from a datum, they are those on the asset: an error of the datum is one of the place.
     """
     true, task = run.setup.true.cylinder, run.task
     known = get_surface(as_scan(run)) or run.setup.cylinder
     if true is None or known is None:
         return [], []
+    surveyed = find_survey(as_scan(run))
+    if surveyed is not None and surveyed.mark is not None:
+        true = known
     middle = task.get_centre()
     flaws, beside = list[Flaw](), list[Flaw]()
     for name, thing in run.setup.true.world.things.items():

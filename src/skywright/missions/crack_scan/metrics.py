@@ -11,6 +11,7 @@ from skywright.missions.scan.coverage import COVERAGE_MEASURES, SCAN
 from skywright.missions.scan.fly import AGAIN
 from skywright.missions.scan.metrics import MEASURES as SCAN_MEASURES
 from skywright.missions.scan.metrics import compute_metrics as judge_scan
+from skywright.missions.skills.datum import DATUM_MEASURES, DATUM_WHERE
 from skywright.missions.skills.surveyed import SURVEY_MEASURES, SURVEY_WHERE
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
@@ -53,6 +54,7 @@ MEASURES: Measures = {
     "coverage.pitch_full_mm": COVERAGE_MEASURES["coverage.pitch_full_mm"],
     **{k: v for k, v in SCAN_MEASURES.items() if k.startswith(SHARED)},
     **SURVEY_MEASURES,
+    **DATUM_MEASURES,
 }
 """Metric -> unit and meaning, of those that only this kind has."""
 WHERE = {
@@ -60,6 +62,7 @@ WHERE = {
     "coverage.pitch": PLANNING,
     "coverage.again": WHOLE,
     **SURVEY_WHERE,
+    **DATUM_WHERE,
     "touch.": Where(("touch", "settle")),
     "contact.retries": WHOLE,
     "crack.block": Where(note="on the reference block, after the flight"),

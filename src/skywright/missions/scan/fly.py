@@ -11,6 +11,7 @@ from skywright.errors import InputError
 from skywright.inspection.calibration import build_calibration, compute_components
 from skywright.missions.scan.plan import ScanWay, SurveyWay, plan_found
 from skywright.missions.scan.task import Scan
+from skywright.missions.skills.datum import look_at_datum
 from skywright.missions.skills.survey import Tip, Touch, survey_surface
 from skywright.missions.skills.surveyed import fit_touches, get_tip
 from skywright.missions.skills.tables import build_retreat, cut_table, lift_table, reverse_table
@@ -206,18 +207,27 @@ def _survey(
 ) -> tuple[tuple[Mapping[str, Table], Cylinder] | None, str]:
     """Touch the pipe and plan again; returns the new segments and the pipe, or None and why."""
 
+    first = 0 if survey.mark is None else 1  # of the touches, among the stops
+
     def come(i: int, _: list[Touch]) -> None:
-        move = s.segments.get(f"survey {i + 1}")
+        move = s.segments.get(f"survey {first + i + 1}")
         if move is not None:
             s.follow("survey_move", move)
             way_back.append(("survey_move", move))
 
+    mark = None
+    if survey.mark is not None:
+        come(-1, [])
+        _trim(s)
+        mark = look_at_datum(s, survey.setup)
+        if isinstance(mark, str):
+            return None, mark
     tip = Tip(s, survey.sensed)
     touches = survey_surface(s, tip, survey.frames, survey.travels.tolist(), come, lambda: _trim(s))
     leave = s.segments["survey leave"]
     s.follow("survey_leave", leave)
     way_back.append(("survey_leave", leave))
-    surveyed = fit_touches(survey.setup, touches, get_tip(survey.setup))
+    surveyed = fit_touches(survey.setup, touches, get_tip(survey.setup), mark)
     if surveyed.reason:
         return None, surveyed.reason
     again = plan_found(survey.setup, surveyed.found.cylinder, leave[-1])

@@ -29,6 +29,12 @@ from skywright.missions.scan.coverage import (
 from skywright.missions.scan.plan import ScanWay
 from skywright.missions.scan.task import Scan
 from skywright.missions.scan.welds import WELD_MEASURES, judge_welds
+from skywright.missions.skills.datum import (
+    DATUM_MEASURES,
+    DATUM_WHERE,
+    judge_datum,
+    read_datum,
+)
 from skywright.missions.skills.survey import PHASE, read_touches
 from skywright.missions.skills.surveyed import (
     SURVEY_MEASURES,
@@ -87,6 +93,7 @@ MEASURES: Measures = {
     ),
     **WELD_MEASURES,
     **SURVEY_MEASURES,
+    **DATUM_MEASURES,
     **COVERAGE_MEASURES,
 }
 """Metric -> unit and meaning, of those that only this kind has."""
@@ -97,6 +104,7 @@ WHERE = {
     **dict.fromkeys(("contact.", "force.", "tip.", "platform.", "rotors.", "weld."), SCAN),
     **COVERAGE_WHERE,
     **SURVEY_WHERE,
+    **DATUM_WHERE,
     "touch.": TOUCH,
     "contact.retries": WHOLE,
 }
@@ -109,6 +117,8 @@ def compute_metrics(run: Flown[Scan, ScanWay]) -> dict[str, float]:
     surveyed = run.once(find_survey)
     if surveyed is not None and run.way.survey is not None:
         out |= judge_survey(run.setup, surveyed, run.way.survey.points, get_tip(run.setup))
+        if surveyed.mark is not None:
+            out |= judge_datum(run.setup, surveyed.mark)
     scan = SCAN.select(samples, phases)
     if not np.any(scan):
         return out
@@ -187,7 +197,8 @@ def find_survey(run: Flown[Scan, ScanWay]) -> Surveyed | None:
     touches = read_touches(run.samples, run.phases)
     if run.way.survey is None or not any(not t.reason for t in touches):
         return None
-    return fit_touches(run.setup, touches, get_tip(run.setup))
+    mark = read_datum(run.setup, run.samples, run.phases)
+    return fit_touches(run.setup, touches, get_tip(run.setup), mark)
 
 
 def get_surface(run: Flown[Scan, ScanWay]) -> Cylinder | None:

@@ -11,9 +11,11 @@ from skywright.core.streams import build_stream
 from skywright.description.world.surface import Cylinder, surface_frame
 from skywright.errors import InputError
 from skywright.missions.scan.task import Scan
+from skywright.missions.skills.datum import explain_view, get_datum
 from skywright.missions.skills.survey import FELT_N
 from skywright.missions.skills.surveyed import (
     CLEAR,
+    compute_aside,
     compute_reach,
     get_map_error,
     is_surveyed,
@@ -49,6 +51,7 @@ class SurveyWay(NamedTuple):
     frames: list[Array]  # (3, 3) each: of the surface there by the map, z outward
     travels: Array  # (n,) m, that a touch goes at most, from its stand-off
     sensed: bool  # whether the probe measures its force
+    mark: Array | None = None  # (2,) s and phi of the datum, which the robot looks at first
 
 
 class ScanWay(NamedTuple):
@@ -139,14 +142,23 @@ def _plan_on(
     )  # fmt: skip
     way, stand_off, survey = None, scan.stand_off_m, None
     if is_surveyed(setup) and begin is None and pattern.blocked_by is None:
-        points = choose_points(pattern.corners)
-        reach = np.array([compute_reach(cylinder, get_map_error(setup), x) for x in points])
+        points, datum, error = choose_points(pattern.corners), get_datum(setup), get_map_error(setup)
+        mark = None if datum is None else np.array(datum.get_place())
+        stops = points if mark is None else np.vstack([mark, points])
+        reach = np.array([compute_reach(cylinder, error, x) for x in stops])
         stand_off = max(stand_off, float(np.max(reach)) + CLEAR)
         press = PRESS * FELT_N / stiffness
         beyond = reach + press
-        survey = SurveyTask(points, float(np.max(beyond)), press)
+        survey = SurveyTask(stops, float(np.max(beyond)), press)
         frames = [build_frame(cylinder, float(x[1])) for x in points]
-        way = SurveyWay(setup, points, frames, stand_off + beyond, robot.force_sensor is not None)
+        way = SurveyWay(
+            setup, points, frames, stand_off + beyond[-len(points) :],
+            robot.force_sensor is not None, mark,
+        )  # fmt: skip
+        if mark is not None:
+            hidden = explain_view(setup, stand_off, compute_aside(cylinder, error, mark))
+            if hidden:
+                return refuse(hidden, 0.0)
     query, scene, loads, hover = setup.clearance, setup.planning_scene, setup.loads, setup.hover
     began = time.perf_counter()
     if not loads.full:
@@ -167,6 +179,14 @@ def _plan_on(
 
     found = attempt(depth, survey, force)
     blocked = found.blocked_by
+    if blocked and way is not None and way.mark is not None and survey is not None:
+        alone = survey._replace(points=way.points)
+        if attempt(depth, alone, force).blocked_by is None:
+            blocked = (
+                f"the robot cannot look at the datum at s = {way.mark[0]:g} m, phi = "
+                f"{math.degrees(way.mark[1]):.0f} deg: {blocked}; move the mark nearer to the "
+                "sector, or leave it out"
+            )
     if blocked and depth >= DEEP:
         through = scan.depth_m is not None and depth >= cylinder.radius  # asked for: no arm can
         light = force if scan.depth_m is None else SHALLOW * stiffness

@@ -162,10 +162,15 @@ def find_balls(setup: Setup[SensorInstall], samples: NDArray[Any]) -> Array:
 
 
 def find_place(p_W: Array, pipe: Cylinder) -> tuple[float, float]:
-    """Return how far (m) points (n, 3) are at most around the pipe from below, and along it."""
-    local = (p_W - pipe.p_WP) @ pipe.R_WP
-    around = pipe.radius * np.abs(np.arctan2(local[:, 0], -local[:, 2]))
-    return float(np.max(around)), float(np.max(np.abs(local[:, 1])))
+    """Return how far (m) points (n, 3) are at most around the pipe from below, and along it.
+
+    Below is where gravity has it, whatever the pipe's turn about its axis.
+    """
+    axis, d = pipe.R_WP[:, 1], p_W - pipe.p_WP
+    level = np.cross(axis, [0.0, 0.0, 1.0])
+    level /= np.linalg.norm(level)
+    around = pipe.radius * np.abs(np.arctan2(d @ level, -d @ np.cross(level, axis)))
+    return float(np.max(around)), float(np.max(np.abs(d @ axis)))
 
 
 def find_survey(run: Flown[SensorInstall, InstallPlan]) -> Surveyed | None:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skywright.core.arrays import Array
+from skywright.core.rotations import rot_x, rot_y, rot_z
 from skywright.description.world.spec import Pipe
 from skywright.description.world.surface import (
     Cylinder,
@@ -25,6 +26,7 @@ from skywright.inspection.touches import (
     compute_normal_std,
     fit_cylinder_touches,
 )
+from skywright.missions.skills.datum import SeenMark, get_datum, register_cylinder
 from skywright.missions.skills.survey import PHASE, Touch
 from skywright.run.kind import Measures
 from skywright.run.setup import Setup
@@ -104,9 +106,10 @@ class Ball(NamedTuple):
 class Surveyed(NamedTuple):
     """What a survey found; `reason` says why it cannot be worked with, or is ""."""
 
-    found: FoundCylinder
+    found: FoundCylinder  # registered by the datum, where one was seen
     touches: list[Touch]
     reason: str
+    mark: SeenMark | None = None
 
     @property
     def touched(self) -> list[int]:
@@ -142,15 +145,26 @@ def compute_reach(cylinder: Cylinder, error: MapError, point: Array) -> float:
     return place + math.tan(error.turn) * abs(float(point[0])) * math.sqrt(2.0) + error.size
 
 
-def fit_touches(setup: Setup[Any], touches: Sequence[Touch], ball: Ball) -> Surveyed:
-    """Fit the pipe to touches; the map is the prior."""
+def compute_aside(cylinder: Cylinder, error: MapError, point: Array) -> float:
+    """How far (m) along the true surface the place (s, phi) may be from where the map has it."""
+    lever = abs(float(point[0])) + cylinder.radius
+    return math.sqrt(2.0) * (error.place + math.tan(error.turn) * lever)
+
+
+def fit_touches(
+    setup: Setup[Any], touches: Sequence[Touch], ball: Ball, mark: SeenMark | None = None
+) -> Surveyed:
+    """Fit the pipe to touches; the map is the prior. A `mark` tells where s and phi count from."""
     known, error = setup.cylinder, get_map_error(setup)
     assert known is not None
     made = [t.centre(ball.radius) for t in touches if not t.reason]
     # an even spread of +-b has the variance b^2 / 3
     seen = error._replace(place=math.hypot(error.place, math.sqrt(3.0) * ball.bias))
     found = fit_cylinder_touches(known, seen, np.array(made), ball.radius, ball.std)
-    return Surveyed(found, list(touches), explain_touches(touches, found.fit, "pipe"))
+    datum = get_datum(setup)
+    if mark is not None and datum is not None:
+        found = found._replace(cylinder=register_cylinder(found.cylinder, datum, mark))
+    return Surveyed(found, list(touches), explain_touches(touches, found.fit, "pipe"), mark)
 
 
 def explain_touches(touches: Sequence[Touch], fit: TouchFit, what: str) -> str:
@@ -170,11 +184,17 @@ def explain_touches(touches: Sequence[Touch], fit: TouchFit, what: str) -> str:
 
 def move_pipe(pipe: Pipe, found: Cylinder) -> Pipe:
     """Return the pipe's table with the place, direction and size that were found."""
-    axis, ahead = found.R_WP[:, 1], found.R_WP[:, 0]
+    axis, level = found.R_WP[:, 1], math.hypot(found.R_WP[0, 1], found.R_WP[1, 1])
+    # the heading of an upright pipe is its turn about itself: its roll stays
+    ahead = found.R_WP @ rot_y(math.radians(-pipe.roll_deg))[:, 0]
+    yaw = math.atan2(-axis[0], axis[1]) if level > 1e-3 else math.atan2(ahead[1], ahead[0])
+    inclination = math.atan2(axis[2], level)
+    rolled = (rot_z(yaw) @ rot_x(inclination)).T @ found.R_WP
     return pipe.model_copy(update={
         **{f"{name}_m": float(x) for name, x in zip("xyz", found.p_WP, strict=True)},
-        "yaw_deg": math.degrees(math.atan2(ahead[1], ahead[0])),
-        "inclination_deg": math.degrees(math.atan2(axis[2], found.R_WP[2, 2])),
+        "yaw_deg": math.degrees(yaw),
+        "inclination_deg": math.degrees(inclination),
+        "roll_deg": math.degrees(math.atan2(rolled[0, 2], rolled[0, 0])),
         "diameter_m": 2.0 * found.radius,
     })  # fmt: skip
 

@@ -29,6 +29,7 @@ from skywright.inspection.touches import (
     fit_cylinder_touches,
     fit_plane_touches,
 )
+from skywright.missions.skills.datum import DATUM_MEASURES, SeenMark, get_datum, register_surface
 from skywright.missions.skills.survey import Touch
 from skywright.missions.skills.surveyed import (
     TOUCH_MEASURES,
@@ -41,6 +42,7 @@ from skywright.run.setup import Setup
 
 STRUCTURE_MEASURES: Measures = {
     **TOUCH_MEASURES,
+    **DATUM_MEASURES,
     "survey.map_normal_error_deg": ("deg", "angle between the mapped normal and the true normal"),
     "survey.normal_error_deg": ("deg", "angle between the fitted normal and the true normal"),
     "survey.normal_std_deg": (
@@ -58,6 +60,7 @@ class FoundStructure(NamedTuple):
     found: FoundPlane | FoundCylinder
     touches: list[Touch]
     reason: str
+    mark: SeenMark | None = None
 
 
 def compute_structure_reach(structure: Structure, error: MapError, place: Array) -> float:
@@ -83,8 +86,10 @@ def build_axis(surface: Surface, half_length: float) -> Cylinder:
     )
 
 
-def fit_structure(setup: Setup[Any], touches: Sequence[Touch], ball: Ball) -> FoundStructure:
-    """Fit the world's structure to touches; the map is the prior."""
+def fit_structure(
+    setup: Setup[Any], touches: Sequence[Touch], ball: Ball, mark: SeenMark | None = None
+) -> FoundStructure:
+    """Fit the world's structure to touches; the map is the prior. A `mark` tells where S is on it."""
     structure, surface, error = setup.world.structure, setup.surface, get_map_error(setup)
     assert structure is not None and surface is not None
     made = np.array([t.centre(ball.radius) for t in touches if not t.reason]).reshape(-1, 3)
@@ -101,9 +106,14 @@ def fit_structure(setup: Setup[Any], touches: Sequence[Touch], ball: Ball) -> Fo
         p, n = _find_foot(found.cylinder, surface)
         moved = move_structure(structure, p, n, found.cylinder.R_WP[:, 1])
         moved = moved.model_copy(update={"radius_m": found.cylinder.radius})
+    datum = get_datum(setup)
+    if mark is not None and datum is not None:
+        p, n = register_surface(build_surface(moved), datum, mark)
+        along = build_surface(moved).R_WS[:, 0]
+        moved = move_structure(moved, p, n, along)
     what = {"plane": "plane", "cylinder": "pillar", "arch": "arch"}[structure.shape]
     reason = explain_touches(touches, found.fit, what)
-    return FoundStructure(moved, found, list(touches), reason)
+    return FoundStructure(moved, found, list(touches), reason, mark)
 
 
 def move_structure(structure: Structure, p_WS: Array, normal: Array, along: Array) -> Structure:

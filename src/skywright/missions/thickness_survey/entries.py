@@ -21,6 +21,7 @@ from skywright.inspection.history.entries import (
 )
 from skywright.inspection.thickness import Rules
 from skywright.missions.bridge_contact.survey import read_survey
+from skywright.missions.skills.datum import read_datum
 from skywright.missions.skills.procedure import write_procedure
 from skywright.missions.skills.surveyed_structure import fit_structure
 from skywright.missions.thickness_survey.gauge import find_probe
@@ -94,7 +95,8 @@ def find_surface(run: Flown[ThicknessSurvey, ThicknessWay]) -> Surface:
     if survey is not None:
         touches, ball = read_survey(survey, run.samples, run.phases)
         if any(not t.reason for t in touches):
-            structure = fit_structure(run.setup, touches, ball).structure
+            mark = read_datum(run.setup, run.samples, run.phases)
+            structure = fit_structure(run.setup, touches, ball, mark).structure
     return build_surface(structure)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from skywright.core.arrays import Array
 from skywright.inspection.thickness import GaugeCheck, Reading
 from skywright.missions.bridge_contact.metrics import compute_metrics as judge_contact
+from skywright.missions.skills.datum import DATUM_WHERE, read_datum
 from skywright.missions.skills.surveyed import SURVEY_WHERE
 from skywright.missions.skills.surveyed_structure import STRUCTURE_MEASURES
 from skywright.missions.thickness_survey.gauge import build_gauge, check, find_probe
@@ -60,7 +61,8 @@ MEASURES: Measures = {
     ),
     "press.place_error_mm": (
         "mm",
-        "largest distance of the tip from its spot along the surface, without the error of the map",
+        "largest distance of the tip from its spot along the surface, less the bound of the map's "
+        "error unless a datum was seen",
     ),
     **STRUCTURE_MEASURES,
 }
@@ -68,6 +70,7 @@ MEASURES: Measures = {
 HELD = Where(("hold *", "free hold *"))
 WHERE = {
     **SURVEY_WHERE,
+    **DATUM_WHERE,
     "thickness.": HELD,
     "thickness.spots": WHOLE,
     "thickness.block_error_mm": Where(note="on the reference block, after the flight"),
@@ -174,7 +177,8 @@ def _find_place_error(run: Flown[ThicknessSurvey, ThicknessWay], found: list[Spo
     """Farthest (m) of the probe from the spot that it reads, less the error of the map."""
     spots = dict(zip(list_spot_names(run.task), run.task.spots, strict=True))
     off = [math.hypot(r.u - spots[r.spot].x_m, r.v - spots[r.spot].y_m) for r in found]
-    return max(max(off) - run.setup.description.plant.map_error_m, 0.0)
+    seen = read_datum(run.setup, run.samples, run.phases) is not None  # then the map does not count
+    return max(max(off) - (0.0 if seen else run.setup.description.plant.map_error_m), 0.0)
 
 
 def describe_readings(run: Flown[ThicknessSurvey, ThicknessWay]) -> dict[str, Any]:
