@@ -53,7 +53,8 @@ def build_deviation(plant: Plant, robot: Robot, seed: int) -> Deviation:
         * markers[2],
         camera_error=np.repeat(
             [plant.probe_camera_error_m, math.radians(plant.probe_camera_error_deg)], 3
-        ) * camera,
+        )
+        * camera,
         spring_factor=(1.0 + plant.spring_error) * springs[:-1],
         hardening_factor=1.0 + plant.hardening_error,
         backlash_factor=1.0 + plant.backlash_error,

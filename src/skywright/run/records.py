@@ -181,6 +181,8 @@ class FlightRecords:
             def at(seconds: float) -> datetime:
                 return self._started + timedelta(seconds=seconds)
 
+            if found.registration_std_m is not None:
+                store.set_registration(self._flight, found.registration_std_m)
             row = None
             for t, calibrated in found.calibrations:
                 last = store.add_calibration(self._flight, at(t), calibrated)

@@ -111,6 +111,8 @@ class Entries(NamedTuple):
     coverage: Coverage | None = None
     material: str = ""  # of the component; "": not stated
     nominal_mm: float | None = None  # wall of the component as drawn
+    registration_std_m: float | None = None
+    """Of the flight's frame in that of the asset, where the flight saw a datum."""
     scans: tuple[tuple[str, UltrasonicScan | EddyScan], ...] = ()
     """Signals by the name of their file (.nde) in the run's directory; `data` names them."""
 

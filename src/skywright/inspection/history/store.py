@@ -100,6 +100,10 @@ class InspectionStore(DatumFile):
         ))  # fmt: skip
         return key, now
 
+    def set_registration(self, flight: str, std_m: float) -> None:
+        """State how well the frame of a stored flight is known in that of the asset."""
+        self.write(("UPDATE flights SET registration_std_m = ? WHERE id = ?", (std_m, flight)))
+
     def add_calibration(self, flight: str | None, t: datetime, c: Calibrated) -> int:
         """Store a calibration of an instrument; returns its row."""
         if c.stage not in STAGES:

@@ -8,6 +8,7 @@ from skywright.description.world.things import find_first
 from skywright.missions.bridge_contact.metrics import FREE, HOLD, compute_press
 from skywright.missions.bridge_contact.plan import ContactPlan
 from skywright.missions.bridge_contact.task import BridgeContact
+from skywright.missions.skills.datum import describe_datum
 from skywright.models.things.bench import Bench
 from skywright.recordings.columns import has_columns
 from skywright.reports.figures.localisation import CAPTION, draw_localisation
@@ -154,7 +155,8 @@ def describe_survey(result: RunResult[BridgeContact, ContactPlan]) -> list[str]:
         f"from the true surface by {m['survey.surface_error_mm']:.1f} mm and {m[what]:.2f} "
         f"deg, that of the map by {m['survey.map_error_mm']:.1f} mm and "
         f"{m['survey.map_normal_error_deg']:.2f} deg; the fit states standard deviations "
-        f"of {m['survey.surface_std_mm']:.1f} mm and {m['survey.normal_std_deg']:.2f} deg."
+        f"of {m['survey.surface_std_mm']:.1f} mm and {m['survey.normal_std_deg']:.2f} deg.",
+        *describe_datum(m, "The place of a spot"),
     ]
 
 
@@ -164,6 +166,7 @@ FIGURES = Figures(
     phases={
         "survey_approach": "The robot flies to the structure, whose pose is uncertain.",
         "survey_move": "The robot flies to the next touch point.",
+        "look": "The probe's camera looks at the datum mark.",
         "survey_touch": "The robot advances until it detects contact. Docking feet are pressed "
         "until all touch; a tip keeps pressing.",
         "survey_back": "The robot backs off the surface.",

@@ -20,8 +20,8 @@ from skywright.missions.bridge_contact.sliding import find_way
 from skywright.missions.bridge_contact.stations import Station
 from skywright.missions.bridge_contact.survey import SurveyWay, get_ball
 from skywright.missions.bridge_contact.task import BridgeContact, Contact
-from skywright.missions.skills.pressing import TIP_GAP, Presser
 from skywright.missions.skills.datum import SeenMark, look_at_datum
+from skywright.missions.skills.pressing import TIP_GAP, Presser
 from skywright.missions.skills.survey import TRIES, PressingTip, Touch, survey_surface
 from skywright.missions.skills.surveyed_structure import fit_structure
 from skywright.models.contact_stance import ContactStance
@@ -107,10 +107,11 @@ class Pilot(Presser):
         if survey.mark is not None:
             stand_off(survey.mark)
             self.s.wait(SETTLE_S)
-            mark = look_at_datum(self.s, survey.setup)
-            if isinstance(mark, str):
+            seen = look_at_datum(self.s, survey.setup)
+            if isinstance(seen, str):
                 self.go("survey_leave", p=back, R=first.R_level, speed=0.2)
-                return mark
+                return seen
+            mark = seen
         tip = PressingTip(self.s, True, TIP_FELT_N)
         travel = survey.stand_off + survey.reach + DEEP * TIP_FELT_N / survey.stiffness
         touches = survey_surface(

@@ -18,8 +18,9 @@ from skywright.inspection.notch_setup import TARGET
 from skywright.missions.crack_scan.cover import list_gaps
 from skywright.missions.crack_scan.display import find_array
 from skywright.missions.crack_scan.plan import CrackWay
-from skywright.missions.crack_scan.search import Search, find_search
+from skywright.missions.crack_scan.search import Search, as_scan, find_search
 from skywright.missions.crack_scan.task import CrackScan
+from skywright.missions.scan.metrics import find_survey
 from skywright.missions.skills.procedure import write_procedure
 from skywright.run.flight import Flown
 from skywright.run.setup import Setup
@@ -46,7 +47,8 @@ def build_entries(run: Flown[CrackScan, CrackWay]) -> Entries:
     """Return what the flight knows: places lie on the pipe as the world's file has it, in W.
 
     What touches cannot show, the place along the axis and the turn about it, is the registration
-    of the flight. A search that was never begun has its calibration alone.
+    of the flight: of the datum where it saw one, else of the map. A search that was never begun has
+    its calibration alone.
     """
     found, procedure = run.once(find_search), run.task.procedure
     array, display = find_array(run.setup), run.way.display.setup
@@ -70,7 +72,7 @@ def build_entries(run: Flown[CrackScan, CrackWay]) -> Entries:
     after = before._replace(
         stage="after", settings=seen, passed=check.holds, note="; ".join(check.reasons)
     )
-    pipe = run.setup.world.pipe
+    pipe, surveyed = run.setup.world.pipe, find_survey(as_scan(run))
     assert pipe is not None
     return Entries(
         "pipe",
@@ -79,6 +81,7 @@ def build_entries(run: Flown[CrackScan, CrackWay]) -> Entries:
         coverage=_describe_cover(found),
         material=f"{1e-6 * pipe.conductivity_s_per_m:g} MS/m, relative permeability "
         f"{pipe.relative_permeability:g}",
+        registration_std_m=None if surveyed is None or surveyed.mark is None else surveyed.mark.std,
         scans=((SIGNALS, build_eddy_scan(run, found)),),
     )
 

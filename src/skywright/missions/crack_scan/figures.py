@@ -14,6 +14,7 @@ from skywright.missions.crack_scan.judge import list_flaws
 from skywright.missions.crack_scan.plan import CrackWay
 from skywright.missions.crack_scan.task import CrackScan
 from skywright.missions.scan.figures import FIGURES as SCAN
+from skywright.missions.skills.datum import describe_datum, list_datum_marks
 from skywright.missions.skills.told import name_flight, tell_block
 from skywright.reports.figures.style import BLACK, LIMIT, new_map
 from skywright.run.flight import Flown
@@ -82,6 +83,7 @@ def list_notes(result: RunResult[CrackScan, CrackWay]) -> list[str]:
     ]
     if found is None:
         return [*out, "The run did not reach the scan."]
+    out += describe_datum(result.metrics, "The place of an indication")
     out.append(tell_block(found.check.reasons))
     return out + [
         f"Indication at s = {1e3 * x.s:.1f} mm, c = {1e3 * x.c:.1f} mm (u95 {1e3 * x.u95:.1f} mm): "
@@ -104,7 +106,7 @@ def list_marks(result: RunResult[CrackScan, CrackWay]) -> list[Mark]:
     if found is None:
         return []
     radius = found.known.radius
-    marks, t = [], found.t
+    marks, t = list_datum_marks(result), found.t
     jumps = np.flatnonzero(np.diff(t) > 0.5) + 1  # between two scans
     for part in np.split(np.arange(len(t)), jumps):
         kept = part[::25]

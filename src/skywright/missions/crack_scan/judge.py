@@ -47,7 +47,7 @@ def list_flaws(run: Flown[CrackScan, CrackWay]) -> tuple[list[Flaw], list[Flaw]]
     """Return the cracks in the sector that was asked for, and those beside it.
 
     Their places are carried to the pipe that the survey found, as it counts s and c. Where it
-    counts them from a datum, they are those on the asset: an error of the datum is one of the place.
+    counts them from a datum, they are those on the asset: what the datum is off by, the place is.
     """
     true, task = run.setup.true.cylinder, run.task
     known = get_surface(as_scan(run)) or run.setup.cylinder

@@ -1,15 +1,19 @@
 """What a scan adds to the database: the crossings of welds as indications, where they were read."""
 
+import numpy as np
+
+from skywright.core.arrays import Array
+from skywright.description.world.surface import roll_points, unroll_points
 from skywright.errors import InputError
 from skywright.inspection.history.entries import COVERAGE, Entries, Indication
-from skywright.missions.scan.metrics import process_weld
+from skywright.missions.scan.metrics import find_survey, process_weld
 from skywright.missions.scan.plan import ScanWay
 from skywright.missions.scan.task import Scan
 from skywright.run.flight import Flown
 
 
 def build_entries(run: Flown[Scan, ScanWay]) -> Entries:
-    """Return each crossing of a weld, in the frame W, with the deviation along the motion."""
+    """Return each crossing of a weld, with the deviation along the motion; places are in W."""
     try:
         weld = run.once(process_weld)
     except InputError:  # a flight that was cut short: its approach tells too little
@@ -17,11 +21,25 @@ def build_entries(run: Flown[Scan, ScanWay]) -> Entries:
     if weld is None:
         return Entries()
     shared = run.setup.world.mocap.calibration_m
+    places = _count_from_datum(run, np.array([x.p_W for x in weld.crossings]).reshape(-1, 3))
     found = [
         (x.t, Indication(
-            "weld", *x.p_W, COVERAGE * (x.std**2 + shared**2) ** 0.5, amplitude=x.peak,
-            amplitude_unit="instrument units",
+            "weld", float(p[0]), float(p[1]), float(p[2]), COVERAGE * (x.std**2 + shared**2) ** 0.5,
+            amplitude=x.peak, amplitude_unit="instrument units",
         ))
-        for x in weld.crossings
+        for x, p in zip(weld.crossings, places, strict=True)
     ]  # fmt: skip
-    return Entries("pipe", indications=tuple(found))
+    surveyed = run.once(find_survey)
+    mark = None if surveyed is None else surveyed.mark
+    std = None if mark is None else mark.std
+    return Entries("pipe", indications=tuple(found), registration_std_m=std)
+
+
+def _count_from_datum(run: Flown[Scan, ScanWay], p_W: Array) -> Array:
+    """Return places (n, 3) m on the pipe of the map, where a datum tells which they are."""
+    surveyed, mapped = run.once(find_survey), run.setup.cylinder
+    if surveyed is None or surveyed.mark is None or mapped is None:
+        return p_W
+    known = surveyed.found.cylinder
+    s, c, _ = unroll_points(known, p_W)
+    return roll_points(mapped, s, c * mapped.radius / known.radius)[0]

@@ -25,6 +25,7 @@ from skywright.missions.scan.metrics import (
 )
 from skywright.missions.scan.plan import ScanWay
 from skywright.missions.scan.task import Scan
+from skywright.missions.skills.datum import describe_datum
 from skywright.models.eddy_current import Instrument
 from skywright.models.rigid_body import build_body_model, compute_tip, posture
 from skywright.planning.patterns import build_pattern
@@ -186,6 +187,7 @@ PHASES = {
     "missed_move": "The probe moves to the parts that the first scan missed.",
     "close_in": "The probe stops a few centimetres off the surface.",
     "survey_move": "The robot flies to the next touch point of the survey.",
+    "look": "The probe's camera looks at the datum mark.",
     "survey_touch": "The robot advances until it detects contact; the tip rests for a second.",
     "survey_back": "The robot backs off the surface.",
     "survey_leave": (
@@ -322,7 +324,8 @@ def _describe_survey(result: RunResult[Scan, ScanWay]) -> list[str]:
         f"its radius differs by {tell('radius', 'mm')} (one standard deviation each; "
         f"displacement ahead and radius have a correlation of {related:.2f}). Touches do "
         "not determine the position of the pipe along its axis or its rotation about it; "
-        "these are taken from the map."
+        f"these are taken from {'the map' if found.mark is None else 'the datum mark'}.",
+        *describe_datum(m, "The pattern"),
     ]
 
 

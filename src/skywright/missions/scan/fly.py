@@ -219,9 +219,10 @@ def _survey(
     if survey.mark is not None:
         come(-1, [])
         _trim(s)
-        mark = look_at_datum(s, survey.setup)
-        if isinstance(mark, str):
-            return None, mark
+        seen = look_at_datum(s, survey.setup)
+        if isinstance(seen, str):
+            return None, seen
+        mark = seen
     tip = Tip(s, survey.sensed)
     touches = survey_surface(s, tip, survey.frames, survey.travels.tolist(), come, lambda: _trim(s))
     leave = s.segments["survey leave"]

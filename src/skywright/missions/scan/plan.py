@@ -142,7 +142,11 @@ def _plan_on(
     )  # fmt: skip
     way, stand_off, survey = None, scan.stand_off_m, None
     if is_surveyed(setup) and begin is None and pattern.blocked_by is None:
-        points, datum, error = choose_points(pattern.corners), get_datum(setup), get_map_error(setup)
+        points, datum, error = (
+            choose_points(pattern.corners),
+            get_datum(setup),
+            get_map_error(setup),
+        )
         mark = None if datum is None else np.array(datum.get_place())
         stops = points if mark is None else np.vstack([mark, points])
         reach = np.array([compute_reach(cylinder, error, x) for x in stops])

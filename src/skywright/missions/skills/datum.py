@@ -8,7 +8,7 @@ the mark has the place that the asset gives it.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from skywright.description.world.surface import Cylinder, unroll_points
 from skywright.models.things.datum import Datum, find_datum
 from skywright.recordings.columns import has_columns
 from skywright.run.flight import PhaseRecord
-from skywright.run.kind import Measures
+from skywright.run.kind import Mark, Measures
 from skywright.run.setup import Setup
 from skywright.run.where import Where
 from skywright.vehicle.datum import DatumMark
@@ -32,6 +32,7 @@ PHASE = "look"
 LOOK_S = 2.0
 """s that the robot looks at the mark, at rest."""
 LEAST_IMAGES = 10
+COLOUR = (0, 114, 178)
 
 DATUM_MEASURES: Measures = {
     "datum.images": ("", "number of images of the datum mark, at rest before it"),
@@ -188,3 +189,25 @@ def judge_datum(setup: Setup[Any], mark: SeenMark) -> dict[str, float]:
         "datum.images": float(mark.images), "datum.error_mm": 1e3 * error,
         "datum.std_mm": 1e3 * mark.std,
     }  # fmt: skip
+
+
+def describe_datum(metrics: Mapping[str, float], where: str) -> list[str]:
+    """Say how well the datum was seen; `where` is what it tells. [] without one."""
+    if "datum.std_mm" not in metrics:
+        return []
+    return [
+        f"The probe's camera saw the datum mark {metrics['datum.images']:.0f} times before the "
+        f"touches. {where} counts from it, with a standard deviation of "
+        f"{metrics['datum.std_mm']:.1f} mm each way; in truth it was "
+        f"{metrics['datum.error_mm']:.1f} mm off."
+    ]
+
+
+def list_datum_marks(result: Any) -> list[Mark]:
+    """Where the mark was seen, for 3-D views; [] without one."""
+    setup = Setup(result.description)
+    seen = read_datum(setup, result.samples, result.phases) if get_datum(setup) else None
+    if seen is None:
+        return []
+    since = next(p.start_s for p in result.phases if p.name == PHASE)
+    return [Mark("datum mark, as seen", COLOUR, seen.p_WM, size_m=0.01, since_s=since)]

@@ -89,7 +89,7 @@ def build_axis(surface: Surface, half_length: float) -> Cylinder:
 def fit_structure(
     setup: Setup[Any], touches: Sequence[Touch], ball: Ball, mark: SeenMark | None = None
 ) -> FoundStructure:
-    """Fit the world's structure to touches; the map is the prior. A `mark` tells where S is on it."""
+    """Fit the world's structure to touches; the map is the prior; a `mark` shows S."""
     structure, surface, error = setup.world.structure, setup.surface, get_map_error(setup)
     assert structure is not None and surface is not None
     made = np.array([t.centre(ball.radius) for t in touches if not t.reason]).reshape(-1, 3)

@@ -74,7 +74,7 @@ def build_entries(run: Flown[ThicknessSurvey, ThicknessWay]) -> Entries:
                       for name, e in zip(("thin", "thick"), check.errors, strict=True)},
         )  # fmt: skip
         calibrations.append((float(run.samples["t"][-1]), after))
-    surface = find_surface(run)
+    surface, mark = find_surface(run), read_datum(run.setup, run.samples, run.phases)
     readings, scans = [], []
     for k, one in enumerate(found, 1):
         name = f"ascans/{k:03d}.nde"
@@ -84,7 +84,7 @@ def build_entries(run: Flown[ThicknessSurvey, ThicknessWay]) -> Entries:
     return Entries(
         _name_wall(run.setup), tuple(readings), calibrations=tuple(calibrations),
         coverage=_build_coverage(run.task, found), nominal_mm=1e3 * procedure.nominal_m,
-        scans=tuple(scans),
+        registration_std_m=None if mark is None else mark.std, scans=tuple(scans),
     )  # fmt: skip
 
 

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from skywright.missions.bridge_contact.figures import FIGURES as CONTACT
 from skywright.missions.bridge_contact.figures import describe_survey
+from skywright.missions.skills.datum import list_datum_marks
 from skywright.missions.skills.told import name_flight, tell_block
 from skywright.missions.thickness_survey.plan import ThicknessWay
 from skywright.missions.thickness_survey.task import ThicknessSurvey
@@ -99,7 +100,7 @@ def list_marks(result: RunResult[ThicknessSurvey, ThicknessWay]) -> list[Mark]:
     """Each reading at its place: from dark (thin) to bright (nominal); refused ones orange."""
     samples, found = result.samples, result.details or []
     nominal = result.description.mission.task.procedure.nominal_m
-    marks = []
+    marks = list_datum_marks(result)
     for r in found:
         i = min(int(np.searchsorted(samples["t"], r.reading.t)), len(samples) - 1)
         name, colour = "reading refused", REFUSED
