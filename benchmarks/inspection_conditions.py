@@ -77,6 +77,7 @@ def draw_row(mission: str, rng: np.random.Generator) -> dict[str, Any]:
         row["world.things.steel.kind"] = "wall"
         row["world.pipe.length_m"] = 1.6  # its posts stand outside the sector
         row["mission.task.side"] = "angle"
+        row["world.things.datum.around_deg"] = row["mission.task.centre_angle_deg"]
         for k in ("crack1", "crack2"):
             away = rng.uniform(-INSIDE_DEG[mission], INSIDE_DEG[mission])
             around = row["mission.task.centre_angle_deg"] + away

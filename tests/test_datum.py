@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from skywright.run.backends import build_vehicle
 
 from skywright.core.rotations import rot_x, rot_y, rot_z
 from skywright.description.loader import load_description
@@ -25,6 +24,7 @@ from skywright.missions.sensor_install.metrics import find_place as find_pressed
 from skywright.missions.skills.datum import (
     SeenMark,
     explain_view,
+    get_datum,
     judge_datum,
     register_cylinder,
     register_surface,
@@ -32,6 +32,7 @@ from skywright.missions.skills.datum import (
 from skywright.missions.skills.surveyed import move_pipe
 from skywright.missions.skills.surveyed_structure import move_structure
 from skywright.models.things.datum import Datum, find_datum, locate_datum
+from skywright.run.backends import build_vehicle
 from skywright.run.flight import Flown
 from skywright.run.planning import plan_mission
 from skywright.run.run import fly_and_evaluate
@@ -153,6 +154,9 @@ def test_a_mark_that_may_be_out_of_view_is_refused() -> None:
     }))  # fmt: skip
     assert not behind.feasible and behind.blocked_by is not None
     assert "cannot look at the datum at s = 0.12 m, phi = -170 deg" in behind.blocked_by
+    assert behind.blocked_by.endswith("or set mission.task.datum=false")
+    without = {**MARK, "world.things.mark.around_deg": -170.0, "mission.task.datum": False}
+    assert get_datum(Setup(load_description("pipe-weld-scan", sets=without))) is None
 
 
 def test_a_press_from_below_is_judged_by_gravity() -> None:

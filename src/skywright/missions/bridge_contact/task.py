@@ -45,6 +45,8 @@ class Contact(Clearances):
     settle_s: NonNegative = 2.0  # wait before a force is measured
     hold_s: float = Field(default=3.0, ge=0.2, le=600)  # time over which a force is measured
     survey: bool | None = None  # touch the structure first; default: if plant.map_error_* is not 0
+    # look at the world's datum before the tip touches, and count places from it
+    datum: bool = True
     # distance of feet or tip from the structure before contact
     stand_off_m: float = Field(default=0.4, ge=0.1, le=5)
     # speed at which the feet approach the structure

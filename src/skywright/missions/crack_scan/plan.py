@@ -22,6 +22,7 @@ from skywright.missions.crack_scan.task import CrackScan
 from skywright.missions.scan.fly import SETTLE, TRIM_TIMES
 from skywright.missions.scan.plan import ScanWay
 from skywright.missions.scan.plan import plan as plan_scan
+from skywright.missions.skills.datum import LOOK_S
 from skywright.missions.skills.procedure import CrackProcedure
 from skywright.missions.skills.survey import BACK_SPEED, HOLD_S, SPEED, TARE_S
 from skywright.run.need import find_lacking_energy
@@ -126,7 +127,8 @@ def _sum_touches(way: Any) -> float:
     if way is None or way.survey is None:
         return rest
     each = way.survey.travels * (1.0 / SPEED + 1.0 / BACK_SPEED) + TARE_S + HOLD_S + TRIM_TIMES[0]
-    return rest + float(np.sum(each))
+    look = 0.0 if way.survey.mark is None else TRIM_TIMES[0] + LOOK_S
+    return rest + look + float(np.sum(each))
 
 
 def compute_coil_width(array: Array) -> float:

@@ -189,7 +189,7 @@ def _plan_on(
             blocked = (
                 f"the robot cannot look at the datum at s = {way.mark[0]:g} m, phi = "
                 f"{math.degrees(way.mark[1]):.0f} deg: {blocked}; move the mark nearer to the "
-                "sector, or leave it out"
+                "sector, or set mission.task.datum=false"
             )
     if blocked and depth >= DEEP:
         through = scan.depth_m is not None and depth >= cylinder.radius  # asked for: no arm can

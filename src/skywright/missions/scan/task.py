@@ -31,6 +31,7 @@ class Scan(Task):
     stand_off_m: Positive = 0.05  # distance of the tip from the surface before contact
     # touch the pipe at six places first and plan again; default: if plant.map_error_* is not 0
     survey: bool | None = None
+    datum: bool = True  # look at the world's datum before the survey, and count places from it
     retries: int = Field(default=2, ge=0, le=10)  # how often a lost contact is established again
 
     def get_least_pitch(self, robot: Robot) -> float:

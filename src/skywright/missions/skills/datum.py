@@ -57,7 +57,7 @@ class SeenMark(NamedTuple):
 def get_datum(setup: Setup[Any]) -> Datum | None:
     """Return the datum that the mission refers to: None without a mark or a camera that sees it."""
     probe = setup.robot.probe
-    if probe is None or probe.camera is None:
+    if probe is None or probe.camera is None or not getattr(setup.task, "datum", False):
         return None
     return find_datum(setup.world)
 
@@ -75,14 +75,15 @@ def explain_view(setup: Setup[Any], stand_off: float, reach: float) -> str:
     if away > camera.range_max_m:
         return (
             f"robot.probe.camera sees {camera.range_max_m:g} m far; the datum is {away:.2f} m away "
-            "where the robot looks at it: raise range_max_m"
+            "where the robot looks at it: raise range_max_m or set mission.task.datum=false"
         )
     if abs(camera.aside_m) + reach <= sees:
         return ""
     return (
         f"robot.probe.camera sees {1e3 * sees:.0f} mm to each side at {away:.2f} m; the datum may "
         f"be {1e3 * (abs(camera.aside_m) + reach):.0f} mm aside, plant.map_error_m = "
-        f"{plant.map_error_m:g} included: raise field_of_view_deg or mission.task.stand_off_m"
+        f"{plant.map_error_m:g} included: raise field_of_view_deg or set "
+        "mission.task.datum=false"
     )
 
 

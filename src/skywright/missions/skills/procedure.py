@@ -44,7 +44,7 @@ class CrackProcedure(Spec):
     hole_max_m: float = Field(default=0.005, ge=1e-4, le=1.0)  # largest circle without a coil
     # of a pass, across it, without gusts; those of the mission's wind are added to it
     lateral_std_m: float = Field(default=0.0005, ge=0, le=0.02)
-    track_std_m: float = Field(default=0.0015, ge=1e-5, le=0.1)  # of a place from the datum
+    track_std_m: float = Field(default=0.0015, ge=1e-5, le=0.1)  # of a place, without the datum's
 
 
 def write_procedure(
