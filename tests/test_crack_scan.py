@@ -251,8 +251,7 @@ def test_the_database_holds_what_the_flight_knows(flown) -> None:
     assert {i.indication.kind for i in cracks} == {"crack"}
     d = flown.description
     map_pipe = build_cylinder(d.world.pipe)
-    bound = d.plant.map_error_m
-    assert flight.registration_std_m == pytest.approx(bound / math.sqrt(3))
+    assert flight.registration_std_m == pytest.approx(1e-3 * flown.metrics["datum.std_mm"])
     for name in ("crack1", "crack2"):
         true = d.world.things[name]
         c = map_pipe.radius * math.radians(true.around_deg)
@@ -407,7 +406,7 @@ def test_the_replay_draws_swath_and_indications(flown) -> None:
     assert {"edge of the swath", "indication: crack"} <= legend and "missed" not in legend
     times = [m["since"] for m in data["meshes"] if "since" in m]
     found = flown.details.indications
-    assert len(times) == 4 + len(found)  # two edges of two scans
+    assert len(times) == 5 + len(found)  # two edges of two scans, and the datum mark
     start = float(flown.samples["t"][0])
     assert all(min(abs(t - x.t + start) for t in times) < 0.02 for x in found)
     half = flown.details.cover.away.copy()

@@ -14,7 +14,13 @@ from skywright.description.loader import load_description
 from skywright.description.map_error import displace_world
 from skywright.description.world.spec import Pipe
 from skywright.description.world.structure import Structure, build_surface, find_place, locate_point
-from skywright.description.world.surface import Cylinder, build_cylinder, roll_points, unroll_points
+from skywright.description.world.surface import (
+    Cylinder,
+    build_cylinder,
+    level_axes,
+    roll_points,
+    unroll_points,
+)
 from skywright.errors import InputError
 from skywright.inspection.history.entries import Entries
 from skywright.missions.crack_scan import judge
@@ -31,7 +37,9 @@ from skywright.missions.skills.datum import (
 )
 from skywright.missions.skills.surveyed import move_pipe
 from skywright.missions.skills.surveyed_structure import move_structure
+from skywright.missions.tool_install.plan import find_places
 from skywright.models.things.datum import Datum, find_datum, locate_datum
+from skywright.planning.scan import choose_axes
 from skywright.run.backends import build_vehicle
 from skywright.run.flight import Flown
 from skywright.run.planning import plan_mission
@@ -157,6 +165,36 @@ def test_a_mark_that_may_be_out_of_view_is_refused() -> None:
     assert behind.blocked_by.endswith("or set mission.task.datum=false")
     without = {**MARK, "world.things.mark.around_deg": -170.0, "mission.task.datum": False}
     assert get_datum(Setup(load_description("pipe-weld-scan", sets=without))) is None
+
+
+def test_gravity_has_axes_of_its_own() -> None:
+    """Seats and presses from below do not turn with a pipe whose map errs about its axis."""
+    told = PIPE.model_copy(update={"yaw_deg": 30.0, "inclination_deg": 10.0})
+    rolled = build_cylinder(told.model_copy(update={"roll_deg": 25.0}))
+    np.testing.assert_allclose(level_axes(rolled.R_WP), build_cylinder(told).R_WP, atol=1e-12)
+    upright = build_cylinder(told.model_copy(update={"inclination_deg": 90.0, "roll_deg": 5.0}))
+    np.testing.assert_array_equal(level_axes(upright.R_WP), upright.R_WP)
+    d = load_description("tool-install")
+    assert d.world.pipe is not None
+    seats = [
+        find_places(d.world.model_copy(update={
+            "pipe": d.world.pipe.model_copy(update={"roll_deg": roll})
+        }), d.mission.task)[1]
+        for roll in (0.0, 8.0)
+    ]  # fmt: skip
+    np.testing.assert_allclose(seats[0].p_WO, seats[1].p_WO, atol=1e-12)
+
+
+def test_the_probe_follows_a_rolled_pipe_as_it_does_a_level_one() -> None:
+    """Near the top of a pipe that leans by 2 deg, phi counts from the roll for the axes as well."""
+    told = PIPE.model_copy(update={"inclination_deg": 2.0})
+    phi, roll = np.radians([[0.0, 80.0], [0.0, 100.0]]), math.radians(6.0)
+    flat = choose_axes(build_cylinder(told), phi)
+    turned = choose_axes(
+        build_cylinder(told.model_copy(update={"roll_deg": 6.0})), phi - [[0.0, roll], [0.0, roll]]
+    )
+    assert abs(flat[2, 1]) < 1e-12  # level
+    np.testing.assert_allclose(turned, flat @ rot_y(roll), atol=1e-3)
 
 
 def test_a_press_from_below_is_judged_by_gravity() -> None:

@@ -18,7 +18,7 @@ from skywright.core.user_code import njit
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
-from skywright.description.world.surface import build_cylinder
+from skywright.description.world.surface import build_cylinder, level_axes
 from skywright.models.compliant_arms import find_hands, find_swing
 from skywright.models.geometry import (
     FAR,
@@ -79,7 +79,7 @@ def compute_reach(
     """Map the reach of the left hand around the world's pipe (which it must have)."""
     assert world.pipe is not None
     cylinder = build_cylinder(world.pipe)
-    ahead, up = cylinder.R_WP[:, 0], cylinder.R_WP[:, 2]
+    ahead, _, up = level_axes(cylinder.R_WP).T
     R = rot_z(math.atan2(ahead[1], ahead[0]))
     query = build_clearance(build_scene(robot, world))
     q = sample_postures(robot, query)

@@ -16,6 +16,7 @@ from skywright.core.compiled import helper
 from skywright.core.rotations import mat_vec
 from skywright.core.types import MAX_JOINTS
 from skywright.core.user_code import njit
+from skywright.description.world.surface import level_axes
 from skywright.models.body_records import Kinematics
 from skywright.models.geometry import FAR
 from skywright.models.rigid_body import fill_kinematics
@@ -206,8 +207,7 @@ def compute_headings(n_W: Array, R_WP: Array) -> Array:
         add(-n_W[0], -n_W[1])
         add(n_W[0], n_W[1])
     if abs(n_W[2]) > 0.5:
-        for column in (0, 1):
-            x, y = R_WP[0, column], R_WP[1, column]
+        for x, y, _ in level_axes(R_WP)[:, :2].T:
             if math.hypot(x, y) > 0.1:
                 add(x, y)
                 add(-x, -y)

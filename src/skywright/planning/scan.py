@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
-from skywright.description.world.surface import Cylinder
+from skywright.description.world.surface import Cylinder, level_axes
 from skywright.models.geometry import ClearanceQuery
 from skywright.models.kinematic_tree import PlanningScene
 from skywright.planning.configurations import Candidates, resting
@@ -168,7 +168,8 @@ def choose_axes(cylinder: Cylinder, corners: Array) -> Array:
     aside = np.abs(n[:, :2] @ [-across[1], across[0]])
     if np.max(np.arctan2(aside, np.abs(n @ across))) <= TURNED:
         return R
-    return np.column_stack([across, [-across[1], across[0], 0.0], [0.0, 0.0, 1.0]])
+    flat = np.column_stack([across, [-across[1], across[0], 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(flat @ level_axes(R).T @ R)  # phi counts from where the pipe is rolled to
 
 
 def _plan(

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_z
+from skywright.description.world.surface import level_axes
 from skywright.description.world.wind import (
     compute_direction,
     compute_gust_scales,
@@ -313,6 +314,6 @@ def _find_poses(
     start = np.array([m.start_x_m, m.start_y_m, m.hover_height_m])
     out = [(m.start_yaw_deg, start)]
     if setup.cylinder is not None:
-        ahead = setup.cylinder.R_WP[:, 0]
+        ahead = level_axes(setup.cylinder.R_WP)[:, 0]
         out.append((math.degrees(math.atan2(ahead[1], ahead[0])), start))
     return out

@@ -26,6 +26,7 @@ from skywright.analysis.envs.parts import (
 from skywright.core.record import Mat3, Vec3
 from skywright.core.scratch import local
 from skywright.core.types import TASK_VELOCITY
+from skywright.description.world.surface import level_axes
 from skywright.missions.sensor_install.fly import SEARCH
 from skywright.missions.skills.moves import set_rest
 from skywright.vehicle.arms.ports import HandForce, Hands, HandsReference, HandState
@@ -187,7 +188,7 @@ class SensorInstall(ContactEnv):
         s.body.track(row[None])
         true = setup.true.cylinder
         for part, cylinder in ((act, setup.cylinder), (observe, setup.cylinder), (judge, true)):
-            towards, along = cylinder.R_WP[:, 2], cylinder.R_WP[:, 1]
+            _, along, towards = level_axes(cylinder.R_WP).T
             part.frame[:] = np.column_stack([towards, along, np.cross(towards, along)])
         act.task = TASK_VELOCITY
         observe.p_W[:] = judge.p_W[:] = contact

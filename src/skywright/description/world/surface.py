@@ -36,6 +36,17 @@ def build_cylinder(pipe: Pipe) -> Cylinder:
     return Cylinder(p, np.ascontiguousarray(r), pipe.diameter_m / 2, pipe.length_m / 2)
 
 
+def level_axes(R_WP: Array) -> Array:
+    """Return axes (3, 3) of a pipe by gravity: x level, y along it, z up; R_WP if it is upright."""
+    axis = R_WP[:, 1]
+    level = np.cross(axis, [0.0, 0.0, 1.0])
+    size = float(np.linalg.norm(level))
+    if size < 1e-6:
+        return R_WP
+    level /= size
+    return np.ascontiguousarray(np.column_stack([level, axis, np.cross(level, axis)]))
+
+
 @helper
 def surface_point(cyl: Cylinder, s: float, phi: float, p: Array, n: Array) -> None:
     """Fill the point `p` (3,) in W and the outward normal `n` (3,) at (s, phi)."""

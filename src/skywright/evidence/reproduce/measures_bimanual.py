@@ -14,7 +14,7 @@ from skywright.core.rotations import rot_z
 from skywright.description.loader import load_description
 from skywright.description.robot.limbs import list_joints, list_servos
 from skywright.description.robot.loader import load_robot
-from skywright.description.world.surface import build_cylinder
+from skywright.description.world.surface import build_cylinder, level_axes
 from skywright.evidence.reproduce.figures import Bars, ClaimFigure, Curve, Panel
 from skywright.evidence.reproduce.flights_arms import load_arms
 from skywright.evidence.reproduce.measured import Measured, Records
@@ -88,7 +88,7 @@ def _most_room(name: str) -> tuple[float, float]:
     d = load_description(MISSION, name)
     assert d.world.pipe is not None and d.robot.arm is not None
     cylinder = build_cylinder(d.world.pipe)
-    ahead, up = cylinder.R_WP[:, 0], cylinder.R_WP[:, 2]
+    ahead, _, up = level_axes(cylinder.R_WP).T
     R = rot_z(math.atan2(ahead[1], ahead[0]))
     query, ask = build_clearance(build_scene(d.robot, d.world)), PipeDistance(d)
     _, carrier, last = split_query(d.robot, query)

@@ -12,6 +12,7 @@ import numpy as np
 from skywright.core.arrays import Array, Table
 from skywright.core.rotations import rot_z
 from skywright.core.types import TASK_FORCE, TASK_POSITION
+from skywright.description.world.surface import level_axes
 from skywright.missions.sensor_install.operated_press import HAND_OVER, press_by_operator
 from skywright.missions.sensor_install.plan import InstallPlan
 from skywright.missions.sensor_install.surveyed import find_pipe, lead_to, place_platform
@@ -113,7 +114,7 @@ def _survey(s: Supervisor[SensorInstall], way: InstallPlan) -> tuple[InstallPlan
     surveyed = find_pipe(s, survey, lambda p, end: _move_with_hand(s, p + correction, end, hand))
     s.begin("survey_leave")
     found = surveyed.found.cylinder
-    up = found.R_WP[:, 2]
+    up = level_axes(found.R_WP)[:, 2]
     contact = lead_to(survey, found, 0.0, 0.0)
     if not surveyed.reason:
         move = contact - way.contact

@@ -11,7 +11,7 @@ from skywright.core.arrays import Array, Mask
 from skywright.core.rotations import rot_from_quat
 from skywright.description.robot.limbs import list_joints
 from skywright.description.world.spec import World
-from skywright.description.world.surface import Cylinder
+from skywright.description.world.surface import Cylinder, level_axes
 from skywright.description.world.things import find_first
 from skywright.missions.sensor_install.plan import SWING_DECAYED, InstallPlan
 from skywright.missions.sensor_install.surveyed import BOTTOM
@@ -89,7 +89,7 @@ def compute_metrics(run: Flown[SensorInstall, InstallPlan]) -> dict[str, float]:
     samples, phases, task, way = run.samples, run.phases, run.task, run.way
     true = run.setup.true.cylinder
     assert true is not None
-    up = true.R_WP[:, 2]  # not as the map has it
+    up = level_axes(true.R_WP)[:, 2]  # not as the map has it
     normal = samples["left_f_W"] @ up
     surveyed = run.once(find_survey)
     if surveyed is not None and way.survey is not None:
@@ -166,11 +166,9 @@ def find_place(p_W: Array, pipe: Cylinder) -> tuple[float, float]:
 
     Below is where gravity has it, whatever the pipe's turn about its axis.
     """
-    axis, d = pipe.R_WP[:, 1], p_W - pipe.p_WP
-    level = np.cross(axis, [0.0, 0.0, 1.0])
-    level /= np.linalg.norm(level)
-    around = pipe.radius * np.abs(np.arctan2(d @ level, -d @ np.cross(level, axis)))
-    return float(np.max(around)), float(np.max(np.abs(d @ axis)))
+    local = (p_W - pipe.p_WP) @ level_axes(pipe.R_WP)
+    around = pipe.radius * np.abs(np.arctan2(local[:, 0], -local[:, 2]))
+    return float(np.max(around)), float(np.max(np.abs(local[:, 1])))
 
 
 def find_survey(run: Flown[SensorInstall, InstallPlan]) -> Surveyed | None:

@@ -16,6 +16,7 @@ from skywright.core.rotations import rot_z
 from skywright.core.streams import build_stream
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
+from skywright.description.world.surface import level_axes
 from skywright.errors import InputError
 from skywright.missions.sensor_install.surveyed import InstallSurvey, plan_survey
 from skywright.missions.sensor_install.task import SensorInstall
@@ -80,9 +81,8 @@ def plan(setup: Setup[SensorInstall]) -> MissionPlan[InstallPlan]:
         )
     began = time.perf_counter()
     cylinder = setup.cylinder
-    ahead = cylinder.R_WP[:, 0]
+    ahead, _, up = level_axes(cylinder.R_WP).T
     yaw = math.atan2(ahead[1], ahead[0])
-    up = cylinder.R_WP[:, 2]
     contact = cylinder.p_WP - cylinder.radius * up
     model = setup.model
     R = rot_z(yaw)

@@ -15,7 +15,7 @@ import numpy as np
 
 from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
-from skywright.description.world.surface import Cylinder, surface_frame
+from skywright.description.world.surface import Cylinder, level_axes, surface_frame
 from skywright.missions.sensor_install.task import SensorInstall
 from skywright.missions.skills.survey import Hand, Touch, survey_surface
 from skywright.missions.skills.surveyed import (
@@ -86,7 +86,7 @@ def plan_survey(setup: Setup[SensorInstall], q: Array, yaw: float) -> InstallSur
 
 def lead_to(survey: InstallSurvey, cylinder: Cylinder, along: float, share: float) -> Array:
     """Return where a hand's end (3,) m is when its ball touches the pipe, pushed straight up."""
-    ahead, axis, up = cylinder.R_WP.T
+    ahead, axis, up = level_axes(cylinder.R_WP).T
     r, ball = cylinder.radius, survey.ball.radius
     down = math.sqrt((r + ball) ** 2 - (share * r) ** 2)
     centre = cylinder.p_WP + along * axis - share * r * ahead - down * up

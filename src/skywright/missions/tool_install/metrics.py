@@ -7,6 +7,7 @@ import numpy as np
 
 from skywright.core.arrays import Array, Samples
 from skywright.core.rotations import rot_from_quat, rot_z
+from skywright.description.world.surface import level_axes
 from skywright.description.world.things import list_movers
 from skywright.missions.skills.operated import OPERATED_MEASURES, measure_operated
 from skywright.missions.skills.tool_handling import LOW, Place
@@ -90,7 +91,7 @@ def compute_metrics(run: Flown[ToolInstall, ToolPlan]) -> dict[str, float]:
     assert pipe is not None
     wait = np.flatnonzero(WAIT.select(samples, phases))
     if len(wait):
-        stance = compute_stance(samples, int(wait[-1]), i, seat.p_WO, pipe.R_WP)
+        stance = compute_stance(samples, int(wait[-1]), i, seat.p_WO, level_axes(pipe.R_WP))
         out["tool.seat_error_mm"] = 1e3 * float(np.linalg.norm(stance.error))
         out["tool.seat_angle_deg"] = math.degrees(stance.angle)
     back = np.flatnonzero(RETURN.select(samples, phases))

@@ -17,7 +17,7 @@ from skywright.core.streams import build_stream
 from skywright.description.loader import Description
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
-from skywright.description.world.surface import build_cylinder
+from skywright.description.world.surface import build_cylinder, level_axes
 from skywright.description.world.things import locate_thing
 from skywright.description.world.wind import compute_speed
 from skywright.errors import InputError
@@ -228,8 +228,9 @@ def find_seat(world: World, task: ToolInstall, p_WP: Array, R_WP: Array) -> Plac
     """Return where the tool shall stand on a pipe whose frame is p_WP (3,) m, R_WP (3, 3)."""
     assert world.pipe is not None
     height = compute_seat(world.find_thing(task.tool, Tool), world.pipe.diameter_m).height
-    p = p_WP + task.along_pipe_m * R_WP[:, 1] + height * R_WP[:, 2]
-    return Place(p, math.atan2(R_WP[1, 0], R_WP[0, 0]))
+    ahead, axis, up = level_axes(R_WP).T
+    p = p_WP + task.along_pipe_m * axis + height * up
+    return Place(p, math.atan2(ahead[1], ahead[0]))
 
 
 def behind(p: Array, yaw: float, back: float = BACK) -> Array:
