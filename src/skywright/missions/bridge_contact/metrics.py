@@ -171,8 +171,9 @@ def _judge_survey(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
         return {}
     mark = read_datum(run.setup, run.samples, run.phases)
     found = fit_structure(run.setup, touches, ball, mark)
+    work = HOLD.select(run.samples, run.phases) | FREE.select(run.samples, run.phases)
     judged = judge_structure(run.setup, found, run.way.stations[0].place, ball)
-    return judged if mark is None else judged | judge_datum(run.setup, mark)
+    return judged if mark is None else judged | judge_datum(run.setup, mark, run.samples, work)
 
 
 def compute_bench_metrics(run: Flown[Any, Any]) -> dict[str, float]:

@@ -118,7 +118,8 @@ def compute_metrics(run: Flown[Scan, ScanWay]) -> dict[str, float]:
     if surveyed is not None and run.way.survey is not None:
         out |= judge_survey(run.setup, surveyed, run.way.survey.points, get_tip(run.setup))
         if surveyed.mark is not None:
-            out |= judge_datum(run.setup, surveyed.mark)
+            work = SCAN.select(samples, phases)
+            out |= judge_datum(run.setup, surveyed.mark, samples, work)
     scan = SCAN.select(samples, phases)
     if not np.any(scan):
         return out

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from skywright.core.arrays import Array, Samples
+from skywright.core.arrays import Array, Mask, Samples
 from skywright.core.rotations import rot_y
 from skywright.description.world.structure import Surface, build_surface, find_place, locate_point
 from skywright.description.world.surface import Cylinder, unroll_points
@@ -38,7 +38,8 @@ DATUM_MEASURES: Measures = {
     "datum.images": ("", "number of images of the datum mark, at rest before it"),
     "datum.error_mm": (
         "mm",
-        "distance along the surface of the datum mark, as the robot found it, from its true place",
+        "distance along the surface of the datum mark, as the robot found it, from its true place, "
+        "less what the measured tip is off by while it works",
     ),
     "datum.std_mm": ("mm", "standard deviation of the datum mark's place, each way, as stated"),
 }
@@ -172,19 +173,28 @@ def register_surface(found: Surface, datum: Datum, mark: SeenMark) -> tuple[Arra
     return p, R[:, 2]
 
 
-def judge_datum(setup: Setup[Any], mark: SeenMark) -> dict[str, float]:
-    """Compare the mark's place with the truth, along the surface."""
+def judge_datum(
+    setup: Setup[Any], mark: SeenMark, samples: Samples, work: Mask
+) -> dict[str, float]:
+    """Compare the mark's place with the truth, along the surface.
+
+    What the measured tip is off by at `work` (n,) as well shifts mark and work alike, and is taken
+    out; before any work, what it is off by throughout is left in.
+    """
+    p = mark.p_WM
+    if np.any(work):
+        p = p - np.mean(samples["est_p_WT"][work] - samples["p_WT"][work], axis=0)
     datum, world = find_datum(setup.true.world), setup.true.world
     assert datum is not None
     u, v = datum.get_place()
     if datum.on_pipe:
         true = setup.true.cylinder
         assert true is not None
-        s, c, _ = unroll_points(true, mark.p_WM[None], near=true.radius * v)
+        s, c, _ = unroll_points(true, p[None], near=true.radius * v)
         error = math.hypot(float(s[0]) - u, float(c[0]) - true.radius * v)
     else:
         assert world.structure is not None
-        place = find_place(build_surface(world.structure), mark.p_WM)
+        place = find_place(build_surface(world.structure), p)
         error = math.hypot(float(place[0]) - u, float(place[1]) - v)
     return {
         "datum.images": float(mark.images), "datum.error_mm": 1e3 * error,
