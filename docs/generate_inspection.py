@@ -6,6 +6,7 @@ From what benchmarks/fly_inspections.py and benchmarks/crack_detection.py keep.
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
