@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy.signal import butter, sosfiltfilt
 
 from exact_map import KNOWN
 from skywright.analysis.identify.fit import INERTIA_AXES, Fit, fit_parameters
@@ -37,7 +38,7 @@ GRAVITY = 9.81
 MASS = 2.6
 GAIN = np.array([0.93, 0.98, 1.02, 0.95, 1.05, 0.99])
 COM = np.array([0.006, -0.004, 0.010])
-KAPPA, DRAG = 0.0145, 1.6e-4
+KAPPA, DRAG, SPIN_INERTIA = 0.0145, 1.6e-4, 2e-5
 INERTIA = np.array([0.0560, 0.0620, 0.0740, 0.0006, -0.0035, -0.0004])
 
 
@@ -105,9 +106,13 @@ def make_log(
     )
     body = -0.5 * 1.2 * area * np.linalg.norm(v_B, axis=1, keepdims=True) * v_B
     T = np.full((len(t), 6), MASS * GRAVITY / 6)
+    slow = butter(4, 6.0, fs=rate, output="sos")
     for _ in range(30):  # drag depends on the speeds that it asks for
         omega = np.sqrt(np.maximum(T, 0.01) / rotors.k_f)
         f, m = force - body, torque.copy()
+        # momentum of the rotors in B; without the filter the sum would not converge
+        spin = sosfiltfilt(slow, SPIN_INERTIA * (omega * rotors.spin) @ rotors.axis, axis=0)
+        m += np.gradient(spin, t, axis=0, edge_order=2) + np.cross(w, spin)
         for i in range(6):
             air = v_B + np.cross(w, rotors.position[i])
             hub = (
@@ -137,6 +142,8 @@ def truth() -> dict[str, float]:
         "torque_per_thrust_m": KAPPA,
         "drag_coefficient_n_per_rads_mps": DRAG,
         "rotor_delay_s": 0.0,
+        "rotor_inertia_kgm2": SPIN_INERTIA,
+        "drag_height_m": 0.0,
     }
     out |= {f"pose_1.com_{a}_m": c for a, c in zip("xyz", COM, strict=True)}
     for value, (i, j) in zip(INERTIA, INERTIA_AXES, strict=True):
