@@ -39,9 +39,7 @@ def here(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(paths).strip(os.pathsep))
     monkeypatch.setattr(forks, "_source", None)
     yield
-    assert forks._source is not None
-    forks._source._connection.close()  # it ends, as when its caller ends
-    forks._source._process.wait(timeout=60)
+    forks.end_source()
 
 
 def start() -> tuple[Fork, Any, dict[str, Any]]:
