@@ -9,6 +9,7 @@ answer is the exit code; output goes to the files that the request names.
 
 from __future__ import annotations
 
+import atexit
 import json
 import os
 import signal
@@ -105,6 +106,7 @@ def _run(request: dict[str, Any]) -> None:
     except BaseException:
         traceback.print_exc()
     finally:
+        atexit._run_exitfuncs()  # as a process does
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)

@@ -8,6 +8,7 @@ forked, because threads (numba, BLAS, a notebook) do not survive a fork: the pro
 
 from __future__ import annotations
 
+import atexit
 import gc
 import os
 import signal
@@ -22,6 +23,8 @@ from multiprocessing.connection import Connection
 from threading import Lock
 from typing import Any
 
+from skywright.errors import SimulationError
+
 ONE_THREAD = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
@@ -33,6 +36,8 @@ ONE_THREAD = {
 POLL_S = 0.002
 GONE = -int(signal.SIGKILL)
 """Exit code of a worker about which nobody can be asked, because the source was killed."""
+RUNS = 1 << 16
+"""In place of an exit code: it has not ended."""
 
 
 class Source:
@@ -65,7 +70,11 @@ class Source:
     def close(self) -> None:
         """End it; workers go on."""
         self._connection.close()
-        self._process.wait()
+        try:
+            self._process.wait(timeout=5.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
 
 
 class Fork:
@@ -94,28 +103,25 @@ class Fork:
         return self._code
 
 
-RUNS = 1 << 16
-"""In place of an exit code: it has not ended."""
 _source: Source | None = None
 
 
 def start_fork(module: str, files: Sequence[int], *, silent: bool = False) -> Fork:
     """Start `module.serve(*files)` in a process of its own, in this folder and environment.
 
-    `silent`: what it prints is dropped. The files' descriptors stay open here.
+    `silent`: what it prints is dropped. The files' descriptors stay open here. Raises
+    SimulationError where no process can be started.
     """
     global _source
     request = ("start", module, os.getcwd(), dict(os.environ), len(files), silent)
-    for attempt in (1, 2):
-        if _source is None or _source.owner != os.getpid():
-            _source = Source()
+    for _ in range(2):
         try:
+            if _source is None or _source.owner != os.getpid():
+                _source = Source()
             return Fork(_source.ask(request, files), _source)
         except (OSError, EOFError):  # it was killed
             _source = None
-            if attempt == 2:
-                raise
-    raise AssertionError
+    raise SimulationError("no worker process could be started: it ends at once (out of memory?)")
 
 
 def end_source() -> None:
@@ -129,12 +135,16 @@ def end_source() -> None:
     _source = None
 
 
+atexit.register(end_source)
+
+
 def main() -> None:
     """Fork for the connection whose file descriptor is the first argument, until it is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
     gc.set_threshold(50_000)  # as in cli/group.py
     control = Connection(int(sys.argv[1]))
-    _load()
+    with suppress(Exception):  # what is wrong with an installed part is told where it flies
+        _load()
     gc.freeze()
     while True:
         try:
