@@ -19,7 +19,7 @@ export class Stick {
     addEventListener('keydown', (e) => {
       if (!this.active || typing(e) || e.ctrlKey || e.metaKey || e.altKey) return;
       if (!(e.code in KEYS) && e.code !== 'Space' && e.code !== 'Enter') return;
-      if (e.target instanceof HTMLButtonElement && e.code === 'Enter') return; // presses that button
+      if (e.code === 'Enter' && !this.down.has('Space')) return; // presses the button in focus
       e.preventDefault(); // the page must not scroll, and no button be pressed
       this.down.add(e.code);
     });
