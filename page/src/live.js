@@ -82,6 +82,7 @@ export class Live {
     this.sight = new Sight(this.stickBox);
     this.trainBox = section(side, 'Training: disturb the flight', false, 'training');
     this.numbersBox = section(side, 'Numbers and plots', true, 'numbers');
+    for (const box of [this.trainBox, this.numbersBox]) box.parentElement.hidden = true; // no flight yet
     this.mapBox = section(side, 'Inspection map', true, 'map');
     this.mapBox.parentElement.hidden = true;
     this.logBox = section(side, 'Logbook', true, 'logbook');
@@ -150,6 +151,7 @@ export class Live {
     this.video = new Video(data.video);
     this.view.load(data);
     this.loaded();
+    for (const box of [this.trainBox, this.numbersBox]) box.parentElement.hidden = false;
     this.plotBox.replaceChildren();
     this.plots = new Plots(this.plotBox, data.layout.channels, null);
     this.loadIndex = data.layout.channels.findIndex((c) => c.name === 'busiest rotor');
