@@ -71,7 +71,8 @@ def _choose_speed(evaluate: Evaluate, speed: float) -> None:
 
 
 def _key(kind: str, code: str) -> str:
-    return f"dispatchEvent(new KeyboardEvent({kind!r}, {{ code: {code!r} }}))"
+    pressed = f"new KeyboardEvent({kind!r}, {{ code: {code!r}, bubbles: true }})"
+    return f"document.activeElement.dispatchEvent({pressed})"
 
 
 def test_a_flight_is_started_watched_paused_taken_over_and_aborted(
@@ -184,19 +185,19 @@ def test_a_hand_is_moved_by_keys_and_let_go(served: str, chromium: str, tmp_path
 
         wait_for(lambda: read_way() > 0.0)
         began = read_way()
+        # the list that was used last has the focus, and does not keep the keys
+        page("document.getElementById('speed').focus()")
         page(_key("keydown", "KeyR"))  # without the dead-man it does not count
         wait_for(lambda: "Let go" in _text(page, "sticktext"))
-        assert read_way() > began - 3.0
+        assert read_way() > began - 8.0
         page(_key("keydown", "Space"))
         wait_for(lambda: "The stick counts" in _text(page, "sticktext"))
         wait_for(lambda: read_way() < began - 15.0)
         page(_key("keyup", "Space"))
         wait_for(lambda: "Let go" in _text(page, "sticktext"))
-        at = float(_text(page, "clock").split(" ")[0])
-        wait_for(lambda: float(_text(page, "clock").split(" ")[0]) > at + 0.5)  # it swings out
-        stood = read_way()
+        stood, at = read_way(), float(_text(page, "clock").split(" ")[0])
         wait_for(lambda: float(_text(page, "clock").split(" ")[0]) > at + 1.5)
-        assert abs(read_way() - stood) < 4.0 and read_way() > 5.0
+        assert read_way() > max(stood - 10.0, 5.0)  # `R` alone would be 22 mm
         page(_key("keyup", "KeyR"))
         _choose_speed(page, 0)
         _click(page, "abort")
