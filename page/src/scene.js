@@ -275,9 +275,9 @@ export class View {
       this.orbit.target.copy(at);
     } else if (this.data && this.mode === this.data.camera.name) {
       const c = this.data.camera, q = new Quaternion();
-      body.getWorldQuaternion(q);
+      this.parts[c.part].getWorldQuaternion(q);
       const turn = (v) => new Vector3().fromArray(v).applyQuaternion(q);
-      this.camera.position.copy(at).add(turn(c.position));
+      this.camera.position.setFromMatrixPosition(this.parts[c.part].matrixWorld).add(turn(c.position));
       this.camera.up.copy(turn(c.up));
       this.camera.lookAt(this.camera.position.clone().add(turn(c.forward)));
       return;
