@@ -23,12 +23,13 @@ from short_mission import write_short
 from skywright.core.rotations import rot_z
 from skywright.errors import InputError
 from skywright.links.mavlink import modes
-from skywright.links.px4.check import find_refusal
+from skywright.links.px4.check import find_losses, find_refusal
 from skywright.links.px4.docked import DockedAttitude
 from skywright.links.px4.gains import compute_force_units
 from skywright.links.px4.mission import Options, parse_options
 from skywright.links.px4.parameters import build_airframe
 from skywright.models.nominal import Nominal
+from skywright.run.parts import build_law
 from skywright.run.run import RunResult, run_mission
 from skywright.run.setup import Setup
 
@@ -136,6 +137,22 @@ def test_what_px4_cannot_fly_is_refused_before_anything_listens(
 ) -> None:
     d = skywright.load(mission, sets=sets)
     assert says in find_refusal(Setup(d), tells_truth=bool(sets))
+
+
+@pytest.mark.parametrize(
+    ("mission", "force", "says"),
+    [
+        ("waypoints", False, ""), ("sensor-install", False, "does not damp the swing of the link"),
+        ("bridge-contact", False, "px4?force sends forces"), ("bridge-contact", True, ""),
+    ],
+)  # fmt: skip
+def test_what_a_mission_loses_with_px4_is_told_before_anything_listens(
+    mission: str, force: bool, says: str
+) -> None:
+    d = skywright.load(mission)
+    setup = Setup(d)
+    told = find_losses(setup, build_law(d, setup), force)
+    assert len(told) == bool(says) and says in "".join(told)
 
 
 @pytest.mark.parametrize("mission", ["bridge-contact", "sensor-install", "waypoints"])

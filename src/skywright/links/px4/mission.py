@@ -27,7 +27,7 @@ from skywright.links.mavlink.endpoint import Endpoint, Url
 from skywright.links.mavlink.link import PERIOD, WANTED, VehicleLink
 from skywright.links.mavlink.offboard import CONNECT_S, Offboard
 from skywright.links.mavlink.stream import load_dialect
-from skywright.links.px4.check import find_refusal
+from skywright.links.px4.check import find_losses, find_refusal
 from skywright.links.px4.docked import DockedAttitude
 from skywright.links.px4.parameters import build_airframe
 from skywright.links.px4.sensors import FIRST_US, Px4Sensors
@@ -319,6 +319,8 @@ def open_backend(text: str) -> Callable[..., Px4Vehicle]:
             says = find_forceless(setup.robot, law, setup.world.gravity_mps2)
         if says:
             raise InputError(f"backend px4: {says}")
+        for line in find_losses(setup, law, options.force):
+            say(line)
         link: VehicleLink | None = None
         server = Px4Server(
             len(setup.rotors.spin), HOST, options.port, patience_s=PATIENCE_S, say=say
