@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from skywright.analysis.campaign.campaign import run_campaign
+from skywright.analysis.campaign.forks import end_source
 from skywright.analysis.campaign.runner import Task, build_failed_row
 from skywright.analysis.campaign.spec import (
     build_campaign,
@@ -46,6 +47,7 @@ def fly(mission: str, runs: int, workers: int, folder: Path) -> dict[str, float]
     began, ours = time.perf_counter(), time.process_time()
     theirs = resource.getrusage(resource.RUSAGE_CHILDREN)
     run_campaign(campaign, runs, out=folder, workers=workers)
+    end_source()
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return {
         "wall": time.perf_counter() - began, "parent": time.process_time() - ours,

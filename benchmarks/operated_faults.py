@@ -15,6 +15,9 @@ the flight passed. Flights that the table holds are not flown again.
 - `pilot`: the pilot takes over, holds for 2 s and gives back. The robot comes home, or begins the
   contact anew.
 - `killed`: the vehicle's process is killed. What was recorded up to then can be read.
+
+Collisions are those away from where the robot lands: a tool or a bar that comes home in the hooks
+touches the ground before the gear does.
 """
 
 from __future__ import annotations
@@ -88,6 +91,7 @@ WORKS = {
 }  # fmt: skip
 LINKS = {"link 0.2 s": 0.2, "link 2 s": 2.0, "link lost": math.inf}
 FAULTS = ("killed", "silent", "pilot", "battery", "fence", *LINKS)
+OTHERS = ("unintended_contact", "strayed")  # rules that would see the push before the fence's
 RULES = {"battery": "battery_low", "fence": "geofence"}
 
 
@@ -180,7 +184,7 @@ def find_sets(mission: str, fault: str, at: float, plain: RunResult) -> tuple[st
                 'plant.faults.gust.kind="bump"', f"plant.faults.gust.start_s={at}",
                 f"plant.faults.gust.force_{name}_n={sign * PUSH * _weigh(mission)}",
                 f"plant.faults.gust.for_s={PUSH_S}",
-                "mission.faults.unintended_contact.on=false",
+                *(f"mission.faults.{rule}.on=false" for rule in OTHERS),
             )  # fmt: skip
     raise RuntimeError("there is no side on which a fence would not cross the way to work")
 
@@ -211,6 +215,14 @@ def judge(fault: str, hand: Hand, result: RunResult) -> tuple[float, bool]:
     return away, told and words in result.reason and not hand.acted
 
 
+def count_collisions(result: RunResult) -> int:
+    """Return how often it met something away from where it lands: what it carries lands first."""
+    s = result.samples
+    away = np.linalg.norm(s["p_WB"][:, :2] - s["p_WB"][-1, :2], axis=1) > HOME_M
+    hits = (s["f_collision"] > 0.0) & away
+    return int(np.count_nonzero(hits[1:] & ~hits[:-1]))
+
+
 def fly_case(
     mission: str, moment: str, fault: str, folder: Path, plain: RunResult, at: float
 ) -> list[str]:
@@ -223,7 +235,7 @@ def fly_case(
     return [
         mission, moment, fault, result.outcome, " ".join(hand.acted[:1]), result.reason,
         result.phases[-1].name, f"{away:.2f}",
-        f"{result.metrics.get('contact.collisions', math.nan):g}", str(passed),
+        str(count_collisions(result)), str(passed),
     ]  # fmt: skip
 
 

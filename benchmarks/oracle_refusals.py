@@ -1,10 +1,11 @@
 """Fly what was refused, its margins set aside: `oracle_refusals.py FOLDER [--table FILE]`.
 
 FOLDER is what `skywright campaign ... --vary TABLE --out FOLDER` wrote. A refusal that names a
-fraction of a computed limit (`mission.wind_fraction`, `mission.task.force_fraction`) is flown with
-that fraction at 1, and the oracle judges the flight as it judges the others. Each refusal is then
+margin is flown without it, and the oracle judges the flight as it judges the others: a fraction of
+a computed limit (`mission.wind_fraction`) is set to 1, a reserve or a clearance
+(`mission.task.way_clearance_m`) to the least that its key allows. Each refusal is then
 
-- limit: still refused, beyond the computed limit itself or for a reason without a fraction;
+- limit: still refused, beyond the computed limit itself or for a reason without a margin;
 - right: flown, and what was asked for was not done;
 - careful: flown and done. The margin refused what this robot, with this seed, can do.
 """
@@ -24,8 +25,17 @@ from oracle import judge
 import skywright
 from skywright.errors import InfeasibleError
 
-NAMED = re.compile(r"\(?(mission\.[a-z_.]*_fraction)")
-MOST_TRIES = 4  # one refusal may hide the next
+NAMED = re.compile(r"mission\.(?:task\.)?(?:[a-z_]*_(?:fraction|reserve|clearance_m)|clearance_m)")
+MOST_TRIES = 6  # one refusal may hide the next
+
+
+def find_loosest(mission: str, key: str) -> float:
+    """Return the value of a margin's key that refuses least: 1 of a limit, or nearly touching."""
+    if key.endswith("_fraction"):
+        return 1.0
+    spec = skywright.load(mission).mission
+    field = type(spec.task if ".task." in key else spec).model_fields[key.split(".")[-1]]
+    return max([0.0, *(m.ge for m in field.metadata if getattr(m, "ge", None) is not None)])
 
 
 def fly_refused(folder: Path, mission: str, row: dict[str, str]) -> tuple[str, str]:
@@ -34,12 +44,13 @@ def fly_refused(folder: Path, mission: str, row: dict[str, str]) -> tuple[str, s
     robot = row.get("mission.robot") or None
     sets = {k: row[k] for k in keys if k != "mission.robot" and row[k]}
     sets = {k: v.lower() if v in ("True", "False") else v for k, v in sets.items()}  # as in TOML
-    reason = row["reason"]
+    reason, loosened = row["reason"], set[str]()
     for _ in range(MOST_TRIES):
         named = NAMED.search(reason)
-        if named is None or named[1] in sets:
+        if named is None or named[0] in loosened:
             return "limit", reason
-        sets[named[1]] = "1.0"
+        loosened.add(named[0])
+        sets[named[0]] = str(find_loosest(mission, named[0]))
         try:
             d = skywright.load(
                 mission,

@@ -4,11 +4,12 @@ A command of its own process spends seconds on both, half of what a page's comma
 runs what the console script runs (`skywright.cli.main`), with the arguments, the folder and the
 environment of the command, and a fresh state: what one command changes in its process ends with
 it. The server has one thread, so forking is safe. Each line on its input is a request as JSON, the
-answer is the exit code and the processor time (s); output goes to the files that the request names.
+answer is the exit code; output goes to the files that the request names.
 """
 
 from __future__ import annotations
 
+import atexit
 import json
 import os
 import signal
@@ -20,8 +21,6 @@ from pathlib import Path
 from typing import Any
 
 TIMEOUT_S = 600
-SPENT: list[float] = []
-"""Processor times (s) of commands whose server has not ended: no parent has waited for them."""
 
 
 class CommandServer:
@@ -39,7 +38,6 @@ class CommandServer:
         assert self._process.stdin is not None
         self._process.stdin.close()
         self._process.wait(timeout=30)
-        SPENT.clear()
 
     def run(self, words: list[str], cwd: Path, **env: str) -> subprocess.CompletedProcess[str]:
         """Run one command, the words after `skywright`, and return what `subprocess.run` would."""
@@ -52,9 +50,7 @@ class CommandServer:
             answer = self._process.stdout.readline()
             assert answer, "the server of commands has ended"
             out, err = (Path(f).read_text(encoding="utf-8", errors="replace") for f in files)
-            code, spent = answer.split()
-            SPENT.append(float(spent))
-            return subprocess.CompletedProcess(words, int(code), out, err)
+            return subprocess.CompletedProcess(words, int(answer), out, err)
 
 
 def serve() -> None:
@@ -67,9 +63,8 @@ def serve() -> None:
         child = os.fork()
         if child == 0:
             _run(request)
-        _, status, used = os.wait4(child, 0)
-        spent = used.ru_utime + used.ru_stime
-        answers.write(f"{os.waitstatus_to_exitcode(status)} {spent}\n")
+        _, status = os.waitpid(child, 0)
+        answers.write(f"{os.waitstatus_to_exitcode(status)}\n")
         answers.flush()
 
 
@@ -111,6 +106,7 @@ def _run(request: dict[str, Any]) -> None:
     except BaseException:
         traceback.print_exc()
     finally:
+        atexit._run_exitfuncs()  # as a process does
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)

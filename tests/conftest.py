@@ -10,7 +10,7 @@ from __future__ import annotations
 import gc
 import os
 import shutil
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 os.environ.setdefault("MPLBACKEND", "Agg")
@@ -18,7 +18,7 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 import pytest
 from hypothesis import settings
 
-from command_server import SPENT
+from command_server import CommandServer
 
 gc.disable()  # until all is imported: pytest_collection_finish
 
@@ -64,9 +64,22 @@ def pytest_collection_finish() -> None:
 
 
 def _read_processor_time() -> float:
-    """Processor time (s) of this process and of those that it has waited for."""
-    t = os.times()
-    return t.user + t.system + t.children_user + t.children_system + sum(SPENT)
+    """Processor time (s) of this process, of all that it started, and of those that have ended.
+
+    A process that has ended counts where somebody has waited for it, as the kernel has it.
+    """
+    parents, spent = dict[str, str](), dict[str, int]()
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            words = (folder / "stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            continue  # it has ended meanwhile
+        parents[folder.name], spent[folder.name] = words[1], sum(map(int, words[11:15]))
+    ours, tree = {str(os.getpid())}, set[str]()
+    while ours:
+        tree |= ours
+        ours = {pid for pid, parent in parents.items() if parent in ours}
+    return sum(spent.get(pid, 0) for pid in tree) / os.sysconf("SC_CLK_TCK")
 
 
 SET_UP: list[tuple[str, float]] = []
@@ -74,13 +87,16 @@ SET_UP: list[tuple[str, float]] = []
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_fixture_setup(fixturedef: pytest.FixtureDef[object]) -> Generator[None, object, object]:
+def pytest_fixture_setup(
+    fixturedef: pytest.FixtureDef[object], request: pytest.FixtureRequest
+) -> Generator[None, object, object]:
+    if fixturedef.scope == "function" or not request.config.getoption("--measure"):
+        return (yield)
     before = _read_processor_time()
     try:
         return (yield)
     finally:
-        if fixturedef.scope != "function":
-            SET_UP.append((_name(fixturedef), _read_processor_time() - before))
+        SET_UP.append((_name(fixturedef), _read_processor_time() - before))
 
 
 def _name(fixture: pytest.FixtureDef[object]) -> str:
@@ -89,17 +105,18 @@ def _name(fixture: pytest.FixtureDef[object]) -> str:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, bool, bool]:
+    if not (file := item.config.getoption("--measure")):
+        return (yield)
     SET_UP.clear()
     before = _read_processor_time()
     ran = yield
-    if file := item.config.getoption("--measure"):
-        own = _read_processor_time() - before - sum(seconds for _, seconds in SET_UP)
-        known = getattr(item, "_fixtureinfo", None)
-        several = known.name2fixturedefs.values() if known else ()
-        shared = sorted({_name(f) for fs in several for f in fs if f.scope != "function"})
-        with open(file, "a", encoding="utf-8") as out:
-            out.write("\t".join([f"{own:.2f}", item.nodeid, *shared]) + "\n")
-            out.writelines(f"{seconds:.2f}\tfixture {name}\n" for name, seconds in SET_UP)
+    own = _read_processor_time() - before - sum(seconds for _, seconds in SET_UP)
+    known = getattr(item, "_fixtureinfo", None)
+    several = known.name2fixturedefs.values() if known else ()
+    shared = sorted({_name(f) for fs in several for f in fs if f.scope != "function"})
+    with open(file, "a", encoding="utf-8") as out:
+        out.write("\t".join([f"{own:.2f}", item.nodeid, *shared]) + "\n")
+        out.writelines(f"{seconds:.2f}\tfixture {name}\n" for name, seconds in SET_UP)
     return ran
 
 
@@ -130,6 +147,13 @@ def pytest_make_collect_report() -> Generator[None, pytest.CollectReport, pytest
 def repository() -> Path:
     """Folder of the checkout."""
     return Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="session")
+def commands() -> Iterator[CommandServer]:
+    """Runs commands as processes of their own, without the seconds that an interpreter needs."""
+    with CommandServer() as server:
+        yield server
 
 
 @pytest.fixture(scope="session")

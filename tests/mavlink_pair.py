@@ -83,6 +83,7 @@ class Pair:
         self.said: list[str] = []
         self.description, self.backend = description, backend
         self.ended = False
+        self.slow, self._steps = 1, 0  # ticks of the companion's clock in one of the robot's
         self._serve(url)
         self.link: VehicleLink | None = None
         self.on_tick: Callable[[Pair], None] = lambda _: None
@@ -101,7 +102,9 @@ class Pair:
 
     def _step(self) -> None:
         self.on_tick(self)
-        self.service.tick()
+        self._steps += 1
+        if self._steps % self.slow == 0:
+            self.service.tick()
         if self.link is not None:
             self.link.step()
 

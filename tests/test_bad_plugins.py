@@ -6,8 +6,6 @@ Further cases: names that exist twice and packages (test_packages.py), files tha
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -15,6 +13,7 @@ from typing import NamedTuple
 import pytest
 from click.testing import CliRunner
 
+from command_server import CommandServer
 from skywright import cli
 from skywright.run.directory import load_run
 
@@ -284,19 +283,19 @@ def test_a_step_that_raises_ends_the_run_and_leaves_its_recording(
 @pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("group", ["sensor", "estimator", "effect"])  # a law: test_parts.py
 def test_a_step_that_never_returns_ends_the_run_and_leaves_its_recording(
-    tmp_path: Path, group: str, compiled: bool
+    tmp_path: Path, commands: CommandServer, group: str, compiled: bool
 ) -> None:
     loop = ("n = 0", "while clock.t > 0.1 and n >= 0:", "    n = (n + 1) % 1000")
     more = f"    compiled = {compiled}\n\n"
     (tmp_path / "mine.py").write_text(write_class(group, "clock: Clock, ", *loop, more=more))
     mode = "fast" if compiled else "interactive"
     out = tmp_path / "out"
-    command = [
-        sys.executable, "-m", "skywright", "run", "waypoints", "--robot", "othex",
+    words = [
+        "run", "waypoints", "--robot", "othex",
         "--set", f"{KEYS[group]}.kind={tmp_path / 'mine.py'}:Mine", "--out", str(out),
         "--set", "mission.step_limit_s=1", "--set", f"mission.mode={mode}",
     ]  # fmt: skip
-    done = subprocess.run(command, capture_output=True, text=True, timeout=900)
+    done = commands.run(words, tmp_path)
     told = " ".join((done.stdout + done.stderr).split())
     assert done.returncode == 3, told
     name = group if group == "estimator" else "mine"

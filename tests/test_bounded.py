@@ -81,7 +81,7 @@ def test_large_and_deep_descriptions(tmp_path: Path) -> None:
         f"[{large}]\n": "valid tables",
         f'[robot]\nextends = "{large}"\n': "unknown robot",
         f"[robot]\n{large}n{'n' * 100} = 1\n": "larger than 5 MB",
-        "[robot" + ".a" * 100_000 + "]\n": "nested too deeply",
+        "[robot" + ".a" * 10_000 + "]\n": "nested too deeply",
         "[robot]\nx = " + "[" * 100_000 + "]" * 100_000 + "\n": "nested too deeply",
         "[robot]\nx = " + "{a = " * (DEEPEST + 1) + "1" + "}" * (DEEPEST + 1): "nested too deeply",
     }

@@ -18,7 +18,6 @@ import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -174,14 +173,8 @@ def test_reference_names_every_command_and_option() -> None:
     assert not missing, f"not in docs/reference/command-line.md: {missing}"
 
 
-@pytest.fixture(scope="module")
-def server() -> Iterator[CommandServer]:
-    with CommandServer() as running:
-        yield running
-
-
 def test_a_command_of_the_server_is_that_of_a_process(
-    folder: Path, server: CommandServer, tmp_path: Path
+    folder: Path, commands: CommandServer, tmp_path: Path
 ) -> None:
     """Output, messages and exit codes are the same; a failed command leaves the server as it is."""
     for words in (["list", "robots"], ["list", "robot"], ["show", "nothing"], ["check", "othex"]):
@@ -190,19 +183,19 @@ def test_a_command_of_the_server_is_that_of_a_process(
             cwd=folder, capture_output=True, text=True, check=False,
             env={**os.environ, "COLUMNS": "100"},
         )  # fmt: skip
-        ours = server.run(words, folder, COLUMNS="100")
+        ours = commands.run(words, folder, COLUMNS="100")
         assert (ours.returncode, ours.stdout) == (alone.returncode, alone.stdout), words
         assert ours.stderr == alone.stderr.replace("python -m skywright", "skywright"), words
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda c: c.line.removeprefix("skywright "))
-def test_command_of_the_docs(command: Command, folder: Path, server: CommandServer) -> None:
+def test_command_of_the_docs(command: Command, folder: Path, commands: CommandServer) -> None:
     words = shlex.split(command.line)
     assert words[0] in ("skywright", "python"), (
         f"{command.page}: only skywright and python are run: {command.line}"
     )
     if words[0] == "skywright":
-        out = server.run(words[1:], folder, COLUMNS="100")
+        out = commands.run(words[1:], folder, COLUMNS="100")
     else:  # the interpreter of the tests, whatever is first on the path
         out = subprocess.run(
             [sys.executable, *words[1:]],

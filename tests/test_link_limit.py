@@ -20,6 +20,7 @@ from skywright.run.link_limit import (
 )
 from skywright.run.setup import Setup
 from skywright.vehicle.loops import AttitudeGains, compute_delay_margin
+from skywright.vehicle.ticker import StepFailed
 
 
 @pytest.mark.parametrize(("delay", "jitter"), [(0.004, 0.002), (0.0041, 0.0004), (0.003, 0.001)])
@@ -89,6 +90,21 @@ def test_a_slower_law_bears_a_later_link(mission: str) -> None:
     assert np.all(np.asarray(memory.theta) == 0.1)
     assert slow_down(vehicle, 0.5) is None
     assert compute_most_delay(vehicle.nominal, vehicle.law, SPARE) < before  # as it took off
+
+
+def test_a_slowed_law_that_is_started_again_stays_slow() -> None:
+    """It forgets what it gathered, not the gains that it was given in flight."""
+    d = load_description("sensor-install", sets=["world.link.delay_s=0.001"])
+    vehicle = build_vehicle(d)
+    memory = vehicle.get_memory(vehicle.law.name)
+    fast = np.array(memory.k_rate)
+    assert slow_down(vehicle, 0.016) is not None
+    slow = np.array(memory.k_rate)
+    assert np.all(slow[:2] < fast[:2])
+    memory.theta[:] = 0.1
+    assert vehicle.stop_computer(StepFailed("it hangs"))
+    assert np.array_equal(memory.k_rate, slow)
+    assert not np.any(memory.theta)
 
 
 def test_a_law_with_a_bandwidth_of_its_own_is_slowed_alike() -> None:

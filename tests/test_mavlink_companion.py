@@ -77,6 +77,14 @@ def test_waypoints_meets_the_requirements_of_its_simulated_version(
     assert result.backend == URL
 
 
+def test_a_vehicle_whose_clock_is_slow_is_led_by_its_clock(pair: Pair, tmp_path: Path) -> None:
+    """A simulation at half of real time: by the wall clock it would lag behind its reference."""
+    pair.slow = 2
+    result = fly(pair, tmp_path)
+    assert result.outcome == "succeeded", result.reason
+    assert pair.link is not None and pair.link.heard.pace == pytest.approx(0.5, abs=0.02)
+
+
 def test_a_short_silence_of_the_link_changes_nothing(pair: Pair, tmp_path: Path) -> None:
     for cable in (pair.up, pair.down):
         cable.lost = lambda t: 109.0 <= t < 109.2

@@ -10,6 +10,7 @@ import pytest
 
 from skywright.description.loader import load_description
 from skywright.missions.bar_insertion import operated_insertion
+from skywright.missions.bar_insertion.bar_leading import FOLLOW_RATE, BarLeader
 from skywright.missions.bar_insertion.insertion import READY, Hole
 from skywright.missions.bar_insertion.operated_insertion import STAND, _Insertion
 from skywright.models.scene import build_scene
@@ -100,3 +101,33 @@ def test_what_is_led_does_not_run_away_from_a_peg_that_is_held() -> None:
     assert work.goal[2] == pytest.approx(0.0)
     free, _ = lead(np.array([1.0, 0.0, 0.0]), [0.008, 0.0, READY], 0.0, 1.0)
     assert free.goal[0] > 0.0
+
+
+def test_a_peg_that_leaves_the_hole_goes_back_by_the_phases_and_the_stick_leads_it() -> None:
+    """In "insert" it would be led to the hole's middle, wherever the stick points."""
+    begun: list[str] = []
+    s: Any = SimpleNamespace(
+        task=D.mission.task, vehicle=SimpleNamespace(world=D.world, t=0.0),
+        begin=begun.append, end=begun.append,
+    )  # fmt: skip
+    work = _Insertion(s, SimpleNamespace(read=None), Leader(), HOLE)  # type: ignore[arg-type]
+    work.phase = "insert"
+    work._watch(np.array([0.0, 0.0, -0.001]))
+    assert begun == []
+    out = np.array([0.002, 0.03, 0.001])
+    work._watch(out)
+    assert begun == ["retry", "lower"] and np.array_equal(work.goal, out)
+    work._watch(np.array([0.0, 0.0, 2.0 * READY]))
+    assert begun[2:] == ["retry", "align"]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_behind_hands_that_press_the_platform_stands_where_the_springs_do(share: float) -> None:
+    """Springs are linear: with a share of the weight they stand at that share of the sag."""
+    leader = BarLeader.__new__(BarLeader)
+    sag = np.array([-0.0105, -0.006, 0.0145])
+    leader._hang, leader.weight = sag, WEIGHT
+    leader._felt = SimpleNamespace(carried=share * WEIGHT)  # type: ignore[assignment]
+    for beyond in (np.zeros(3), np.array([0.0, 0.004, -0.002])):
+        leader._find_stretch = lambda row, d=beyond: share * sag + d  # type: ignore[method-assign]
+        np.testing.assert_allclose(leader._follow(None), FOLLOW_RATE * beyond, atol=1e-12)

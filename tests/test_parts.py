@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import pickle
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -244,15 +242,17 @@ def step(ref: Reference, est: Estimate, cmd: Out[WrenchCommand]) -> None:
 
 
 @pytest.mark.parametrize("compiled", [True, False])
-def test_a_law_that_never_returns_ends_the_run_and_leaves_its_recording(tmp_path, compiled):
+def test_a_law_that_never_returns_ends_the_run_and_leaves_its_recording(
+    tmp_path, commands, compiled
+):
     kind = write_law(tmp_path, f"compiled = {compiled}\n{ENDLESS}")
     out = tmp_path / "run"
-    command = [
-        sys.executable, "-m", "skywright", "run", "waypoints", "--robot", "othex",
+    words = [
+        "run", "waypoints", "--robot", "othex",
         "--set", f"mission.law={kind}", "--set", "mission.step_limit_s=1", "--out", str(out),
         "--set", f"mission.mode={'fast' if compiled else 'interactive'}",
     ]  # fmt: skip
-    done = subprocess.run(command, capture_output=True, text=True, timeout=900)
+    done = commands.run(words, tmp_path)
     assert done.returncode == 3, done.stderr + done.stdout
     says = "component law (Mine.step in mine.py) did not return within 1 s at t = 0.5"
     told = " ".join((done.stderr + done.stdout).split())

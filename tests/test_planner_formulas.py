@@ -15,19 +15,27 @@ import pytest
 from numba import njit
 from scipy.spatial.transform import Rotation
 
+from skywright.core.arrays import Array
 from skywright.core.record import View
 from skywright.core.types import MAX_JOINTS
+from skywright.description.loader import load_description
 from skywright.description.robot.loader import load_robot
 from skywright.description.world.loader import load_world
 from skywright.description.world.spec import World
 from skywright.description.world.surface import Cylinder
 from skywright.models.body_records import Kinematics
 from skywright.models.kinematic_tree import FIXED, HINGE, Tree
-from skywright.models.rigid_body import build_body_model, posture
+from skywright.models.link_motion import build_motion
+from skywright.models.rigid_body import (
+    build_body_model,
+    fill_kinematics,
+    posture,
+)
 from skywright.planning import problem
 from skywright.planning.checks import Trace, check_dynamics
 from skywright.planning.configurations import compute_manipulability
 from skywright.planning.excitation import Excitation, _build_rows, _from_angles, share_lines
+from skywright.planning.inverse_dynamics import build_loads
 from skywright.planning.inverse_kinematics import (
     build_state,
     build_target,
@@ -41,9 +49,11 @@ from skywright.planning.motion.kinematics import _rodrigues
 from skywright.planning.motion.planner import _check_ends
 from skywright.planning.motion.space import _first_moments, build_scratch
 from skywright.planning.motion.through import compute_places
-from skywright.planning.motion.timing import TimeLimits, assign_times
+from skywright.planning.motion.timing import TimeLimits, _fastest, assign_times
 from skywright.planning.motion.transport import build_transport
 from skywright.planning.patterns import build_pattern
+from skywright.planning.via_points import DETOURS, ROOM, STEP, Search
+from skywright.run.setup import Setup
 
 ROBOT = load_robot("ars-lrm")[0]
 WORLD = load_world("pipe-structures")[0]
@@ -139,6 +149,56 @@ def test_what_exceeds_a_limit_is_refused_with_it(changed: dict[str, float], code
     trace: Any = View(np.zeros(1, Trace.dtype)[0])
     assert check_dynamics(prob, state, u, np.zeros(3), trace, found) == code
     assert abs(found[0]) == pytest.approx(abs(next(iter(changed.values()))))
+
+
+def test_each_joint_s_acceleration_moves_the_centre_of_mass() -> None:
+    """The thrusts carry the weight and accelerate the centre of mass, found by differences."""
+    setup = Setup(load_description("pipe-weld-scan", "othex"))
+    rotors, model, home = setup.rotors, View(setup.model[0]), posture(setup.robot, "working")
+    k, q, turn = View(np.zeros(1, Kinematics.dtype)[0]), np.zeros(MAX_JOINTS), np.zeros(MAX_JOINTS)
+    n = len(home)
+    q[:n], turn[:n] = home + 0.3, np.linspace(1.0, -2.0, n)
+
+    def find_moment(q: Array) -> Array:
+        fill_kinematics(model, q, k)
+        links = range(model.n_links)
+        return sum((model.mass[i] * (k.p[i] + k.R[i] @ model.com[i]) for i in links), np.zeros(3))
+
+    step = 1e-5
+    moved = (find_moment(q + step * turn) - find_moment(q - step * turn)) / (2.0 * step)
+    fill_kinematics(model, q, k)
+    limits = problem.Limits(speed=0.5, acceleration=5.0, tilt=0.2, rotor_margin=-math.inf)
+    loads = build_loads(setup.allocator, rotors.position, rotors.axis, 0.0)
+    prob: Any = SimpleNamespace(
+        model=[model], kinematics=[k], limits=limits, loads=loads, motion=build_motion()
+    )
+    state, u = build_state(np.zeros(3), np.eye(3), q[:n]), np.zeros(6 + MAX_JOINTS)
+    u[6:] = turn
+    trace: Any = View(np.zeros(1, Trace.dtype)[0])
+    assert check_dynamics(prob, state, u, np.zeros(3), trace, np.zeros(5)) == problem.OK
+    force = loads.B[:3] @ trace.thrust[: len(rotors.axis)]
+    mass = model.mass0 + model.mass[: model.n_links].sum()
+    np.testing.assert_allclose(force, moved + [0.0, 0.0, mass * model.gravity], atol=1e-6)
+
+
+def test_detours_stay_on_the_surface_and_near_the_segment() -> None:
+    cylinder, drawn = Cylinder(np.zeros(3), np.eye(3), 0.2, 0.5), list[Array]()
+    a, b = np.array([0.45, -0.1]), np.array([0.1, 0.2])
+
+    def find_nothing(point: Array, *_: object) -> SimpleNamespace:
+        drawn.append(point)
+        return SimpleNamespace(failure="nothing reaches it")
+
+    search: Any = SimpleNamespace(
+        prob=SimpleNamespace(cylinder=cylinder), rng=np.random.default_rng(1), next=find_nothing,
+        late=lambda: False,
+    )  # fmt: skip
+    assert Search.detour(search, None, a, b) == []
+    across = ROOM / 0.2
+    s, phi = np.array(drawn).T
+    assert len(drawn) == DETOURS and s.max() <= 0.5 and s.min() >= 0.1 - ROOM
+    assert phi.min() >= -0.1 - across and phi.max() <= 0.2 + across
+    assert np.linalg.norm((np.array(drawn) - a) * [1.0, 0.2], axis=1).max() <= STEP + 1e-9
 
 
 def test_the_manipulability_is_the_volume_that_the_joints_span() -> None:
@@ -281,6 +341,19 @@ def test_ends_are_checked_with_the_line_between_them() -> None:
     scratch = build_scratch(EMPTY.space)
     blocked, free, cost = _check_ends(EMPTY.space, EMPTY.start, EMPTY.goal, scratch)
     assert (blocked, free) == (-1, True) and cost == pytest.approx(9.0)
+
+
+def test_the_fastest_motion_keeps_its_limits_at_both_ends_of_every_step() -> None:
+    """What the start of a step in a bend allows may be too fast for its end."""
+    s = np.linspace(0.0, 1.0, 101)
+    d, dd = np.ones((101, 1)), 2.0 * s[:-1, None]
+    stop = np.isin(s, (0.0, 1.0))
+    x = _fastest(s, d, dd, stop, np.full(101, 4.0), np.array([1.0]))
+    change = np.diff(x) / (2.0 * np.diff(s))
+    assert x[0] == x[-1] == 0.0 and x.max() > 0.3
+    for end in (0, 1):
+        there = dd[:, 0] * x[end : 100 + end] + change
+        assert np.abs(there).max() <= 1.0 + 1e-6, end
 
 
 def test_an_averaged_motion_moves_as_its_rates_say() -> None:

@@ -20,12 +20,16 @@ import skywright
 from px4_flying_peer import FlyingPeer
 from px4_peer import Misbehaviour
 from short_mission import write_short
+from skywright.core.rotations import rot_z
 from skywright.errors import InputError
 from skywright.links.mavlink import modes
-from skywright.links.px4.check import find_refusal
+from skywright.links.px4.check import find_losses, find_refusal
+from skywright.links.px4.docked import DockedAttitude
 from skywright.links.px4.gains import compute_force_units
 from skywright.links.px4.mission import Options, parse_options
+from skywright.links.px4.parameters import build_airframe
 from skywright.models.nominal import Nominal
+from skywright.run.parts import build_law
 from skywright.run.run import RunResult, run_mission
 from skywright.run.setup import Setup
 
@@ -135,6 +139,22 @@ def test_what_px4_cannot_fly_is_refused_before_anything_listens(
     assert says in find_refusal(Setup(d), tells_truth=bool(sets))
 
 
+@pytest.mark.parametrize(
+    ("mission", "force", "says"),
+    [
+        ("waypoints", False, ""), ("sensor-install", False, "does not damp the swing of the link"),
+        ("bridge-contact", False, "px4?force sends forces"), ("bridge-contact", True, ""),
+    ],
+)  # fmt: skip
+def test_what_a_mission_loses_with_px4_is_told_before_anything_listens(
+    mission: str, force: bool, says: str
+) -> None:
+    d = skywright.load(mission)
+    setup = Setup(d)
+    told = find_losses(setup, build_law(d, setup), force)
+    assert len(told) == bool(says) and says in "".join(told)
+
+
 @pytest.mark.parametrize("mission", ["bridge-contact", "sensor-install", "waypoints"])
 def test_missions_with_contact_are_accepted(mission: str) -> None:
     assert find_refusal(Setup(skywright.load(mission)), tells_truth=False) == ""
@@ -175,3 +195,31 @@ def test_units_of_body_thrust_are_those_of_px4s_allocation() -> None:
         shares = inverse[:, axis] * unit / rotors.thrust_max
         assert np.abs(shares).mean() == pytest.approx(1.0, rel=1e-6)
     assert units[0] < 0.5 * units[2]
+
+
+def test_a_docked_robot_gets_the_torque_of_its_law_and_winds_nothing_up() -> None:
+    """PX4's loops at rest, K e + w K times the integral of e, with a set-point that is 24 ms late.
+
+    Half a degree between plan and feet would wind them up without end.
+    """
+    airframe = build_airframe(skywright.load_robot("f550-bridge"), skywright.load_world("open"))
+    docked = DockedAttitude(airframe)
+    gains = airframe.gains
+    K, w = airframe.torque_units * gains.rate_p * gains.attitude_p, gains.rate_i / gains.rate_p
+    trim, law, feet = np.array([0.05, -0.1, 0.02]), np.array([0.3, -0.2, 0.1]), np.zeros(3)
+    R, planned = np.eye(3), rot_z(0.01)
+    for _ in range(250):
+        assert docked.choose(False, planned, R, feet, trim) is planned
+    integral, late, made = trim.copy(), [np.zeros(3)] * 6, trim
+    for sample in range(2500):  # 4 ms each
+        if sample % 5 == 0:
+            told = docked.choose(True, planned, R, law, made)
+            late[-1] = np.array([told[2, 1], told[0, 2], told[1, 0]])
+        angle = late.pop(0)
+        late.append(late[-1])
+        integral = integral + 0.004 * w * K * angle
+        made = K * angle + integral
+        if sample > 500:  # 2 s: four times the slowest of the poles at 2 w
+            assert np.abs(made - law - trim).max() < 0.02
+    assert np.abs(angle).max() < 1e-3
+    assert np.abs(w * K * math.radians(0.5) * 10.0).max() > 1.0  # N m, without it in 10 s

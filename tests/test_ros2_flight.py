@@ -56,7 +56,7 @@ class Fleet:
         config.insert_json5("scouting/multicast/enabled", "false")
         self.zenoh = zenoh.open(config)
 
-    def tick_until(self, done: Callable[[], Any], limit_s: float = 20.0) -> Any:
+    def tick_until(self, done: Callable[[], Any], limit_s: float = 300.0) -> Any:
         until = time.monotonic() + limit_s
         while time.monotonic() < until:
             self.vehicle.tick()

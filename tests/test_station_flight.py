@@ -95,6 +95,11 @@ def test_a_run_is_the_same_watched_unwatched_and_alone(
     rows = watched.samples
     then = rows["p_WB"][np.maximum(np.searchsorted(rows["t"], t) - 1, 0)]
     assert np.linalg.norm(then - shown, axis=1).max() < 0.02  # at 1 m/s, a sample apart
+    assert scene["layout"]["channels"][-1]["name"] == "battery used"
+    used = np.array([np.frombuffer(f[36:], "<f4")[-1] for f in fake.frames])
+    assert np.all(np.diff(used) >= 0.0)
+    wh = watched.description.robot.battery.energy_wh
+    assert used[-1] == pytest.approx(100.0 * watched.metrics["flight.energy_wh"] / wh, rel=0.1)
     with station(tmp_path / "w0", watchers=0) as (feed, fake):
         unwatched = _fly(feed, tmp_path / "b")
     assert not fake.frames  # nobody watches: none is built

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 import shutil
@@ -69,6 +70,11 @@ def _choose_speed(evaluate: Evaluate, speed: float) -> None:
     wait_for(done)
 
 
+def _key(kind: str, code: str) -> str:
+    pressed = f"new KeyboardEvent({kind!r}, {{ code: {code!r}, bubbles: true }})"
+    return f"document.activeElement.dispatchEvent({pressed})"
+
+
 def test_a_flight_is_started_watched_paused_taken_over_and_aborted(
     served: str, chromium: str, tmp_path: Path
 ) -> None:
@@ -80,7 +86,8 @@ def test_a_flight_is_started_watched_paused_taken_over_and_aborted(
         one(f"document.querySelector('#setup textarea').value = {LONG!r}")
         _click(one, "start")
         wait_for(lambda: one("window.skywright.player.count > 30"))
-        wait_for(lambda: _text(one, "phase") == "take off")
+        # a page that is drawn slowly may see the robot later than in its take-off
+        wait_for(lambda: _text(one, "phase") in ("take off", "waypoint 1", "hold 1"))
         # a second page watches, with an address of its own
         one("document.querySelector('#station').open = true")
         one("[...document.querySelectorAll('#station button')][0].click()")
@@ -125,9 +132,6 @@ def test_the_robot_is_taken_over_flown_by_keys_and_given_back(
 ) -> None:
     """By its buttons; a press on Next then ends the hold, and the mission goes on."""
 
-    def key(kind: str, code: str) -> str:
-        return f"dispatchEvent(new KeyboardEvent({kind!r}, {{ code: {code!r} }}))"
-
     with open_page(chromium, served, tmp_path / "p") as page:
         wait_for(lambda: page("document.documentElement?.dataset.ready") == "yes")
         _click(page, "take")
@@ -148,17 +152,57 @@ def test_the_robot_is_taken_over_flown_by_keys_and_given_back(
         wait_for(lambda: "fly the robot in position mode" in _text(page, "alarms"))
         where = "window.skywright.view.parts[0].position"
         began = float(str(page(f"{where}.x")))
-        page(key("keydown", "Space"))
-        page(key("keydown", "KeyW"))
+        page(_key("keydown", "Space"))
+        page(_key("keydown", "KeyW"))
         wait_for(lambda: float(str(page(f"{where}.x"))) > began + 0.3)
-        page(key("keyup", "KeyW"))
-        page(key("keyup", "Space"))
+        page(_key("keyup", "KeyW"))
+        page(_key("keyup", "Space"))
         assert page("document.getElementById('fly').textContent") == "Give the robot back"
         _click(page, "fly")
         wait_for(lambda: _text(page, "phase") == "hold 1")
         assert abs(float(str(page(f"{where}.x"))) - began) < 0.1  # it came back
         _click(page, "next")
         wait_for(lambda: "waypoints: succeeded" in _text(page, "logbook"))
+
+
+def test_a_hand_is_moved_by_keys_and_let_go(served: str, chromium: str, tmp_path: Path) -> None:
+    """Up to the pipe by `R`; with the dead-man released it stays; then the work is aborted."""
+    with open_page(chromium, served, tmp_path / "p") as page:
+        wait_for(lambda: page("document.documentElement?.dataset.ready") == "yes")
+        _click(page, "take")
+        page("""(() => { const [mission] = document.querySelectorAll('#setup select');
+            mission.value = 'sensor-install'; mission.dispatchEvent(new Event('change'));
+            document.getElementById('byhand').checked = true; return true; })()""")
+        sets = "mission.task.hover_s=0\nmission.task.swing_deg=0\nmission.task.survey=false"
+        page(f"document.querySelector('#setup textarea').value = {sets!r}")
+        _click(page, "start")
+        _choose_speed(page, 0)  # up to where the mission asks
+        wait_for(lambda: "The mission asks for the operator" in _text(page, "alarms"))
+        _choose_speed(page, 1)
+
+        def read_way() -> float:
+            told = re.search(r"(-?\d+) mm to go", _text(page, "sightwords"))
+            return float(told[1]) if told else math.nan
+
+        wait_for(lambda: read_way() > 0.0)
+        began = read_way()
+        # the list that was used last has the focus, and does not keep the keys
+        page("document.getElementById('speed').focus()")
+        page(_key("keydown", "KeyR"))  # without the dead-man it does not count
+        wait_for(lambda: "Let go" in _text(page, "sticktext"))
+        assert read_way() > began - 8.0
+        page(_key("keydown", "Space"))
+        wait_for(lambda: "The stick counts" in _text(page, "sticktext"))
+        wait_for(lambda: read_way() < began - 15.0)
+        page(_key("keyup", "Space"))
+        wait_for(lambda: "Let go" in _text(page, "sticktext"))
+        stood, at = read_way(), float(_text(page, "clock").split(" ")[0])
+        wait_for(lambda: float(_text(page, "clock").split(" ")[0]) > at + 1.5)
+        assert read_way() > max(stood - 10.0, 5.0)  # `R` alone would be 22 mm
+        page(_key("keyup", "KeyR"))
+        _choose_speed(page, 0)
+        _click(page, "abort")
+        wait_for(lambda: "sensor-install: aborted" in _text(page, "logbook"))
 
 
 def test_wrong_values_are_told_and_the_station_goes_on(

@@ -61,6 +61,16 @@ def test_keys_move_the_platform_with_the_dead_man_alone(repository: Path, tmp_pa
     assert space["held"] is True
 
 
+def test_enter_says_that_it_is_done_with_the_dead_man_alone(
+    repository: Path, tmp_path: Path
+) -> None:
+    """Without it the key belongs to the button that has the focus."""
+    early, space, enter = run(
+        repository, tmp_path, ("keydown", "Enter"), ("keydown", "Space"), ("keydown", "Enter")
+    )
+    assert [x["stands"] for x in (early, space, enter)] == [False, False, True]
+
+
 def test_keys_whose_release_is_not_seen_do_not_stay(repository: Path, tmp_path: Path) -> None:
     *_, last = run(repository, tmp_path, ("keydown", "Space"), ("keydown", "KeyD"), ("blur", 0))
     assert not any(last["flight"]) and last["held"] is False

@@ -2,13 +2,12 @@
 
 import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
+from command_server import CommandServer
 from skywright.cli import main
 from skywright.core import trust
 
@@ -74,21 +73,20 @@ def test_a_run_from_elsewhere(command: str, sign: str, mission: Path) -> None:
         )
 
 
-def test_trust_is_kept_for_the_content(mission: Path) -> None:
+def test_trust_is_kept_for_the_content(mission: Path, commands: CommandServer) -> None:
     mark, target = mission.parents[1] / "mark", mission.parent
     (target / "metrics.json").write_text("{}")
     code, said = call("check", str(target), "--trust")
     assert code == 0 and mark.exists(), said
     elsewhere = mission.parents[1] / "copy"
     shutil.copytree(target, elsewhere)
-    assert call_fresh("check", str(elsewhere)) == 0  # the same content, another folder
+    assert call_fresh(commands, "check", str(elsewhere)) == 0  # the same content, another folder
     with (elsewhere / "law.py").open("a") as file:
         file.write("# changed\n")
-    assert call_fresh("check", str(elsewhere)) != 0
+    assert call_fresh(commands, "check", str(elsewhere)) != 0
 
 
-def call_fresh(*args: str) -> int:
+def call_fresh(commands: CommandServer, *args: str) -> int:
     """Call in another process, as memory and environment of this one trust already."""
-    env = {**os.environ, "SKYWRIGHT_TRUST": "0"}
-    command = [sys.executable, "-m", "skywright", *args]
-    return subprocess.run(command, env=env, check=False).returncode
+    environment = {**os.environ, "SKYWRIGHT_TRUST": "0"}
+    return commands.run(list(args), Path.cwd(), **environment).returncode

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from command_server import CommandServer
 from skywright.analysis.campaign.campaign import run_campaign
 from skywright.analysis.campaign.spec import build_campaign, build_identity
 from skywright.core.user_files import PythonEndedError, load_file, read_sources, tried_first
@@ -21,13 +22,6 @@ from skywright.run.directory import write_sources
 from user_parts import write_parts
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
-
-
-def skywright(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "skywright", *arguments],
-        capture_output=True, text=True, timeout=900, env={**os.environ, **environment},
-    )  # fmt: skip
 
 
 # --- imports of files beside a file --------------------------------------------------------------
@@ -93,15 +87,17 @@ def test_sources_of_two_folders_stay_together(tmp_path: Path) -> None:
 # --- a run directory repeats the run ----------------------------------------------------------
 
 
-def test_a_run_directory_repeats_the_run_without_the_files(tmp_path: Path) -> None:
+def test_a_run_directory_repeats_the_run_without_the_files(
+    tmp_path: Path, commands: CommandServer
+) -> None:
     """Kind, law, sensor, estimator, effect and thing are users', and import other files."""
     mission = write_parts(tmp_path / "mine", "complementary.py:Complementary")
     shutil.copy(EXAMPLES / "estimators" / "complementary.py", mission.parent)
     runs = [tmp_path / "first", tmp_path / "second"]
-    done = skywright("run", str(mission), "--out", str(runs[0]))
+    done = commands.run(["run", str(mission), "--out", str(runs[0])], tmp_path)
     assert done.returncode == 0, done.stderr
     shutil.rmtree(mission.parent)
-    done = skywright("run", str(runs[0]), "--out", str(runs[1]))
+    done = commands.run(["run", str(runs[0]), "--out", str(runs[1])], tmp_path)
     assert done.returncode == 0, done.stderr
     first, second = (read_recording(run / "recording.mcap").samples for run in runs)
     assert first.tobytes() == second.tobytes() and first["f_tug"].max() == 0.5
@@ -195,10 +191,13 @@ def test_a_campaign_survives_a_file_that_ends_python(tmp_path: Path) -> None:
     )
 
 
-def test_a_campaign_whose_own_law_ends_python_is_refused(tmp_path: Path) -> None:
+def test_a_campaign_whose_own_law_ends_python_is_refused(
+    tmp_path: Path, commands: CommandServer
+) -> None:
     (tmp_path / "bad.py").write_text("import os\nos._exit(0)\n")
     law = f"mission.law={tmp_path / 'bad.py'}:Bad"
-    done = skywright("campaign", "waypoints", "--runs", "2", "--set", law, "--vary",
-                     "plant.mass_error=uniform(0,0.1)", "--out", str(tmp_path / "c"))  # fmt: skip
+    words = ["campaign", "waypoints", "--runs", "2", "--set", law, "--vary",
+             "plant.mass_error=uniform(0,0.1)", "--out", "c"]  # fmt: skip
+    done = commands.run(words, tmp_path)
     assert done.returncode == 2 and "it ends Python (exit code 0)" in " ".join(done.stderr.split())
     assert "Traceback" not in done.stderr and not (tmp_path / "c").exists()

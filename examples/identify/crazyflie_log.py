@@ -24,6 +24,9 @@ MASS = 0.027  # kg, and
 LEVER = 0.028  # m of each rotor along x and y, as the authors of the logs state
 ORDER = (4, 3, 2, 1)  # the log's motors, counter-clockwise from front left
 X, Y = np.array([1.0, -1.0, -1.0, 1.0]), np.array([1.0, 1.0, -1.0, -1.0])
+IDLE = 380.8 / 0.04077
+"""Of the motors' signal: speed = 0.04077 signal + 380.8 rad/s, measured on a Crazyflie by Foerster
+(System Identification of the Crazyflie 2.0 Nano Quadrocopter, ETH Zurich 2015, section 3.2)."""
 SPIN = np.array([1.0, -1.0, 1.0, -1.0])  # direction of the torque about z on the body
 LAGS = np.arange(0.0, 0.16, 0.01)  # s, of the rotors, and
 DELAYS = np.arange(0, 8)  # samples of 4 ms, of everything from the command to the gyroscope
@@ -56,7 +59,9 @@ def build_table(rows: np.ndarray) -> dict[str, np.ndarray]:
     table = {"t_s": (rows["us"] - rows["us"][0]) * 1e-6}
     table |= {f"w{a}_rad_s": np.radians(rows[f"gyro.{a}"]) for a in "xyz"}
     table |= {f"a{a}_m_s2": 9.80665 * rows[f"acc.{a}"] for a in "xyz"}
-    table |= {f"command_{i + 1}": rows[f"motor.m{k}"] / 65535 for i, k in enumerate(ORDER)}
+    for i, k in enumerate(ORDER):
+        u = rows[f"motor.m{k}"].astype(float)
+        table[f"command_{i + 1}"] = np.where(u > 0, u + IDLE, 0.0) / (65535 + IDLE)
     n = len(rows) // 4 * 4
     return {k: np.asarray(v, float)[:n].reshape(-1, 4).mean(axis=1) for k, v in table.items()}
 

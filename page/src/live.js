@@ -82,6 +82,7 @@ export class Live {
     this.sight = new Sight(this.stickBox);
     this.trainBox = section(side, 'Training: disturb the flight', false, 'training');
     this.numbersBox = section(side, 'Numbers and plots', true, 'numbers');
+    for (const box of [this.trainBox, this.numbersBox]) box.parentElement.hidden = true; // no flight yet
     this.mapBox = section(side, 'Inspection map', true, 'map');
     this.mapBox.parentElement.hidden = true;
     this.logBox = section(side, 'Logbook', true, 'logbook');
@@ -150,6 +151,7 @@ export class Live {
     this.video = new Video(data.video);
     this.view.load(data);
     this.loaded();
+    for (const box of [this.trainBox, this.numbersBox]) box.parentElement.hidden = false;
     this.plotBox.replaceChildren();
     this.plots = new Plots(this.plotBox, data.layout.channels, null);
     this.loadIndex = data.layout.channels.findIndex((c) => c.name === 'busiest rotor');
@@ -208,7 +210,7 @@ export class Live {
     $('what').textContent = going ? status.what : flying ? '' : s ? 'Take control, choose a mission and start it.' : '';
     if (flying && status.over) $('what').textContent = 'The flight is over; it is being evaluated.', $('phase').textContent = 'landed';
     this.alarms.replaceChildren(...this.listAlarms(status, going).map((text) => make('li', { text })));
-    const asked = Boolean(status.asked) && going;
+    const asked = Boolean(status.asked) && going && !status.pilot?.flies;
     this.intervene.update(status, going && mine, going);
     this.flying = going && Boolean(status.pilot?.flies);
     this.stick.active = (asked || this.flying) && mine;
@@ -239,10 +241,11 @@ export class Live {
     for (const a of status.alarms ?? []) out.push(a.text);
     if (status.said) out.push(status.said);
     if (!going) return out;
-    if (status.order) out.push(status.order === 'land' ? 'You ordered: land now.' : 'You ordered: abort.');
+    const manual = Boolean(status.pilot?.flies), what = status.order === 'land' ? 'land now' : 'abort';
+    if (status.order) out.push(`You ordered: ${what}.${manual ? ' It is flown when the robot is given back.' : ''}`);
     out.push(...this.intervene.tell(status));
-    if (status.asked) out.push(`The mission asks for the operator. ${status.asked}`);
-    if (status.holding) out.push('No stick for more than 1 s: the robot holds.');
+    if (status.asked && !manual) out.push(`The mission asks for the operator. ${status.asked}`);
+    if (status.holding && !manual) out.push('No stick for more than 1 s: the robot holds.');
     const late = this.frame?.late ?? 0;
     if (late > 200) out.push(`The computer is too slow for this speed: ${late.toFixed(0)} ms late.`);
     for (const [name, t] of Object.entries(status.disturbed ?? {})) {
@@ -260,7 +263,7 @@ export class Live {
     this.view.show(late_ ? late_[1] : row, this.layout, late_ ? late_[0] : t);
     this.videoBox.textContent = late_ ? this.video.words : '';
     $('clock').textContent = `${t.toFixed(1)} s${flags & PAUSED ? ', paused' : ''}, ${late.toFixed(0)} ms late`;
-    if (flags & ASKED) this.sight.draw();
+    if (flags & ASKED && !this.flying) this.sight.draw();
     if (flags & ASKED || this.flying) {
       const age = this.state?.status?.age_s;
       this.stickText.textContent = `${flags & HELD ? 'The stick counts.' : 'Let go: nothing is moved.'} Input age ${age == null ? '–' : `${(1e3 * age).toFixed(0)} ms`}.`;

@@ -57,6 +57,8 @@ export class View {
     this.orbit = new OrbitControls(this.camera, canvas);
     this.orbit.listenToKeyEvents(canvas); // arrow keys pan
     this.orbit.addEventListener('start', () => { if (this.mode !== 'first person') this.free(); });
+    this.orbit.addEventListener('change', () => { this.dirty = true; });
+    canvas.addEventListener('webglcontextrestored', () => { this.dirty = true; });
     this.orbit.target.set(0, 0, 1);
     this.scene.add(new HemisphereLight(0xffffff, 0x8a93a0, 2.2), new AmbientLight(0xffffff, 0.3));
     const sun = new DirectionalLight(0xffffff, 1.6);
@@ -168,11 +170,13 @@ export class View {
     this.traced++;
     this.tracePoints.needsUpdate = this.traceColours.needsUpdate = true;
     this.trace.geometry.setDrawRange(0, this.traced);
+    this.dirty = true;
   }
 
   // Show the first `n` points only.
   cutTrace(n) {
     this.trace.geometry.setDrawRange(0, Math.min(n, this.traced));
+    this.dirty = true;
   }
 
   // Move everything to a frame at time t (s).
@@ -271,9 +275,9 @@ export class View {
       this.orbit.target.copy(at);
     } else if (this.data && this.mode === this.data.camera.name) {
       const c = this.data.camera, q = new Quaternion();
-      body.getWorldQuaternion(q);
+      this.parts[c.part].getWorldQuaternion(q);
       const turn = (v) => new Vector3().fromArray(v).applyQuaternion(q);
-      this.camera.position.copy(at).add(turn(c.position));
+      this.camera.position.setFromMatrixPosition(this.parts[c.part].matrixWorld).add(turn(c.position));
       this.camera.up.copy(turn(c.up));
       this.camera.lookAt(this.camera.position.clone().add(turn(c.forward)));
       return;
@@ -281,9 +285,12 @@ export class View {
     this.orbit.update();
   }
 
+  // Draw what has changed since: a picture that stays costs nothing.
   render() {
     if (!this.data) return;
     this.place();
+    if (!this.dirty) return;
+    this.dirty = false;
     this.renderer.render(this.scene, this.camera);
     const { clientWidth: w, clientHeight: h } = this.canvas;
     for (const [place, element] of this.labels) {

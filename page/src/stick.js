@@ -17,9 +17,11 @@ export class Stick {
     this.active = false; // keys belong to the stick
     this.mouse = new SpaceMouse();
     addEventListener('keydown', (e) => {
-      if (!this.active || typing(e) || e.ctrlKey || e.metaKey || e.altKey) return;
+      // a list that was used last, as that of the speed, must not keep the dead-man
+      const taken = typing(e) && !e.target.matches('select');
+      if (!this.active || taken || e.ctrlKey || e.metaKey || e.altKey) return;
       if (!(e.code in KEYS) && e.code !== 'Space' && e.code !== 'Enter') return;
-      if (e.target instanceof HTMLButtonElement && e.code === 'Enter') return; // presses that button
+      if (e.code === 'Enter' && !this.down.has('Space')) return; // presses the button in focus
       e.preventDefault(); // the page must not scroll, and no button be pressed
       this.down.add(e.code);
     });

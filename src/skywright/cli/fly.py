@@ -32,7 +32,7 @@ from skywright.errors import InputError
     "--operator",
     metavar="SOURCE",
     help="Source of operator input, in missions with an operator: view, udp:PORT, "
-    "model:careful, model:hasty. The input is recorded in the run directory.",
+    "model:practised, model:careful, model:hasty. The input is recorded in the run directory.",
 )
 @click.option("--station", hidden=True, help="FD:FOLDER of the ground station that started this.")
 @click.option(

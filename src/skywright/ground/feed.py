@@ -36,7 +36,7 @@ from skywright.reports.views3d import build_views
 from skywright.run.hand_flight import MODES, Mode, find_tilt_in_place
 from skywright.run.kind import load_kind
 from skywright.run.operator import Sight
-from skywright.vehicle.preflight import list_checks
+from skywright.vehicle.preflight import list_checks, read_charge
 
 if TYPE_CHECKING:
     from skywright.description.loader import Description
@@ -242,6 +242,12 @@ class Feed:
             self._builder.channels.append(
                 Channel("clearance", "m", None, 2, True, lambda rows: np.array([self._clearance]))
             )
+        if not math.isnan(read_charge(vehicle)):
+            usable = 100.0 * d.robot.battery.usable_fraction
+            self._builder.channels.append(Channel(
+                "battery used", "%", usable, 1, True,
+                lambda rows: np.array([100.0 * (1.0 - read_charge(vehicle))]),
+            ))  # fmt: skip
         start = np.array([d.mission.start_x_m, d.mission.start_y_m, 0.0])
         planned = [table["p_WB"][::25] for table in plan.segments.values() if len(table)]
         views = build_views(d.robot, d.true_world, np.concatenate([start[None], *planned]))

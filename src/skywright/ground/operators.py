@@ -2,7 +2,7 @@
 
 - `view`: keyboard or gamepad at the ground station's page, see page_operator.py;
 - `udp:PORT` or `udp:HOST:PORT`: whoever connects to the gateway, see gateway_operator.py;
-- `model:careful`, `model:hasty`: a computed operator, see ground/operator_model.py.
+- `model:practised`, `model:careful`, `model:hasty`: a computed operator, see operator_model.py.
 
 What anyone here does is recorded into the run's directory (operator.csv), from which the run is
 repeated. Simulated time is held to the wall clock while a person is at the stick.

@@ -10,7 +10,10 @@ from skywright.ground.person import PATIENCE_S, Person
 from skywright.run.operator import STILL, Sight, Stick
 
 INVITE = "Take control, hold Space (or a shoulder button) and move the stick."
-WORK = "Lead it to its place by the marks under Stick; press Enter with Space when it is done."
+WORK = (
+    "Bring the dot under Stick to the middle, then go the way that is left; press Enter with Space "
+    "held when it is done."
+)
 
 
 class PageOperator(Person):

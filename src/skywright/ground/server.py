@@ -55,7 +55,9 @@ class Address(NamedTuple):
                 ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(self.certificate, self.key)
             except (OSError, ssl.SSLError) as error:
                 raise InputError(
-                    f"--certificate {self.certificate}, --key {self.key}: {error.strerror or error}"
+                    f"--certificate {self.certificate}, --key {self.key}: "
+                    f"{error.strerror or error}; valid: a certificate and its private key, both as "
+                    "PEM files"
                 ) from None
 
     def list_names(self) -> set[str]:

@@ -19,9 +19,10 @@ def compute_hover_tilt(
 ) -> float:
     """Return the least hover tilt (rad) of roll and pitch to either side, joints at q (rad).
 
-    Rotors up to the robot's `thrust_fraction`; 0 for a robot without lateral force. `wind` (3,)
-    m/s: velocity of the air, seen along the level robot's axes; the drag of body and rotors then
-    takes part of the lateral force. NaN where the robot does not even hold level.
+    Rotors up to the robot's `thrust_fraction`; 0 for a robot without lateral force. `wind` (3,) or
+    (k, 3) m/s: velocity of the air, seen along the level robot's axes; the drag of body and rotors
+    then takes part of the lateral force. The least in all of the winds; NaN where the robot does
+    not even hold level in one.
     """
     layout = build_layout(build_rotors(robot.rotors), robot.rotors.thrust_fraction)
     mass, p_BC, _ = compute_body(build_body_model(robot, gravity), q)
@@ -30,23 +31,26 @@ def compute_hover_tilt(
     p = robot.platform
     areas = np.array([p.drag_area_x_m2, p.drag_area_y_m2, p.drag_area_z_m2])
     body = DragBody(mass, gravity, air_density, p_BC, areas)
+    winds = np.repeat(np.atleast_2d(wind), len(AXES), axis=0)
+    axes = np.tile(AXES, (len(winds) // len(AXES), 1))
 
     def holds(tilt: Array) -> Mask:
-        thrust = _compute_thrust(layout, body, np.asarray(wind), AXES * tilt[:, None])
+        thrust = _compute_thrust(layout, body, winds, axes * tilt[:, None])
         inside = (thrust >= layout.t_min - 1e-6) & (thrust <= layout.t_max + 1e-6)
         return np.asarray(inside.all(axis=1))
 
-    return float(np.min(compute_largest(holds, len(AXES), TILT_CEILING)))
+    return float(np.min(compute_largest(holds, len(axes), TILT_CEILING)))
 
 
 def _compute_thrust(layout: Layout, body: DragBody, wind: Array, turn: Array) -> Array:
-    """Return thrusts (m, n) N that hold position turned by `turn` (m, 3) rad; limits not looked at.
+    """Return thrusts (m, n) N that hold position in the winds (m, 3) m/s, turned by `turn` (m, 3)
+    rad; limits not looked at.
 
     Drag follows from the rotors' speeds and these from the thrusts: iterated.
     """
     R = Rotation.from_rotvec(turn).as_matrix()
     weight_B = body.mass * body.gravity * R[:, 2, :]
-    wind_B = np.einsum("mji,j->mi", R, wind)
+    wind_B = np.einsum("mji,mj->mi", R, wind)
     thrust = np.full((len(turn), layout.B.shape[1]), body.mass * body.gravity / layout.B.shape[1])
     for _ in range(6):
         f_drag, t_drag = compute_drag(layout, body, wind_B, thrust)

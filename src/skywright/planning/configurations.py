@@ -28,7 +28,7 @@ from skywright.planning.inverse_kinematics import (
     settle_posture,
     wrap,
 )
-from skywright.planning.problem import CLEARANCE, OK, ROTOR, TASK, Failure, Problem
+from skywright.planning.problem import CLEARANCE, OK, ON_SURFACE, ROTOR, TASK, Failure, Problem
 
 HOME_PULL = 0.4
 """1/rad^2, how strongly the working posture is preferred (scores are of the order of 1)."""
@@ -244,7 +244,9 @@ def find_configurations(
     if len(order) == 0:
         near = int(np.argmin(miss[:, 4]))
         code, value, limit, which = miss[near, :4]
-        failure = Failure(int(code), value, limit, int(which), where[0], where[1], p[near])
+        failure = Failure(
+            int(code), value, limit, int(which), where[0], where[1], p[near], ON_SURFACE
+        )
     return Candidates(p[order], R[order], q[order], score[order], failure)
 
 

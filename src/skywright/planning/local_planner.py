@@ -29,7 +29,16 @@ from skywright.planning.inverse_kinematics import (
     wrap,
 )
 from skywright.planning.patterns import TimeLaw, eval_time_law
-from skywright.planning.problem import CLEARANCE, OK, SINGULAR, TASK, Failure, Problem
+from skywright.planning.problem import (
+    CLEARANCE,
+    IN_FLIGHT,
+    OK,
+    ON_SURFACE,
+    SINGULAR,
+    TASK,
+    Failure,
+    Problem,
+)
 
 ROW = 0.02
 """s between rows of a plan."""
@@ -280,12 +289,14 @@ def simulate_free(
     return OK, rows.shape[0]
 
 
-def _finish(code: int, count: int, rows: Any, trace: Any, found: Array, state: State) -> Edge:
+def _finish(
+    code: int, count: int, rows: Any, trace: Any, found: Array, state: State, margin_key: str
+) -> Edge:
     failure = None
     if code != OK:
         failure = Failure(
             code, float(found[0]), float(found[1]), int(found[2]), float(found[3]),
-            float(found[4]), state.p.copy(),
+            float(found[4]), state.p.copy(), margin_key,
         )  # fmt: skip
     return Edge(rows[:count], trace[:count], failure, state)
 
@@ -313,20 +324,23 @@ def plan_surface_edge(
         prob, state, build_target(), start, end, unit, yaw_end, q_end, touching, dead_zone,
         rows, trace, found,
     )  # fmt: skip
-    return _finish(code, count, rows, trace, found, state)
+    return _finish(code, count, rows, trace, found, state, ON_SURFACE)
 
 
 def plan_free_edge(
     prob: Problem, state: State, p_end: Array, R_end: Array, q_end: Array, law: TimeLaw,
-    margin: float,
+    margin: float, margin_key: str = IN_FLIGHT,
 ) -> Edge:  # fmt: skip
-    """Simulate and check a straight motion in free flight (see `simulate_free`)."""
+    """Simulate and check a straight motion in free flight (see `simulate_free`).
+
+    `margin_key` names the input that `margin` (m) comes from.
+    """
     state = copy_state(state)
     rows, trace = _allocate(law)
     found = np.zeros(5)
     unit = TimeLaw(1.0, law.speed / max(law.length, 1e-12), law.ramp, law.duration)
     code, count = simulate_free(prob, state, p_end, R_end, q_end, unit, margin, rows, trace, found)
-    return _finish(code, count, rows, trace, found, state)
+    return _finish(code, count, rows, trace, found, state, margin_key)
 
 
 def join_edges(edges: list[Edge]) -> tuple[NDArray[Any], NDArray[Any]]:

@@ -68,6 +68,7 @@ class Failure(NamedTuple):
     s: float  # where on the surface (NaN in free flight)
     phi: float
     p_WB: Array
+    margin_key: str  # of the clearance to the surroundings that the motion keeps
 
 
 def build_problem(
@@ -91,9 +92,7 @@ def build_problem(
     )  # fmt: skip
 
 
-def describe_failure(
-    f: Failure, query: ClearanceQuery, joints: tuple[str, ...], limits: Limits
-) -> str:
+def describe_failure(f: Failure, query: ClearanceQuery, joints: tuple[str, ...]) -> str:
     """Return one sentence that names the constraint with its numbers."""
     if math.isfinite(f.s):
         where = f" at s = {f.s:.3f} m, phi = {math.degrees(f.phi):.0f} deg"
@@ -102,8 +101,7 @@ def describe_failure(
     name = joints[f.which] if 0 <= f.which < len(joints) else str(f.which)
     if f.code == CLEARANCE:
         pair = describe_pair(query, f.which)
-        keys = {limits.margin_self: BETWEEN_PARTS, limits.margin: ON_SURFACE}
-        key = keys.get(f.limit, IN_FLIGHT)
+        key = BETWEEN_PARTS if f.which >= query.core.n_world else f.margin_key
         return f"clearance of {pair} {f.value:.4f} m < {f.limit:.3f} m ({key}){where}"
     if f.code == ROTOR:
         sign = ">" if f.value > f.limit else "<"

@@ -30,7 +30,7 @@ from skywright.planning.local_planner import (
     plan_surface_edge,
 )
 from skywright.planning.patterns import TimeLaw, build_time_law
-from skywright.planning.problem import Limits, build_problem
+from skywright.planning.problem import ON_SURFACE, Limits, build_problem
 from skywright.planning.survey import SurveyTask, plan_survey
 from skywright.planning.via_points import ScanTask, Search, Slide
 
@@ -347,7 +347,7 @@ def _depart(
         _, n = search.tip(s, phi)
         away = np.array([n[0], n[1], 0.0]) * (distance - task.stand_off) / math.hypot(n[0], n[1])
         low, first = lift.state, back.failure
-        back = plan_free_edge(prob, low, low.p + away, low.R, low.q, law, lim.margin)
+        back = plan_free_edge(prob, low, low.p + away, low.R, low.q, law, lim.margin, ON_SURFACE)
         if back.failure is not None:
             return {}, search.explain(first)
     leave, blocked = [lift, back], ""

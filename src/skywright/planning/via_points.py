@@ -223,4 +223,4 @@ class Search:
         """Return the sentence of a failure; what is one already stays."""
         if isinstance(failure, str):
             return failure
-        return describe_failure(failure, self.query, self.joints, self.prob.limits)
+        return describe_failure(failure, self.query, self.joints)

@@ -82,7 +82,7 @@ def plan_waypoints(
                 break
             edges, failure = plan_legs(prob, way, limits.margin_transit)
         if failure is not None:
-            blocked = f"way-point {i + 1}: {describe_failure(failure, query, joints, limits)}"
+            blocked = f"way-point {i + 1}: {describe_failure(failure, query, joints)}"
             break
         if hold > 0.0:
             edges.append(build_rest(edges[-1], -1, hold))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
@@ -61,7 +61,8 @@ class McapWriter:
         self._offset = 0
         self._schemas: list[records.Schema] = []
         self._channels: list[records.Channel] = []
-        self._chunks: list[records.ChunkIndex] = []
+        self._chunks = bytearray()  # their index as it is written: a chunk a second, for hours
+        self._n_chunks, self._start, self._end = 0, 0, 0  # ns
         self._attachments: list[records.AttachmentIndex] = []
         self._metadata: list[records.MetadataIndex] = []
         self._counts: dict[int, int] = {}
@@ -124,7 +125,7 @@ class McapWriter:
             body = struct.pack("<HI", channel, entries.nbytes) + entries.tobytes()
             index += RECORD_HEADER.pack(Opcode.MESSAGE_INDEX, len(body)) + body
             self._counts[channel] += len(times)
-        self._chunks.append(
+        self._chunks += _serialise(
             records.ChunkIndex(
                 chunk_length=chunk_length,
                 chunk_start_offset=self._offset,
@@ -137,6 +138,9 @@ class McapWriter:
                 uncompressed_size=size,
             )
         )
+        self._start = min(self._start, start) if self._n_chunks else start
+        self._end = max(self._end, end)
+        self._n_chunks += 1
         self._write(head, compressed, index)
 
     def finish(self) -> None:
@@ -149,28 +153,27 @@ class McapWriter:
             attachment_count=len(self._attachments),
             channel_count=len(self._channels),
             channel_message_counts=self._counts,
-            chunk_count=len(self._chunks),
+            chunk_count=self._n_chunks,
             message_count=sum(self._counts.values()),
-            message_end_time=max((c.message_end_time for c in self._chunks), default=0),
-            message_start_time=min((c.message_start_time for c in self._chunks), default=0),
+            message_end_time=self._end,
+            message_start_time=self._start,
             metadata_count=len(self._metadata),
             schema_count=len(self._schemas),
         )
-        parts: list[tuple[Opcode, list[Any]]] = [
-            (Opcode.SCHEMA, self._schemas),
-            (Opcode.CHANNEL, self._channels),
-            (Opcode.STATISTICS, [statistics]),
+        groups_of: list[tuple[Opcode, bytes | bytearray]] = [
+            (Opcode.SCHEMA, _join(self._schemas)),
+            (Opcode.CHANNEL, _join(self._channels)),
+            (Opcode.STATISTICS, _serialise(statistics)),
             (Opcode.CHUNK_INDEX, self._chunks),
-            (Opcode.ATTACHMENT_INDEX, self._attachments),
-            (Opcode.METADATA_INDEX, self._metadata),
+            (Opcode.ATTACHMENT_INDEX, _join(self._attachments)),
+            (Opcode.METADATA_INDEX, _join(self._metadata)),
         ]
-        for opcode, group in parts:
-            if group:
-                data = b"".join(map(_serialise, group))
+        for opcode, data in groups_of:
+            if data:
                 groups.append(records.SummaryOffset(opcode, start + len(summary), len(data)))
                 summary += data
         offset_start = start + len(summary)
-        summary += b"".join(map(_serialise, groups))
+        summary += _join(groups)
         # The checksum covers the summary and the footer up to the checksum itself.
         footer = _serialise(records.Footer(start, offset_start, 0))[:-4]
         crc = zlib.crc32(footer, zlib.crc32(summary))
@@ -187,6 +190,10 @@ def _serialise(record: records.McapRecord) -> bytes:
     builder = RecordBuilder()
     record.write(builder)
     return builder.end()
+
+
+def _join(group: Sequence[records.McapRecord]) -> bytes:
+    return b"".join(map(_serialise, group))
 
 
 class McapContents(NamedTuple):

@@ -59,15 +59,10 @@ def view_limits(robot: Robot, posture: str, condition: Condition) -> View:
 def _compute_tilt_in_wind(robot: Robot, found: Capability, condition: Condition) -> float:
     """Return the least hover tilt (rad) in the wind, from anywhere where it has no direction."""
     toward = found.directions if condition.wind_toward is None else [condition.wind_toward]
-    body = found.body
-    return float(
-        np.min([
-            compute_hover_tilt(
-                robot, found.q, body.gravity, air_density=body.air_density,
-                wind=condition.wind * np.array([math.cos(a), math.sin(a), 0.0]),
-            )
-            for a in toward
-        ])
+    winds = [condition.wind * np.array([math.cos(a), math.sin(a), 0.0]) for a in toward]
+    return compute_hover_tilt(
+        robot, found.q, found.body.gravity, air_density=found.body.air_density,
+        wind=np.array(winds),
     )  # fmt: skip
 
 

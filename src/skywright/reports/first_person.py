@@ -16,11 +16,13 @@ WIDE_DEG = 80.0  # vertical field of view of a common first-person camera
 AHEAD = math.radians(15.0)  # down, of a camera that has no arm to look at
 STEEP = 0.9  # of forward's part along z: beyond, the picture's top is the robot's front
 OFF = 0.01  # m, in front of the hull
+BEFORE = 0.06  # m, in front of the shoulders on a link that hangs below the hull
 
 
 class Mount(NamedTuple):
-    """A camera fixed to the platform; vectors in B."""
+    """A camera fixed to a part of the robot; vectors in the part's frame, B of the platform."""
 
+    part: int  # index of the drawing's part; 0: the platform
     position: Array  # (3,) m
     forward: Array  # (3,) unit
     up: Array  # (3,) unit, of the picture
@@ -31,23 +33,50 @@ def find_mount(robot: Robot, drawing: Drawing) -> Mount:
     """Return the robot's own camera, or one on the hull's front rim that looks at the tools.
 
     The rim: of the side, top or bottom, where tip or hands work; in the working posture the middle
-    between them is the picture's middle.
+    between them is the picture's middle. A link that hangs below the hull and carries both arms
+    would stand in the way: the camera sits between their shoulders there.
     """
     if robot.camera is not None:
         c, R = robot.camera, robot.camera.rotation
-        return Mount(np.array([c.x_m, c.y_m, c.z_m]), R[:, 2], -R[:, 1], c.field_of_view_deg)
+        return Mount(0, np.array([c.x_m, c.y_m, c.z_m]), R[:, 2], -R[:, 1], c.field_of_view_deg)
     hub = next((s for s in drawing.parts[0].shapes if s.name == "hub"), None)
     radius, half = (float(hub.size[0]), float(hub.size[1])) if hub is not None else (0.0, 0.0)
     rim = np.array([radius + OFF, 0.0, -half])
     forward = rot_y(AHEAD)[:, 0]
+    carrier = _find_carrier(drawing)
     if robot.arm is not None:
         model, q = build_body_model(robot), posture(robot, "working")
         hands = find_hands(model, q) if is_compliant(robot) else compute_tip(model, q)[0][None]
         work = hands.mean(axis=0)
         rim[2] = math.copysign(half, work[2])
+        if carrier:
+            shoulders = [p.position for p in drawing.parts if p.parent == carrier]
+            rim = np.mean(shoulders, axis=0) + [BEFORE, 0.0, 0.0]
+            work = work - _find_origin(drawing, carrier)
         forward = (work - rim) / np.linalg.norm(work - rim)
     top = np.array([1.0, 0.0, 0.0]) if abs(forward[2]) > STEEP else np.array([0.0, 0.0, 1.0])
     if forward[2] > STEEP:
         top = -top
     up = top - (top @ forward) * forward
-    return Mount(rim, forward, up / np.linalg.norm(up), WIDE_DEG)
+    return Mount(carrier, rim, forward, up / np.linalg.norm(up), WIDE_DEG)
+
+
+def _find_carrier(drawing: Drawing) -> int:
+    """Return the part farthest from the hull that carries both hands; 0 with fewer than two."""
+    ways = [
+        _list_carriers(drawing, i) for i, p in enumerate(drawing.parts) if p.name.startswith("hand")
+    ]
+    common = set.intersection(*map(set, ways)) if len(ways) > 1 else {0}
+    return max(common)
+
+
+def _list_carriers(drawing: Drawing, part: int) -> list[int]:
+    """Return the parts from the hull to `part`."""
+    parent = drawing.parts[part].parent
+    return ([] if parent < 0 else _list_carriers(drawing, parent)) + [part]
+
+
+def _find_origin(drawing: Drawing, part: int) -> Array:
+    """Return where a part's frame is in B, its joints at zero: it hangs straight."""
+    way = _list_carriers(drawing, part)[1:]
+    return np.sum([drawing.parts[i].position for i in way], axis=0)

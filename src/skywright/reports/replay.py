@@ -187,11 +187,11 @@ def _draw_weld(scene: Scene3d, weld: WeldResult, start: float) -> None:
 
 
 def _describe_camera(d: Description, scene: Scene3d) -> dict[str, Any]:
-    """The first-person view: the platform carries it; its mount in B."""
+    """The first-person view: the part that carries it; its mount in the part's frame."""
     mount = find_mount(d.robot, scene.drawing)
     vectors = {"position": mount.position, "forward": mount.forward, "up": mount.up}
     return {
-        "name": "first person", "fov": mount.fov_deg,
+        "name": "first person", "fov": mount.fov_deg, "part": mount.part,
         **{name: [round(float(x), 4) for x in v] for name, v in vectors.items()},
     }  # fmt: skip
 

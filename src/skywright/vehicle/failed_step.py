@@ -20,16 +20,17 @@ RESTART_S = 0.06
 class Watchdog:
     """Starts a control law that failed in the air again, once, and stops one that fails again.
 
-    The law begins anew with the memory that it had before its first step: what it had gathered in
-    flight is lost, as in a process that is started again. Until then the rotors hold their speed
-    and the servos their angle. An estimator is not started again: it would not know where it is.
+    The law begins anew with the memory that it had before its first step (`memories`): what it had
+    gathered in flight is lost, as in a process that is started again. Until then the rotors hold
+    their speed and the servos their angle. An estimator is not started again: it would not know
+    where it is.
     """
 
     def __init__(self, assembly: Assembly) -> None:
         self.assembly = assembly
         self._laws = [c for c in assembly.components if isinstance(c, (Law, ArmsLaw))]
         names = {c.name for c in self._laws}
-        self._memories = {
+        self.memories = {
             key: rows.copy()
             for key, rows in assembly.records.items()
             if key[0] in assembly.memories and key[1] in names
@@ -71,7 +72,7 @@ class Watchdog:
 
     def _forget(self, failed: StepFailed) -> None:
         """Give what failed its first memory; the arms' law keeps its own while that is finite."""
-        for (record, name), first in self._memories.items():
+        for (record, name), first in self.memories.items():
             rows = self.assembly.records[record, name]
             law = next(c for c in self._laws if c.name == name)
             failed_one = failed.component or next(c for c in self._laws if isinstance(c, Law))

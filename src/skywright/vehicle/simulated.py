@@ -349,19 +349,21 @@ class SimulatedVehicle(NoPilotSwitch):
 
     def tune_law(self, tuned: Law, nominal: Nominal) -> None:
         """Give the law the gains that another of its kind makes on a robot in a world as believed;
-        what it has gathered stays. Raises InputError, and changes nothing, where there are none."""
+        what it has gathered stays. A law that is started again has them, too.
+        Raises InputError, and changes nothing, where there are none."""
         given = self.assembly.limit(self.assembly.context)
         given = dataclasses.replace(given, nominal=nominal, world=nominal.world)
-        rows = next(
-            rows for (record, owner), rows in self.assembly.records.items()
+        key = next(
+            (record, owner) for record, owner in self.assembly.records
             if owner == self.law.name and record in self.assembly.memories
         )  # fmt: skip
-        before = rows.copy()
-        try:
-            tuned.build(View(rows[0]), tuned.table, given)
-        except InputError:
-            rows[:] = before
-            raise
+        for rows in (self.assembly.records[key], self.watchdog.memories[key]):
+            before = rows.copy()
+            try:
+                tuned.build(View(rows[0]), tuned.table, given)
+            except InputError:
+                rows[:] = before
+                raise
 
     def stop_computer(self, failed: StepFailed) -> bool:
         """Run what failed no more; a law is started again once, and this returns True."""

@@ -12,7 +12,8 @@ import socket
 from collections.abc import Generator, Iterator
 from typing import Any
 
-from skywright.analysis.campaign.local import ATTEMPTS, ONE_THREAD, choose_workers, count_cores
+from skywright.analysis.campaign.forks import ONE_THREAD
+from skywright.analysis.campaign.local import ATTEMPTS, choose_workers, count_cores
 from skywright.analysis.campaign.runner import Flyable
 from skywright.analysis.campaign.spec import DRAWING
 from skywright.errors import InputError

@@ -8,26 +8,18 @@ it was flying. That run is tried again in a fresh process, because a worker is m
 import os
 import signal
 import subprocess
-import sys
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
 from typing import Any, NamedTuple
 
+from skywright.analysis.campaign.forks import Fork, start_fork
 from skywright.analysis.campaign.runner import Flyable
 from skywright.errors import InputError
 
 ATTEMPTS = 3
 """Times that a run may take its worker down before it becomes a row."""
-
-ONE_THREAD = {
-    "OMP_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-    "MKL_NUM_THREADS": "1",
-    "NUMBA_NUM_THREADS": "1",
-}
-"""Workers share the cores: a library's own threads would only get in each other's way."""
 
 
 def count_cores() -> int:
@@ -51,7 +43,7 @@ def choose_workers(workers: int | None, runs: int) -> int:
 
 
 class _Worker(NamedTuple):
-    process: subprocess.Popen[bytes]
+    process: Fork
     connection: Connection
 
 
@@ -127,14 +119,8 @@ def fly_local(
 
 def _start_worker() -> _Worker:
     ours, theirs = Pipe()
-    process = subprocess.Popen(
-        [sys.executable, "-m", "skywright.analysis.campaign.worker", str(theirs.fileno())],
-        pass_fds=[theirs.fileno()],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,  # a user's law may print; standard output is for --json
-        stderr=subprocess.DEVNULL,  # and standard error shows the progress
-        env={**os.environ, **ONE_THREAD},
-    )
+    # a user's law may print: standard output is for --json, standard error shows the progress
+    process = start_fork(f"{__package__}.worker", [theirs.fileno()], silent=True)
     theirs.close()
     return _Worker(process, ours)
 

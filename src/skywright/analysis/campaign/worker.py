@@ -1,23 +1,17 @@
-"""A local worker process: `python -m skywright.analysis.campaign.worker FD`.
+"""A local worker process (forks.py).
 
 Takes tasks from a connection and answers with rows (or what jobs return), or with why a task cannot
-be read, until the other end is gone. A fresh interpreter, not a fork: threads of the parent (numba,
-BLAS, a notebook) do not survive a fork.
+be read, until the other end is gone.
 """
 
-import gc
-import signal
-import sys
 from multiprocessing.connection import Connection
 
+from skywright.core.find import explain
 
-def main() -> None:
-    """Serve the connection whose file descriptor is the first argument."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
-    gc.set_threshold(50_000)  # as in cli/group.py
-    connection = Connection(int(sys.argv[1]))
-    from skywright.core.find import explain
 
+def serve(file: int) -> None:
+    """Serve the connection with this file descriptor."""
+    connection = Connection(file)
     while True:
         try:
             answer: object = connection.recv().fly()
@@ -29,7 +23,3 @@ def main() -> None:
             connection.send(answer)
         except (BrokenPipeError, ConnectionResetError):
             return
-
-
-if __name__ == "__main__":
-    main()

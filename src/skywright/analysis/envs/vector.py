@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import pickle
 import subprocess
-import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from multiprocessing import Pipe
@@ -22,7 +21,8 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from skywright.analysis.campaign.local import ONE_THREAD, count_cores
+from skywright.analysis.campaign.forks import Fork, start_fork
+from skywright.analysis.campaign.local import count_cores
 from skywright.analysis.envs.parts import LIMIT
 from skywright.analysis.envs.registry import find_class
 from skywright.analysis.envs.shared import Layout, map_arrays, open_file
@@ -33,7 +33,7 @@ Numbers = NDArray[np.float32]
 
 
 class _Worker(NamedTuple):
-    process: subprocess.Popen[bytes]
+    process: Fork
     connection: Connection
     first: int
     n: int
@@ -221,10 +221,6 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
 
 def _start(file: int, first: int, count: int) -> _Worker:
     ours, theirs = Pipe()
-    process = subprocess.Popen(
-        [sys.executable, "-m", "skywright.analysis.envs.worker", str(theirs.fileno()), str(file)],
-        pass_fds=[theirs.fileno(), file], stdin=subprocess.DEVNULL,
-        env={**os.environ, **ONE_THREAD},
-    )  # fmt: skip
+    process = start_fork(f"{__package__}.worker", [theirs.fileno(), file])
     theirs.close()
     return _Worker(process, ours, first, count)

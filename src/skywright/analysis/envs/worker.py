@@ -1,16 +1,13 @@
-"""A process of a vector of environments: `python -m skywright.analysis.envs.worker FD FILE`.
+"""A process of a vector of environments (campaign/forks.py).
 
-Takes commands from a connection until the other end is gone. A fresh interpreter, not a fork:
-threads of the parent (numba, BLAS, a notebook) do not survive a fork. Actions and observations are
-in shared memory; what goes through the connection is a byte, and what `info` says of episodes that
-ended.
+Takes commands from a connection until the other end is gone. Actions and observations are in shared
+memory; what goes through the connection is a byte, and what `info` says of episodes that ended.
 """
 
 from __future__ import annotations
 
-import signal
-import sys
 import time
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -84,7 +81,7 @@ class Share:
         return time.perf_counter() - began
 
 
-def serve(connection: Connection, file: int) -> None:
+def _serve(connection: Connection, file: int) -> None:
     """Build what is asked for, and answer until the other end is gone."""
     name, options, first, count, layout, same = connection.recv()
     try:
@@ -110,15 +107,7 @@ def serve(connection: Connection, file: int) -> None:
             connection.send(answer)
 
 
-def main() -> None:
-    """Serve the connection and the file whose descriptors are the arguments."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
-    connection = Connection(int(sys.argv[1]))
-    try:
-        serve(connection, int(sys.argv[2]))
-    except (EOFError, BrokenPipeError, ConnectionResetError):
-        return  # the parent is gone, or has no more work
-
-
-if __name__ == "__main__":
-    main()
+def serve(connection: int, file: int) -> None:
+    """Serve the connection and the shared file with these descriptors."""
+    with suppress(EOFError, BrokenPipeError, ConnectionResetError):  # the parent has no more work
+        _serve(Connection(connection), file)

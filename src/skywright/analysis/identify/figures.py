@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from skywright.analysis.identify.fit import Estimate, Parameter, Prediction
+from skywright.analysis.identify.fit import Estimate, Prediction
+from skywright.analysis.identify.parameters import Parameter
 from skywright.core.arrays import Array, Mask
 from skywright.reports.figures.style import BLACK, BLUE, GREY, ORANGE, RED, WIDTH, new_figure
 

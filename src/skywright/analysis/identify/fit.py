@@ -6,16 +6,16 @@ Parameters whose confidence interval is wide are kept at the robot file's value,
 other, and the rest is fitted anew.
 """
 
-import math
+import itertools
 from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
 
+from skywright.analysis.identify.parameters import Parameter, list_parameters
 from skywright.analysis.identify.signals import INERTIA_AXES, Columns
 from skywright.core.arrays import Array, Ints, Mask
 from skywright.description.robot.spec import Robot
-from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.rotors import RotorSet, build_rotors
 
 CONFIDENCE = 0.95
@@ -25,25 +25,11 @@ HELD_OUT_S = 5.0  # s
 ROUNDS = 4  # of weighting
 STEPS = 15  # of Gauss-Newton
 FIRST_NOISE = np.array([0.1, 0.1, 0.1, 0.5, 0.5, 0.5])  # m/s^2, rad/s^2: where weighting starts
-GAIN, COEFFICIENT, INERTIA = 2.0, 5.0, 3.0
-"""Factors of the robot file's value, both ways, within which an identified one lies: of a rotor's
-thrust (another propeller is another file), of a propeller's drag torque, of an inertia."""
-COM = 0.1  # m, from the file's
-DELAY = (-0.05, 0.2)  # s
+LEAST_R2 = 0.5
+"""Of the angular acceleration on held-out parts. Half of what moves the robot is then explained;
+a flight of our own gives 0.9 and more, a mean 0. A parameter that an axis below it tells most about
+keeps the robot file's value: it would make up for the model's error."""
 LEAP = 1.0  # largest step of a parameter, in its scale
-
-
-class Parameter(NamedTuple):
-    """One parameter of the model."""
-
-    name: str
-    unit: str
-    nominal: float  # by the robot file
-    scale: float  # of the numerics
-    widest: float  # half of the confidence interval beyond which it counts as not identified
-    meaning: str
-    low: float = -math.inf  # what physics leaves possible, from the robot file
-    high: float = math.inf
 
 
 class Estimate(NamedTuple):
@@ -82,94 +68,7 @@ class Fit(NamedTuple):
     noise: Array  # (6,) rms of the residuals on the fitted samples
     samples: int
     mass: float  # kg, taken as known
-
-
-def list_parameters(robot: Robot, poses: Array, gravity: float) -> list[Parameter]:
-    """Return the model's parameters with the robot file's values."""
-    r = robot.rotors
-    model = build_body_model(robot, gravity)
-    out = [
-        Parameter(
-            f"rotor_gain_{i + 1}", "", 1.0, 0.1, 0.05, f"thrust of rotor {i + 1} over the file's",
-            1.0 / GAIN, GAIN,
-        )
-        for i in range(len(r.azimuth_deg))
-    ]  # fmt: skip
-    k, c = r.torque_per_thrust_m, r.drag_coefficient_n_per_rads_mps
-    out.append(
-        Parameter(
-            "torque_per_thrust_m", "m", k, k, 0.25 * k, "propellers' drag torque over thrust",
-            k / COEFFICIENT, COEFFICIENT * k,
-        )
-    )  # fmt: skip
-    out.append(
-        Parameter(
-            "drag_coefficient_n_per_rads_mps",
-            "N/((rad/s)(m/s))",
-            c,
-            max(c, 1e-5),
-            max(0.3 * c, 1e-5),
-            "rotors' drag in their discs",
-        )
-    )
-    p = robot.platform
-    for axis in "xyz":
-        area = getattr(p, f"drag_area_{axis}_m2")
-        out.append(
-            Parameter(
-                f"drag_area_{axis}_m2",
-                "m^2",
-                area,
-                max(area, 0.01),
-                max(0.3 * area, 0.01),
-                f"C_D A of the body along {axis}",
-            )
-        )
-    for axis in "xy":
-        out.append(
-            Parameter(f"wind_force_{axis}_n", "N", 0.0, 1.0, 0.2, f"steady force along {axis} of W")
-        )
-    out.append(
-        Parameter(
-            "rotor_delay_s", "s", 0.0, 0.01, 0.005,
-            "delay of the thrust relative to the rotor signals of the log", *DELAY,
-        )
-    )  # fmt: skip
-    for n, q in enumerate(poses):
-        _, com, I_B = compute_body(model, q)
-        size = float(np.trace(I_B)) / 3.0
-        where = f"pose_{n + 1}"
-        for axis, value in zip("xyz", com, strict=True):
-            out.append(
-                Parameter(
-                    f"{where}.com_{axis}_m",
-                    "m",
-                    float(value),
-                    0.01,
-                    0.01,
-                    f"centre of mass, arm in pose {n + 1}",
-                    float(value) - COM,
-                    float(value) + COM,
-                )
-            )
-        for i, j in INERTIA_AXES:
-            name = "xyz"[i] + "xyz"[j]
-            value = float(I_B[i, j])
-            widest = 0.15 * value if i == j else 0.1 * size
-            low, high = (value / INERTIA, INERTIA * value) if i == j else (-size, size)
-            out.append(
-                Parameter(
-                    f"{where}.inertia_{name}_kgm2",
-                    "kg m^2",
-                    value,
-                    size,
-                    widest,
-                    f"inertia about B's origin, arm in pose {n + 1}",
-                    low,
-                    high,
-                )
-            )
-    return out
+    unused: Mask  # (3,) axes of the angular acceleration that the model does not predict
 
 
 def predict(columns: Columns, rotors: RotorSet, mass: float, x: Array) -> Array:
@@ -177,20 +76,32 @@ def predict(columns: Columns, rotors: RotorSet, mass: float, x: Array) -> Array:
     n = len(rotors.axis)
     gain, kappa, drag = x[:n], x[n], x[n + 1]
     area, wind = x[n + 2 : n + 5], x[n + 5 : n + 7]
-    T = (columns.thrust - x[n + 7] * columns.thrust_rate) * gain
-    f = T @ rotors.axis + drag * columns.rotor_drag[:, :3] + columns.body_drag * area
+    delay, inertia, height = x[n + 7 : n + 10]
+    T = (columns.thrust - delay * columns.thrust_rate) * gain
+    lift = T @ rotors.axis
+    hub = drag * columns.rotor_drag[:, :3]
+    f = lift + hub + columns.body_drag * area
     f = f + columns.R_T @ wind - columns.arm[:, :3]
     lever = np.cross(rotors.position, rotors.axis) - kappa * rotors.spin[:, None] * rotors.axis
     torque = T @ lever + drag * columns.rotor_drag[:, 3:] - columns.arm[:, 3:]
+    torque = torque + inertia * (columns.spin - delay * columns.spin_rate)
+    moment = (height - float(np.mean(rotors.position[:, 2]))) * hub
     out = np.empty((len(f), 6))
-    for pose in range(len(columns.poses)):
-        at = columns.pose == pose
-        y = x[n + 8 + 9 * pose : n + 17 + 9 * pose]
+    for pose, blind in itertools.product(range(len(columns.poses)), (False, True)):
+        at = (columns.pose == pose) & (columns.no_air == blind)
+        y = x[n + 10 + 9 * pose : n + 19 + 9 * pose]
         h = mass * y[:3]
         I_B = unpack_inertia(y[3:])
-        # wd enters both equations: w' x h of the force equation uses the measured one
+        # wd enters the force equation as measured, and is what the torque equation predicts
         out[at, :3] = (f[at] - columns.wh[at] @ h) / mass
+        bend = moment[at]
+        if blind:  # drag is what the measured force holds beside thrust: m s + w' x h + ...
+            bend = bend + height * (mass * columns.s[at] + columns.ww[at] @ h - lift[at])
+            bend = bend + height * columns.arm[at, :3]
+            I_B[:2, :2] -= height * h[2] * np.eye(2)  # e_z x (w' x h) = h_z w' - h w_z'
+            I_B[:2, 2] += height * h[:2]
         left = torque[at] - columns.s_cross[at] @ h - columns.gyroscopic[at] @ y[3:]
+        left[:, :2] += np.column_stack([-bend[:, 1], bend[:, 0]])
         out[at, 3:] = np.linalg.solve(I_B, left.T).T
     return out
 
@@ -213,55 +124,92 @@ def fit_parameters(columns: Columns, robot: Robot, mass: float, gravity: float) 
     x0 = np.array([p.nominal for p in parameters])
     scale = np.array([p.scale for p in parameters])
     widest = np.array([p.widest for p in parameters])
-    held_out = (np.floor(columns.t / HELD_OUT_S).astype(int) % HELD_OUT) == HELD_OUT - 1
-    if held_out.all() or not held_out.any():
-        held_out = np.arange(len(columns.t)) >= 0.75 * len(columns.t)
-    train = Columns(*(v if n == "poses" else v[~held_out] for n, v in columns._asdict().items()))
+    held_out = choose_held_out(columns.t)
+    train = keep_rows(columns, ~held_out)
     measured = np.hstack([train.s, train.wd])
+    whole = np.hstack([columns.s, columns.wd])
+    nominal = predict(columns, rotors, mass, x0)
     free = np.ones(len(x0), dtype=bool)
-    gave_up = np.full(len(x0), np.nan)
-    x, noise, half = x0.copy(), FIRST_NOISE, np.full(len(x0), np.nan)
+    unused = np.zeros(3, dtype=bool)
     while True:
-        x, noise = _solve(train, rotors, mass, measured, x0, x, scale, free, noise)
-        if not free.any():  # the flight tells nothing
+        x, half, gave_up, noise = _eliminate(
+            train, rotors, mass, measured, x0, scale, widest, free.copy()
+        )
+        found = predict(columns, rotors, mass, x)
+        prediction = Prediction(columns.t, held_out, whole, found, nominal)
+        fails = prediction.r_squared(found)[3:] < LEAST_R2
+        if np.all(fails) or not np.any(fails & ~unused):
             break
+        unused |= fails
+        base = predict(train, rotors, mass, x)
+        slope = _jacobian(train, rotors, mass, x, base, scale, np.arange(len(x))) / noise[:, None]
+        told = np.sum(slope**2, axis=0)
+        free &= told[3:][unused].sum(axis=0) <= 0.5 * told.sum(axis=0)
+    estimates = [
+        Estimate(p, float(x[i]), float(half[i]), bool(np.isfinite(half[i])), float(gave_up[i]))
+        for i, p in enumerate(parameters)
+    ]
+    return Fit(estimates, prediction, noise, len(train.t), mass, unused)
+
+
+def _eliminate(
+    train: Columns, rotors: RotorSet, mass: float, measured: Array, x0: Array, scale: Array,
+    widest: Array, free: Mask,
+) -> tuple[Array, Array, Array, Array]:  # fmt: skip
+    """Fit, and give up what the flight does not tell until the rest is told.
+
+    Returns the parameters, half of their intervals (NaN for those given up, whose intervals come
+    next), and the noise. `free` (n,) marks those that are fitted at all.
+    """
+    gave_up, half = np.full(len(x0), np.nan), np.full(len(x0), np.nan)
+    x, noise = x0.copy(), FIRST_NOISE
+    while True:
+        x, noise = _solve(train, rotors, mass, measured, x, scale, free, noise)
+        if not free.any():  # the flight tells nothing
+            return x, half, gave_up, noise
         half = _half_widths(train, rotors, mass, measured, x, scale, free, noise)
         ratio = np.where(free, half / widest, 0.0)
         worst = int(np.argmax(ratio))
         if ratio[worst] <= 1.0:
-            break
+            return x, half, gave_up, noise
         # what is hopeless goes at once, the rest one by one
         hopeless = ratio >= max(10.0, 0.5 * ratio[worst])
         for i in np.flatnonzero(hopeless) if hopeless.any() else [worst]:
-            free[i], gave_up[i], x[i] = False, half[i], x0[i]
-    estimates = [
-        Estimate(
-            p, float(x[i]), float(half[i]) if free[i] else np.nan, bool(free[i]), float(gave_up[i])
-        )
-        for i, p in enumerate(parameters)
-    ]
-    whole = np.hstack([columns.s, columns.wd])
-    found, nominal = (predict(columns, rotors, mass, y) for y in (x, x0))
-    prediction = Prediction(columns.t, held_out, whole, found, nominal)
-    return Fit(estimates, prediction, noise, len(train.t), mass)
+            free[i], gave_up[i], x[i], half[i] = False, half[i], x0[i], np.nan
 
 
-def compute_misfit(columns: Columns, robot: Robot, mass: float, gravity: float) -> float:
-    """Return how badly the model with all parameters free fits: the sum of the residuals' logs."""
+def choose_held_out(t: Array) -> Mask:
+    """Return which samples at t (k,) s the fit does not see."""
+    out = (np.floor(t / HELD_OUT_S).astype(int) % HELD_OUT) == HELD_OUT - 1
+    return out if out.any() and not out.all() else np.arange(len(t)) >= 0.75 * len(t)
+
+
+def keep_rows(columns: Columns, use: Mask) -> Columns:
+    """Return the samples in `use`."""
+    return Columns(*(v if n == "poses" else v[use] for n, v in columns._asdict().items()))
+
+
+def compute_misfit(
+    columns: Columns, robot: Robot, mass: float, gravity: float, free: Mask
+) -> float:
+    """Return how badly the `free` parameters fit: the sum of the residuals' logs, fitted parts.
+
+    Parameters that the flight does not tell would make up for a wrong lag; they stay as they are.
+    """
     parameters = list_parameters(robot, columns.poses, gravity)
     x0 = np.array([p.nominal for p in parameters])
     scale = np.array([p.scale for p in parameters])
-    measured = np.hstack([columns.s, columns.wd])
-    free = np.ones(len(x0), dtype=bool)
+    train = keep_rows(columns, ~choose_held_out(columns.t))
+    measured = np.hstack([train.s, train.wd])
     _, noise = _solve(
-        columns, build_rotors(robot.rotors), mass, measured, x0, x0, scale, free, FIRST_NOISE
+        train, build_rotors(robot.rotors), mass, measured, x0, scale, free, FIRST_NOISE
     )
     return float(np.sum(np.log(noise)))
 
 
 def _solve(
-    columns: Columns, rotors: RotorSet, mass: float, measured: Array, x0: Array, x: Array,
-    scale: Array, free: Mask, noise: Array,
+    columns: Columns, rotors: RotorSet, mass: float, measured: Array, x: Array, scale: Array,
+    free: Mask, noise: Array,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Weighted least squares over the free parameters; the weights follow from the residuals.
 

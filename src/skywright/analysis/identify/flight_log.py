@@ -3,17 +3,21 @@
 SI units, frames W (ENU) and B (FLU). All signals share one time axis.
 """
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from skywright.core.arrays import Array, Mask
 from skywright.description.robot.spec import Robot
+from skywright.models.rigid_body import build_body_model, compute_body, posture
 
 FASTEST = 250.0  # Hz, of the common time axis
 GRAVITY = 9.80665
 AIRBORNE = 0.35  # of the largest sum of rotor speeds: idling is at 0.2 or less, and a robot that
 # lifts itself hovers at this where its largest thrust is 8 times its weight
+SHORTEST_GROUND = 0.5  # s: within less, no robot lands and takes off again; its rotors were cut
+HIT = 1.5  # of the specific force that all rotors make at full thrust: more is a collision
 
 
 class FlightLog(NamedTuple):
@@ -23,7 +27,7 @@ class FlightLog(NamedTuple):
     robot: Robot
     t: Array  # (n,) s, evenly spaced
     free: Mask  # (n,) in the air, touching nothing
-    v_WB: Array  # (n, 3) m/s
+    v_WB: Array | None  # (n, 3) m/s; None: not logged
     R_WB: Array  # (n, 3, 3)
     w_WB_B: Array  # (n, 3) rad/s
     specific_force_B: Array | None  # (n, 3) m/s^2 at B's origin; None: from v_WB
@@ -40,10 +44,39 @@ class FlightLog(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
+def find_airborne(speed: Array, t: Array, force: Array | None, robot: Robot) -> Mask:
+    """Return where the robot flies (n,), by its rotors' speeds (n, rotors) of any unit.
+
+    Its fastest moment decides, however short it flew. A specific force (n, 3) m/s^2 that its
+    rotors cannot make ends the flight.
+    """
+    total = speed.sum(axis=1)
+    turns = np.flatnonzero(total > AIRBORNE * np.max(total, initial=0.0))
+    out = np.zeros(len(t), dtype=bool)
+    out[turns] = True
+    for a, b in pairwise(turns):
+        out[a:b] |= t[b] - t[a] < SHORTEST_GROUND
+    if force is not None:
+        mass, _, _ = compute_body(build_body_model(robot), posture(robot, "folded"))
+        most = HIT * speed.shape[1] * robot.rotors.thrust_max_n / mass
+        out &= np.linalg.norm(force, axis=1) < most
+    return out
+
+
 def align_signs(q: Array) -> Array:
     """Return quaternions (n, 4) with the same sign throughout, so that they may be interpolated."""
     flips = np.cumprod(np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1.0, 1.0))
     return np.asarray(q * np.append(1.0, flips)[:, None])
+
+
+def move_to_origin(force: Array, w: Array, t: Array, robot: Robot) -> Array:
+    """Return the specific force of B's origin from that of the inertial unit."""
+    s = robot.sensors
+    p = np.array([s.imu_x_m, s.imu_y_m, s.imu_z_m])
+    if not np.any(p):
+        return force
+    wd = np.gradient(w, t, axis=0)
+    return force - np.cross(wd, p) - np.cross(w, np.cross(w, p))
 
 
 def find_rotations(q: Array) -> Array:

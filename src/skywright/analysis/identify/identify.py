@@ -29,8 +29,9 @@ AXES = (
     "specific_force_x", "specific_force_y", "specific_force_z",
     "angular_acceleration_x", "angular_acceleration_y", "angular_acceleration_z",
 )  # fmt: skip
-LAGS = (0.0, 0.01, 0.02, 0.03, 0.045, 0.06, 0.08)
+LAGS = (0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.08, 0.1, 0.13)
 """s, of the rotors, that are tried where a log holds commands but no speeds."""
+FIRST_LAG = 0.05  # s, with which is found what the flight tells
 
 
 class Part(NamedTuple):
@@ -51,6 +52,7 @@ class Identification(NamedTuple):
     poses: Array  # (poses, joints) rad
     joints: tuple[str, ...]
     rotor_lag: Lag | None
+    command_lag: float | None  # s, that fits best where a log holds commands but no speeds
     servos: list[Lag]
     mass_given: bool
     notes: list[str]
@@ -73,6 +75,7 @@ class Identification(NamedTuple):
             "r_squared": dict(zip(AXES, p.r_squared(p.predicted).tolist(), strict=True)),
             "r_squared_nominal": dict(zip(AXES, p.r_squared(p.nominal).tolist(), strict=True)),
             "residual_rms": dict(zip(AXES, fit.noise.tolist(), strict=True)),
+            "command_lag_s": self.command_lag,
             "rotor_lag": None if self.rotor_lag is None else _lag(self.rotor_lag),
             "servos": {lag.name: _lag(lag) for lag in self.servos},
             "not_identified": self.list_unknown(),
@@ -95,9 +98,9 @@ class Identification(NamedTuple):
                     f"{p.name}: not excited enough (it could be {width} {p.unit}".rstrip()
                     + f"); kept at {p.nominal:.4g}"
                 )
-        if self.rotor_lag is None:
+        if self.rotor_lag is None and self.command_lag is None:
             out.append("rotors' lag: the log lacks their speeds or their commands")
-        elif not self.rotor_lag.identified:
+        elif self.rotor_lag is not None and not self.rotor_lag.identified:
             out.append(f"rotors' lag: {self.rotor_lag.reason}")
         out += [f"servo of {lag.name}: {lag.reason}" for lag in self.servos if not lag.identified]
         return out
@@ -159,6 +162,12 @@ def identify(
     fit = fit_parameters(columns, first.robot, weight, first.gravity)
     parts = [Part(log.name, *span) for log in logs for span in _list_used(log)]
     notes.append("used: " + _tell_parts(parts))
+    r2 = fit.prediction.r_squared(fit.prediction.predicted)[3:]
+    notes += [
+        f"R² about {axis} is {r:.2g} on held-out parts: what that axis tells is not used"
+        for axis, r, unused in zip("xyz", r2, fit.unused, strict=True)
+        if unused
+    ]
     check_fit(fit, first.robot, ", ".join(log.name for log in logs), notes)
     if mass is None:
         notes.append(
@@ -168,7 +177,7 @@ def identify(
     longest = max(logs, key=lambda log: int(log.free.sum()))
     return Identification(
         first.robot, [log.name for log in logs], parts, fit, columns.poses, first.joints,
-        fit_rotor_lag(longest), _fit_servos(logs), mass is not None, notes,
+        fit_rotor_lag(longest), lag, _fit_servos(logs), mass is not None, notes,
     )  # fmt: skip
 
 
@@ -191,14 +200,12 @@ def _build_all(logs: list[FlightLog], mass: float) -> tuple[Columns, float | Non
     """Return the columns of all logs, and the rotor lag where it had to be searched for (s)."""
     if all(log.rotor_speed is not None for log in logs):
         return _join([build_columns(log) for log in logs]), None
-    best: tuple[float, float, Columns] | None = None
-    for lag in LAGS:
-        columns = _join([build_columns(log, lag) for log in logs])
-        misfit = compute_misfit(columns, logs[0].robot, mass, logs[0].gravity)
-        if best is None or misfit < best[0]:
-            best = (misfit, lag, columns)
-    assert best is not None
-    return best[2], best[1]
+    robot, gravity = logs[0].robot, logs[0].gravity
+    every = {lag: _join([build_columns(log, lag) for log in logs]) for lag in LAGS}
+    first = fit_parameters(every[FIRST_LAG], robot, mass, gravity)
+    free = np.array([e.identified for e in first.estimates])
+    best = min(LAGS, key=lambda lag: compute_misfit(every[lag], robot, mass, gravity, free))
+    return every[best], best
 
 
 def _join(parts: list[Columns]) -> Columns:

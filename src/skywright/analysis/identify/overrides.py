@@ -44,12 +44,23 @@ def build_overrides(found: Identification, base: str) -> str:
         each = ", ".join(f"{e.value:.3f}" for e in gains)
         rotors.append(f"# gains of the single rotors: {each}")
         rotors.append(number("thrust_coefficient_n_per_rad2s2", k_f * mean, k_f * half))
-    for key in ("torque_per_thrust_m", "drag_coefficient_n_per_rads_mps"):
+        if found.command_lag is not None:  # a command is a share of the full speed
+            full = robot.rotors.thrust_max_n
+            rotors.append(number("thrust_max_n", full * mean, full * half))
+    height = values["drag_height_m"]
+    upright = not any((*robot.rotors.alpha_deg, *robot.rotors.beta_deg))
+    if height.identified and upright:  # their height matters to their drag only
+        rotors.append(number("height_m", height.value, height.half_width))
+    for key in (
+        "torque_per_thrust_m", "drag_coefficient_n_per_rads_mps", "rotor_inertia_kgm2"
+    ):  # fmt: skip
         if values[key].identified and values[key].value > 0.0:
             rotors.append(number(key, values[key].value, values[key].half_width))
     lag = found.rotor_lag
     if lag is not None and lag.identified and lag.lag > 0.0:
         rotors.append(number("time_constant_s", lag.lag, lag.half_lag))
+    if found.command_lag:
+        rotors.append(number("time_constant_s", found.command_lag))
     if rotors:
         lines += ["", "[robot.rotors]", *rotors]
     lines += _servos(found, number)

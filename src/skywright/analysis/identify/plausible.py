@@ -8,13 +8,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from skywright.analysis.identify.fit import Fit
+from skywright.analysis.identify.fit import LEAST_R2, Fit
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 
-LEAST_R2 = 0.5
-"""Of the angular acceleration on held-out parts. Half of what moves the robot is then explained;
-a flight of our own gives 0.9 and more, a mean 0."""
 LARGEST_ERROR = 1.0
 """m/s^2, rms, of the specific force on held-out parts: a tenth of the weight."""
 
@@ -34,17 +31,26 @@ def check_fit(fit: Fit, robot: Robot, logs: str, notes: Sequence[str] = ()) -> N
     ]
     if not whole >= LEAST_R2:
         bad.insert(0, f"{whole:.3g} about all axes")
+    force = float(np.sqrt(np.mean(np.sum(error[:, :3] ** 2, axis=1))))
+    turns = ", ".join(f"{v:.2g}" for v in p.measured[:, 3:].std(axis=0))
     wrong = f"{logs}: the log does not match robot {robot.name!r}"
+    told = "; ".join(notes)
     advice = (
         "give the correct robot (rotors, arms, mass), and a flight with rotations and "
-        "accelerations; " + "; ".join(notes)
+        "accelerations; " + told
     )
+    if bad and force <= LARGEST_ERROR:  # thrust and weight fit
+        wrong = f"{logs}: the flight does not tell how robot {robot.name!r} turns"
+        advice = (
+            f"its specific force is predicted to {force:.2g} m/s², its angular acceleration is "
+            f"{turns} rad/s² (rms about x, y, z): add a flight that rolls, pitches and yaws more, "
+            "or correct the order, places and spins of the rotors; " + told
+        )
     if bad:
         raise InputError(
             f"{wrong}: R² of the angular acceleration on held-out parts is {', '.join(bad)}; at "
             f"least {LEAST_R2:g} is needed; {advice}"
         )
-    force = float(np.sqrt(np.mean(np.sum(error[:, :3] ** 2, axis=1))))
     if not force <= LARGEST_ERROR:
         raise InputError(
             f"{wrong}: the specific force on held-out parts is off by {force:.2g} m/s² (rms); at "

@@ -7,8 +7,12 @@ rotor's thrust by the robot file, and h = m c the first moment of mass about B's
 
     force    m s + w' x h + w x (w x h)   = sum_i g_i T_i a_i + drag + R^T f_wind
     torque   I w' + w x I w + h x s       = sum_i g_i T_i (p_i x a_i - kappa s_i a_i) + drag
+                                            - J sum_i s_i (w_i' a_i + w x a_i w_i)
 
-g_i is the gain of rotor i over the file. A still arm gives way a little when the platform shakes
+g_i is the gain of rotor i over the file, J the inertia of what turns in one rotor. The drag of the
+rotors acts at the height of their hubs or, as blades that flap pass a torque on too, above it. A
+log without velocity tells that force all the same: what the specific force holds across z beside
+the thrusts. A still arm gives way a little when the platform shakes
 it; the wrench of that motion is small and taken from the nominal model (`arm`). The same zero-phase
 low-pass filter runs over every column, so that filtering shifts nothing (the filtered equation is
 the equation of the filtered columns); the derivatives are taken after it.
@@ -48,11 +52,15 @@ class Columns(NamedTuple):
     s: Array  # (k, 3) m/s^2
     wd: Array  # (k, 3) rad/s^2
     wh: Array  # (k, 3, 3): w' x h + w x (w x h) = wh @ h
+    ww: Array  # (k, 3, 3): w x (w x h) = ww @ h
     s_cross: Array  # (k, 3, 3): h x s = s_cross @ h
     inertia: Array  # (k, 3, 6): I w' + w x I w over (xx, yy, zz, xy, xz, yz), w' included
     gyroscopic: Array  # (k, 3, 6): w x I w alone
     thrust: Array  # (k, r) N, by the robot file
     thrust_rate: Array  # (k, r) N/s
+    spin: Array  # (k, 3) 1/s^2: torque about B's origin per rotor inertia
+    spin_rate: Array  # (k, 3) 1/s^3
+    no_air: Array  # (k,) 1 where the log holds no velocity, so that drag is not known, else 0
     rotor_drag: Array  # (k, 6): force and torque per unit of drag coefficient
     body_drag: Array  # (k, 3): force per m^2 of C_D A along each axis
     arm: Array  # (k, 6): force and torque about B's origin of the arm's motion about its pose
@@ -213,19 +221,22 @@ def _build_stretch(
 
     R, w, T = log.R_WB[at], log.w_WB_B[at], thrust[at]
     to_body = np.swapaxes(R, 1, 2)
-    v_B = np.einsum("kij,kj->ki", to_body, log.v_WB[at])
+    v_WB = np.zeros_like(w) if log.v_WB is None else log.v_WB[at]
+    v_B = np.einsum("kij,kj->ki", to_body, v_WB)
     if log.specific_force_B is not None:
         s = smooth(log.specific_force_B[at])
     else:  # R^T v' = (R^T v)' + w x (R^T v)
         s = slope(smooth(v_B)) + smooth(np.cross(w, v_B) + log.gravity * to_body[:, :, 2])
     wd = slope(smooth(w))
     W = cross_matrix(w)
-    wh = cross_matrix(wd) + smooth(W @ W)
+    ww = smooth(W @ W)
     gyroscopic = smooth(np.einsum("kij,kjc->kic", W, inertia_columns(w)))
     arm = compute_arm_wrench(log, smooth(log.q[at]), slope, s, smooth(w), wd, use)
     omega = np.sqrt(np.maximum(T, 0.0) / rotors.k_f)
+    spin = smooth(-omega * rotors.spin) @ rotors.axis
+    reaction = slope(spin) + np.cross(smooth(w), spin)
     force, torque = np.zeros_like(w), np.zeros_like(w)
-    for i in range(len(rotors.axis)):
+    for i in range(len(rotors.axis) if log.v_WB is not None else 0):
         air = v_B + np.cross(w, rotors.position[i])
         across = air - (air @ rotors.axis[i])[:, None] * rotors.axis[i]
         hub = -omega[:, i : i + 1] * across
@@ -239,12 +250,16 @@ def _build_stretch(
         poses=np.zeros((0, 0)),
         s=s,
         wd=wd,
-        wh=wh,
+        wh=cross_matrix(wd) + ww,
+        ww=ww,
         s_cross=-cross_matrix(s),
         inertia=inertia_columns(wd) + gyroscopic,
         gyroscopic=gyroscopic,
         thrust=smooth(T),
         thrust_rate=slope(smooth(T)),
+        spin=reaction,
+        spin_rate=slope(reaction),
+        no_air=np.full(len(w), float(log.v_WB is None)),
         rotor_drag=smooth(np.hstack([force, torque])),
         body_drag=smooth(-0.5 * log.air_density * speed * v_B),
         arm=arm,

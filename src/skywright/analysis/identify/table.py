@@ -10,12 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from skywright.analysis.identify.flight_log import (
-    AIRBORNE,
     FASTEST,
     GRAVITY,
     FlightLog,
     align_signs,
+    find_airborne,
     find_rotations,
+    move_to_origin,
 )
 from skywright.core.arrays import Array
 from skywright.core.bounded import LARGEST_TABLE, read_bytes
@@ -68,7 +69,7 @@ def load_table(path: Path, robot: Robot | None) -> FlightLog:
         return np.column_stack([np.interp(t, stamps - stamps[0], table[c]) for c in names])
 
     w = take(RATE)
-    force = take(FORCE) if has_force else None
+    force = move_to_origin(take(FORCE), w, t, robot) if has_force else None
     notes = []
     if all(c in table for c in QUATERNION):
         q = align_signs(np.column_stack([table[c] for c in QUATERNION]))
@@ -90,14 +91,13 @@ def load_table(path: Path, robot: Robot | None) -> FlightLog:
                 "1 of a rotor's full speed"
             )
         signal = signal * math.sqrt(r.thrust_max_n / r.thrust_coefficient_n_per_rad2s2)
-    total = signal.sum(axis=1)
     names, q = tuple(joint_names(robot)), posture(robot, "folded")
     if names:
         notes.append("the arm is not in the table: taken as folded")
     still = np.zeros((len(t), len(names)))
     return FlightLog(
-        name=path.name, robot=robot, t=t, free=total > AIRBORNE * np.max(total, initial=0.0),
-        v_WB=take(SPEED) if has_velocity else np.zeros((len(t), 3)), R_WB=R, w_WB_B=w,
+        name=path.name, robot=robot, t=t, free=find_airborne(signal, t, force, robot),
+        v_WB=take(SPEED) if has_velocity else None, R_WB=R, w_WB_B=w,
         specific_force_B=force, rotor_speed=signal if known else None,
         rotor_command=None if known else signal, command_is_thrust=False, joints=names,
         q=np.tile(q, (len(t), 1)), servo_unit="rad", servo_command=still, servo_response=still,

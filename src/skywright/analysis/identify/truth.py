@@ -1,5 +1,7 @@
 """What identification should find: the perturbed plant's own numbers."""
 
+import numpy as np
+
 from skywright.analysis.identify.signals import INERTIA_AXES
 from skywright.core.arrays import Array
 from skywright.description.loader import Description
@@ -51,6 +53,8 @@ def compute_truth(description: Description, poses: Array) -> tuple[dict[str, flo
     out["drag_coefficient_n_per_rads_mps"] = (
         robot.rotors.drag_coefficient_n_per_rads_mps * deviation.drag_factor
     )
+    out["rotor_inertia_kgm2"] = robot.rotors.rotor_inertia_kgm2
+    out["drag_height_m"] = float(np.mean(robot.rotors.heights))
     for axis in "xyz":
         area = getattr(robot.platform, f"drag_area_{axis}_m2")
         out[f"drag_area_{axis}_m2"] = area * deviation.drag_factor

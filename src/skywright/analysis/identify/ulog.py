@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from skywright.analysis.identify.flight_log import (
-    AIRBORNE,
     FASTEST,
     GRAVITY,
     FlightLog,
     align_signs,
+    find_airborne,
     find_rotations,
+    move_to_origin,
 )
 from skywright.analysis.identify.rotor_signals import read_rotors
 from skywright.core.arrays import Array, Mask
@@ -52,7 +53,7 @@ def load_ulog(path: Path, robot: Robot | None) -> FlightLog:
     if name != RATES[0][0]:
         notes.append(f"no {RATES[0][0]} in the log: body rates from {name}")
     R = _rotations(attitude, at)
-    v = np.zeros((len(t), 3))
+    v = None
     position = topics.get("vehicle_local_position")
     found = next((a for a in ACCELERATION if a[0] in topics), None)
     if position is not None:
@@ -67,11 +68,13 @@ def load_ulog(path: Path, robot: Robot | None) -> FlightLog:
     force = None
     if found is not None:
         force = _vector(topics[found[0]], found[1], at) * FLU
-        force = _move_to_origin(force, w, t, robot)
+        force = move_to_origin(force, w, t, robot)
     order = _match_rotors(path, log.initial_parameters, robot, notes)
     speed, command = read_rotors(
         path, log.data_list, log.initial_parameters, robot, order, at, notes
     )
+    turning = np.sqrt(np.maximum(command, 0.0)) if command is not None else speed
+    assert turning is not None
     names = tuple(joint_names(robot))
     q = posture(robot, "folded")
     if names:
@@ -80,7 +83,7 @@ def load_ulog(path: Path, robot: Robot | None) -> FlightLog:
         name=path.name,
         robot=robot,
         t=t,
-        free=_find_free(topics, speed, command, at),
+        free=_find_free(topics, turning, force, t, at, robot),
         v_WB=v,
         R_WB=R,
         w_WB_B=w,
@@ -160,16 +163,6 @@ def _rotations(topic: Any, at: Any) -> Array:
     return np.asarray(ENU @ find_rotations(q) * FLU)
 
 
-def _move_to_origin(force: Array, w: Array, t: Array, robot: Robot) -> Array:
-    """Return the specific force of B's origin from that of the inertial unit."""
-    s = robot.sensors
-    p = np.array([s.imu_x_m, s.imu_y_m, s.imu_z_m])
-    if not np.any(p):
-        return force
-    wd = np.gradient(w, t, axis=0)
-    return force - np.cross(wd, p) - np.cross(w, np.cross(w, p))
-
-
 def _match_rotors(
     path: Path, parameters: dict[str, float], robot: Robot, notes: list[str]
 ) -> list[int]:
@@ -200,16 +193,14 @@ def _match_rotors(
     return order
 
 
-def _find_free(topics: dict[str, Any], speed: Array | None, thrust: Array | None, at: Any) -> Mask:
-    """Return where the robot is in the air: by its fastest moment, however short it flew."""
-    if speed is None:
-        assert thrust is not None
-        speed = np.sqrt(np.maximum(thrust, 0.0))
-    total = speed.sum(axis=1)
-    free = total > AIRBORNE * np.max(total, initial=0.0)
+def _find_free(
+    topics: dict[str, Any], signal: Array, force: Array | None, t: Array, at: Any, robot: Robot
+) -> Mask:
+    """Return where the robot is in the air, by its rotors and PX4's own detector."""
+    free = find_airborne(signal, t, force, robot)
     landed = topics.get("vehicle_land_detected")
     if landed is not None:
         for name in ("landed", "ground_contact"):
             if name in landed:
                 free &= at(landed, name) < 0.5
-    return np.asarray(free)
+    return free

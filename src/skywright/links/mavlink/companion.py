@@ -1,7 +1,8 @@
 """The back end `mavlink:URL`: the platform is a MAVLink vehicle, the arms beside it are simulated.
 
-Mission time is the monotonic clock's; it stands still while the motors are started and stopped, and
-while the link is silent. The samples' truth is the estimate: nobody else measures.
+Mission time is the vehicle's clock, so that a simulated vehicle may be slower or faster than real
+time; it stands still while the motors are started and stopped, and while the link is silent. The
+samples' truth is the estimate: nobody else measures.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from skywright.errors import InputError
 from skywright.links.mavlink.check import find_refusal
 from skywright.links.mavlink.endpoint import Endpoint, Url, parse_url
 from skywright.links.mavlink.link import Clock, VehicleLink
-from skywright.links.mavlink.offboard import Offboard
+from skywright.links.mavlink.offboard import SILENT_S, Offboard
 from skywright.links.mavlink.stream import load_dialect
 from skywright.vehicle.interface import Ticked
 from skywright.vehicle.kinematic import KinematicVehicle
@@ -21,6 +22,7 @@ from skywright.vehicle.plant import MISSION_TICK
 
 COMPONENT = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
 AHEAD_S = 0.3  # s for which a position is carried on with its velocity
+EARLY_S = 1e-3  # s that a tick may end too early
 
 
 class MavlinkVehicle(Offboard, KinematicVehicle):
@@ -52,24 +54,30 @@ class MavlinkVehicle(Offboard, KinematicVehicle):
             h = self.link.heard
             age = max(self.link.age(h.place), 0.0)
             p, v, R, w = h.p, h.v, h.R_WB, h.w_B
+            ahead = h.pace * min(age, AHEAD_S)
             placed, std, charge = self._is_placed(h), h.std, h.charge
         known = float(self._state["heard"])
-        self._show(p + v * min(age, AHEAD_S) - R @ self._p_BC + self._shift, v, R, w)
-        self._state["heard"] = self.t - age if placed else known
+        self._show(p + v * ahead - R @ self._p_BC + self._shift, v, R, w)
+        self._state["heard"] = self.t - h.pace * age if placed else known
         self._state["pose_std"] = std
         if self._gauge is not None:
             self._gauge["charge"] = charge
 
+    def _now(self) -> float:
+        """Return the vehicle's time (s), carried on from its last report of a place."""
+        with self.link.lock:
+            h = self.link.heard
+            return 1e-3 * h.place_ms + h.pace * min(self.link.age(h.place), AHEAD_S)
+
     def _pace(self) -> None:
-        """Wait until the tick is over by the clock."""
+        """Wait until the tick is over by the vehicle's clock; a silence has a rule of its own."""
         self._due += MISSION_TICK
-        now = self.clock.now()
-        if now < self._due:
-            self.clock.sleep(self._due - now)
-            return
-        self.late_s = max(self.late_s, now - self._due)
-        if now - self._due > 0.5:  # what is later is given up
-            self._due = now
+        end = self.clock.now() + SILENT_S
+        while (left := self._due - self._now()) > EARLY_S and self.clock.now() < end:
+            self.clock.sleep(left / self.link.heard.pace)
+        self.late_s = max(self.late_s, -left)
+        if -left > 0.5:  # what is later is given up
+            self._due += -left
 
 
 def connect(url: Url, clock: Clock | None) -> VehicleLink:

@@ -24,6 +24,9 @@ PLACED = 0x10 | 0x8
 """ESTIMATOR_STATUS: a horizontal place, absolute or relative."""
 BACK_MS = 1000  # by which the vehicle's clock must go back to count as a restart
 TEXTS = 20
+PACE_REPORTS = 25
+"""Reports of places, half a second, over which the pace of the vehicle's clock is a mean."""
+PACES = (0.02, 50.0)
 
 
 class Ack(NamedTuple):
@@ -56,7 +59,17 @@ class Heard:
         self.has_version = False
         self.restarts = 0
         self._boot_ms = 0
+        self._reports: deque[tuple[float, int]] = deque(maxlen=PACE_REPORTS)  # s, ms
         self.round_trips: deque[float] = deque(maxlen=20)  # s
+
+    @property
+    def pace(self) -> float:
+        """Seconds of the vehicle's clock in one of ours: of a simulation not always 1."""
+        if len(self._reports) < PACE_REPORTS:
+            return 1.0
+        (t0, ms0), (t, ms) = self._reports[0], self._reports[-1]
+        low, high = PACES
+        return min(max(1e-3 * (ms - ms0) / max(t - t0, 1e-3), low), high)
 
     @property
     def has_place(self) -> bool:
@@ -88,6 +101,7 @@ class Heard:
         self.p = swap_world(np.array([m.x, m.y, m.z]))
         self.v = swap_world(np.array([m.vx, m.vy, m.vz]))
         self.place, self.place_ms = now, m.time_boot_ms
+        self._reports.append((now, m.time_boot_ms))
 
     def _take_attitude_quaternion(self, m: Any, now: float) -> None:
         if not is_finite(m, "q1", "q2", "q3", "q4", "rollspeed", "pitchspeed", "yawspeed"):
@@ -141,4 +155,5 @@ class Heard:
         if self._boot_ms - ms > BACK_MS:
             self.restarts += 1
             self.flags = None
+            self._reports.clear()
         self._boot_ms = ms

@@ -95,7 +95,7 @@ class Offboard(SimulatedVehicle):
             self._p_BC = build_airframe(self.robot, self.world).p_BC
         self._align()
         self._force = BodyForce(self, link) if force else None
-        self._due = self.clock.now()
+        self._due = self._now()
 
     def _align(self) -> None:
         h, origin = self.link.heard, self.world.origin
@@ -188,7 +188,7 @@ class Offboard(SimulatedVehicle):
         if self._low_z is not None and not down and p[2] < self._low_z:
             p[2], v[2], a[2], down = self._low_z, 0.0, 0.0, True
         f_B = None if self._force is None or down else self._force.compute()
-        self.link.lead(Target(p, v, a + self._feed_forward(), R, rate, f_B))
+        self.link.lead(Target(p, v, a + self._feed_forward(), self._choose_attitude(R), rate, f_B))
 
     def _lift(self) -> None:
         """Leave the ground; the reference stands still while the autopilot ramps its thrust up."""
@@ -198,7 +198,11 @@ class Offboard(SimulatedVehicle):
         self.link.lead(target._replace(p=np.array([*target.p[:2], self._low_z])))
         if not self.link.wait(lambda h: h.p[2] > start + 0.5 * LIFT, LIFT_S):
             self._give_up(f"no take-off: it is still on the ground after {LIFT_S:g} s")
-        self._due = self.clock.now()
+        self._due = self._now()
+
+    def _choose_attitude(self, planned: Array) -> Array:
+        """Return the attitude that the vehicle shall have."""
+        return planned
 
     def _feed_forward(self) -> Array:
         """Return the acceleration (3,) m/s^2 that compensates planned contact forces."""
@@ -219,7 +223,7 @@ class Offboard(SimulatedVehicle):
         if says:
             self._give_up(f"no take-off: {says}")
         self._armed = self._offboard = True
-        self._due = self.clock.now()
+        self._due = self._now()
 
     def _try_to_start(self) -> str:
         """Change to Offboard and arm; returns why not, or ""."""
@@ -232,15 +236,39 @@ class Offboard(SimulatedVehicle):
 
     def _stop(self) -> None:
         """Let the autopilot land and stop its motors; mission time stands still."""
-        says = "" if not self.link.heard.armed else self._choose(modes.LAND)
-        if not says and not self.link.wait(lambda h: not h.armed, LAND_S):
-            says = f"the vehicle is still armed {LAND_S:g} s after the command to land"
-        self._armed = self._offboard = False
+        h = self.link.heard
+        says = "" if not h.armed else self._choose(modes.LAND)
+        end = self.clock.now() + LAND_S
+        while not says and h.armed:
+            self._wait_for_link()
+            self.link.wait(lambda h: not h.armed or h.mode != modes.LAND, SILENT_S)
+            if not h.armed:
+                break
+            if h.mode == modes.OFFBOARD:  # a pilot gave back
+                self.piloted = False
+                says = self._choose(modes.LAND)
+                end = self.clock.now() + LAND_S
+            elif h.mode != modes.LAND:
+                self._tell_pilot()
+                self.link.wait(lambda h: h.mode in (modes.OFFBOARD, modes.LAND), SILENT_S)
+                end = self.clock.now() + LAND_S
+            elif self.clock.now() > end:
+                says = f"the vehicle is still armed {LAND_S:g} s after the command to land"
+        self.link.wait(lambda h: h.place > h.beat, SILENT_S)  # its clock comes with its place
+        if h.restarts != self._restarts:
+            says = "the autopilot restarted while it landed"
+        self._armed = self._offboard = self.piloted = False
         self._low_z = None
         self.link.lead(None)
-        self._due = self.clock.now()
+        self._due = self._now()
         if says:
             self._give_up(says)
+
+    def _tell_pilot(self) -> None:
+        """Say once that a pilot flies."""
+        if not self.piloted:
+            self._says(f"t = {self.t:.2f} s: the mode is {self.link.heard.mode}: the pilot flies")
+        self.piloted = True
 
     def _give_up(self, says: str) -> None:
         """Command nothing from now on, and end the mission."""
@@ -279,7 +307,7 @@ class Offboard(SimulatedVehicle):
         silent = self.clock.now() - since
         self._says(f"t = {self.t:.2f} s: the vehicle is heard again after {silent:.1f} s")
         self._quiet_until = self.clock.now() + OWN_S
-        self._due = self.clock.now()
+        self._due = self._now()
 
     def _watch(self) -> None:
         """See what the vehicle has done by itself, or a pilot with it."""
@@ -310,13 +338,16 @@ class Offboard(SimulatedVehicle):
                 return  # it hears nothing: what follows is a silence
             if own and not self.take_control():
                 self._says(f"t = {self.t:.2f} s: Offboard again after the silence")
-                self._due = self.clock.now()
+                self._due = self._now()
                 return
-            self.piloted = True
-            self._says(f"t = {self.t:.2f} s: the mode is {h.mode}: the pilot flies")
+            self._tell_pilot()
+
+    def _now(self) -> float:
+        """Return the time (s) by which the mission is flown."""
+        return self.clock.now()
 
     def _pace(self) -> None:
-        """Wait until the tick is over by the clock."""
+        """Wait until the tick is over by that time."""
 
     def close(self) -> None:
         """End the stream: a vehicle that is in the air is told to hold."""

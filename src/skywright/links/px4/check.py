@@ -1,4 +1,4 @@
-"""Which missions fly in the loop with PX4: told before anything listens."""
+"""Which missions fly in the loop with PX4, and what they lose: told before anything listens."""
 
 from __future__ import annotations
 
@@ -7,12 +7,35 @@ from typing import Any
 from skywright.description.world.thing import Fixture
 from skywright.description.world.things import find_first
 from skywright.errors import InputError
+from skywright.links.mavlink.body_force import find_forceless
 from skywright.links.px4.parameters import build_airframe
 from skywright.run.kind import load_kind
 from skywright.run.setup import Setup
+from skywright.vehicle.component import Law
+from skywright.vehicle.link_arc import compute_link_arc
 
 FORCES = "dynamics"
 """What a kind needs that judges the motion which the robot's own law makes."""
+
+
+def find_losses(setup: Setup[Any], law: Law, force: bool) -> list[str]:
+    """Return what a mission loses with PX4 in the loop: lines to tell before take-off.
+
+    `force`: body forces are sent.
+    """
+    robot, says = setup.robot, []
+    if compute_link_arc(robot, setup.model) is not None:
+        gains = build_airframe(robot, setup.world).gains
+        says.append(
+            f"PX4 does not damp the swing of the link of {robot.name!r}: its attitude loop of "
+            f"{gains.attitude_p[:2].min():.1f} rad/s knows no link"
+        )
+    if not force and not find_forceless(robot, law, setup.world.gravity_mps2):
+        says.append(
+            f"PX4's position control pushes along body z only: {robot.name!r} leans to push "
+            "sideways; px4?force sends forces"
+        )
+    return says
 
 
 def find_refusal(setup: Setup[Any], tells_truth: bool) -> str:

@@ -27,7 +27,8 @@ from skywright.links.mavlink.endpoint import Endpoint, Url
 from skywright.links.mavlink.link import PERIOD, WANTED, VehicleLink
 from skywright.links.mavlink.offboard import CONNECT_S, Offboard
 from skywright.links.mavlink.stream import load_dialect
-from skywright.links.px4.check import find_refusal
+from skywright.links.px4.check import find_losses, find_refusal
+from skywright.links.px4.docked import DockedAttitude
 from skywright.links.px4.parameters import build_airframe
 from skywright.links.px4.sensors import FIRST_US, Px4Sensors
 from skywright.links.px4.server import PORT, Px4Server
@@ -36,7 +37,7 @@ from skywright.links.sitl.fly import AutopilotFailed
 from skywright.links.sitl.onboard import AutopilotPose, AutopilotRotors
 from skywright.links.sitl.pace import Pace
 from skywright.links.sitl.plant import Placed, Reading, Sockets
-from skywright.vehicle.bus import Clock
+from skywright.vehicle.bus import Allocated, Clock, WrenchCommand
 from skywright.vehicle.component import Component
 from skywright.vehicle.geodesy import Geodetic, to_local
 from skywright.vehicle.interface import Ticked
@@ -115,7 +116,8 @@ class Px4Vehicle(Offboard):
             server.stream.dialect, self.robot, world, kwargs["seed"], self._sockets.period
         )
         self._home = world.origin or HOME
-        self._mass = build_airframe(self.robot, self.world).mass
+        airframe = build_airframe(self.robot, self.world)
+        self._mass, self._docked = airframe.mass, DockedAttitude(airframe)
         self._told = world.localisation == "total-station"
         self._pose_due = self._step_due = 0.0
         self._pacer, self._met, self._was_locked = Pace(), False, False
@@ -236,6 +238,13 @@ class Px4Vehicle(Offboard):
         row, notes = self.reference_now, self._sockets.notes
         notes.p_WB_des[:], notes.v_WB_des[:] = row["p_WB"], row["v_WB"]
 
+    def _choose_attitude(self, planned: Array) -> Array:
+        if self._force is None:
+            return planned
+        law, made = self.look(WrenchCommand).t_B, self.look(Allocated).t_B_alloc
+        docked = self.reference_now["docked"] > 0.5
+        return self._docked.choose(docked, planned, self.link.heard.R_WB, law, made)
+
     def _feed_forward(self) -> Array:
         """Return the acceleration (3,) m/s^2 that compensates the forces of hands and probe."""
         row, force = self.reference_now, np.zeros(3)
@@ -310,6 +319,8 @@ def open_backend(text: str) -> Callable[..., Px4Vehicle]:
             says = find_forceless(setup.robot, law, setup.world.gravity_mps2)
         if says:
             raise InputError(f"backend px4: {says}")
+        for line in find_losses(setup, law, options.force):
+            say(line)
         link: VehicleLink | None = None
         server = Px4Server(
             len(setup.rotors.spin), HOST, options.port, patience_s=PATIENCE_S, say=say

@@ -38,6 +38,9 @@ RATE_P_MAX = 0.5
 """Largest MC_ROLLRATE_P that ground stations take; a larger gain goes into MC_ROLLRATE_K."""
 HOVER_RANGE = (0.1, 0.8)
 """Of MPC_THR_HOVER."""
+NOISE_LEAST = (0.01, 0.05)
+"""m, rad: least that EKF2_EVP_NOISE and EKF2_EVA_NOISE take. By default the filter counts on 0.1 m,
+and follows a pose that is known to millimetres late."""
 POSITION_ONLY = 11
 """EKF2_EV_CTRL: horizontal and vertical position and yaw of motion capture, no velocity."""
 
@@ -60,6 +63,7 @@ class Airframe(NamedTuple):
     hover: float  # share of all thrust that carries the weight
     gains: Gains
     force_units: Array  # (3,) N, of PX4's thrust of 1 along the axes of B
+    torque_units: Array  # (3,) N m, of PX4's torque of 1 about them
 
 
 def build_airframe(robot: Robot, world: World) -> Airframe:
@@ -88,7 +92,7 @@ def build_airframe(robot: Robot, world: World) -> Airframe:
     gains = compute_gains(np.diag(I_C).copy(), units, rotors.time_constant)
     return Airframe(
         mass, p_BC, np.diag(I_C).copy(), rotors.position - p_BC, hover, gains,
-        compute_force_units(B, rotors.thrust_max),
+        compute_force_units(B, rotors.thrust_max), units,
     )  # fmt: skip
 
 
@@ -154,6 +158,8 @@ def _list_estimator(robot: Robot, world: World, airframe: Airframe) -> Iterator[
         yield Parameter("EKF2_GPS_CTRL", 0, "no satellites")
         yield Parameter("EKF2_EV_CTRL", POSITION_ONLY, "position and yaw of motion capture")
         yield Parameter("EKF2_HGT_REF", 3, "height by motion capture")
+        yield Parameter("EKF2_EVP_NOISE", NOISE_LEAST[0], "m, at least: the poses tell theirs")
+        yield Parameter("EKF2_EVA_NOISE", NOISE_LEAST[1], "rad, likewise")
         yield Parameter("EKF2_MAG_TYPE", 5, "heading by motion capture, no magnetometer")
         own = world.localisation == "total-station"  # the onboard computer's, which is of now
         yield Parameter("EKF2_EV_DELAY", 0.0 if own else 1e3 * world.mocap.latency_s, "ms")

@@ -195,7 +195,8 @@ class BarLeader:
 
     def _follow(self, row: Any) -> Array:
         """Speed (3,) m/s of the platform towards where the arms have the pose of the grip."""
-        v = FOLLOW_RATE * self._find_stretch(row)
+        sag = min(self.carried / self.weight, 1.0) * self._hang
+        v = FOLLOW_RATE * (self._find_stretch(row) - sag)
         return np.asarray(v * min(1.0, LEAD_SPEED / max(float(np.linalg.norm(v)), 1e-9)))
 
     def _find_stretch(self, row: Any) -> Array:

@@ -38,6 +38,8 @@ SETTLE = 0.3
 """1/s, of the force on the peg's end: a quarter of the rate at which the weight is felt (0.8 s)."""
 CLOSE = 0.5  # 1/s: so much faster it may be lowered with each metre of the gap
 LEASH = 0.005  # m, from the peg's end, at which it is led while it stands on something
+LEAVES = {"align": np.inf, "lower": READY, "insert": 0.0}
+"""m, of the peg's end above the hole, from which it is back in the phase before."""
 PUSHED, FIRM = 0.05, 0.4
 """Of the stick: from there on the hands press; with so much of it they press with `press_share`."""
 
@@ -123,10 +125,10 @@ class _Insertion:
         elif self.phase == "lower" and self.depth > self.hole.entered and self._is_over(off):
             self.watch = Progress(self.s, self.hole)
             self._begin("insert")
-        elif self.phase != "align" and off[2] > READY:
+        elif off[2] > LEAVES[self.phase]:  # the stick leads its end again
             self.goal = off
             self.s.end("retry")
-            self._begin("align")
+            self._begin("align" if self.phase == "lower" else "lower")
 
     def _is_over(self, off: Array) -> bool:
         """Whether a peg's end at `off` (3,) m is over the hole, not beside the socket."""
