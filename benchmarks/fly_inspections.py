@@ -107,7 +107,7 @@ def list_cracks(run: Any, result: Any) -> dict[str, Any]:
     errors = []
     for flaw in list_flaws(run)[0]:
         near = [
-            math.hypot(x.s - flaw.s, x.c - flaw.c)
+            math.hypot(x.s - flaw.wanted[0], x.c - flaw.wanted[1])
             for x in found.indications
             if flaw.measure(np.array([x.s]), np.array([x.c]))[0] <= NEAR
         ]

@@ -84,7 +84,7 @@ def list_cracks(flights: Flights) -> list[tuple[str, str, str]]:
     errors = [e for f in flown for e in f["place_errors_mm"] if e is not None]
     # of a place, and of the datum: 95 % of a circle of equal deviations
     stated = [
-        math.hypot(u, 2.448 * f["metrics"].get("datum.std_mm", 0.0))
+        math.hypot(u, 2.448 * f["metrics"].get("datum.place_std_mm", 0.0))
         for f in flown
         for u in f["u95_mm"]
     ]

@@ -251,7 +251,7 @@ def test_the_database_holds_what_the_flight_knows(flown) -> None:
     assert {i.indication.kind for i in cracks} == {"crack"}
     d = flown.description
     map_pipe = build_cylinder(d.world.pipe)
-    assert flight.registration_std_m == pytest.approx(1e-3 * flown.metrics["datum.std_mm"])
+    assert flight.registration_std_m == pytest.approx(1e-3 * flown.metrics["datum.place_std_mm"])
     for name in ("crack1", "crack2"):
         true = d.world.things[name]
         c = map_pipe.radius * math.radians(true.around_deg)

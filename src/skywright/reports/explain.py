@@ -13,6 +13,7 @@ from skywright.description.world.things import find_marker
 from skywright.models.deviated_sensors import draw_noise_factors
 from skywright.models.deviation import build_deviation
 from skywright.models.nominal import Nominal
+from skywright.models.things.datum import find_datum
 from skywright.reports.summary import (
     describe_inertial,
     describe_link,
@@ -173,6 +174,8 @@ def _list_sensors(d: Description[Any]) -> dict[str, Spec]:
         tables |= {"tracking camera": r.tracking_camera, "range finder": r.range_finder}
     if find_marker(w.things):
         tables["camera"] = r.camera
+    if r.probe is not None and find_datum(w):
+        tables["datum camera"] = r.probe.camera
     tables |= {c.name: c.table for c in build_named(d) if c.group == "sensor"}
     return {name: table for name, table in tables.items() if table is not None}
 

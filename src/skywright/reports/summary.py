@@ -205,7 +205,10 @@ def describe_world(world: World) -> list[Section]:
         p = world.pipe
         rows.append(("pipe", f"diameter {p.diameter_m:g} m, length {p.length_m:g} m"))
         rows.append(("pipe centre", f"({p.x_m:g}, {p.y_m:g}, {p.z_m:g}) m"))
-        rows.append(("pipe axis", f"yaw {p.yaw_deg:g} deg, inclination {p.inclination_deg:g} deg"))
+        rolled = f", roll {p.roll_deg:g} deg" * (p.roll_deg != 0.0)
+        rows.append(
+            ("pipe axis", f"yaw {p.yaw_deg:g} deg, inclination {p.inclination_deg:g} deg{rolled}")
+        )
         varies = f", varying by {p.friction_variation:.0%} along the surface"
         rows.append(("friction", f"{p.friction:g}" + varies * (p.friction_variation > 0)))
         rows.append(("supports", "two posts" if p.supports else "none"))

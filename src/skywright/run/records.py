@@ -166,7 +166,8 @@ class FlightRecords:
     def add(self, flown: Flown[Any, Any]) -> str:
         """Store what the flight found; returns its id. The file is opened for it."""
         found = load_kind(self._setup.description.mission.kind).entries(flown)
-        if not (found.readings or found.indications or found.calibrations or found.coverage):
+        nothing = not (found.readings or found.indications or found.calibrations or found.coverage)
+        if nothing and found.registration_std_m is None:
             return self._flight
         found = write_scans(found, self._directory)
         store = RecordStore(self._path, create=True)

@@ -1,4 +1,4 @@
-"""Where the datum mark is, as the robot believes: the mean of what the probe's camera saw of it.
+"""Where the datum mark is, as the robot believes: what the probe's camera saw of it, added up.
 
 Each image is put into W with the estimated pose of the tip, by which the surface is found and
 worked on too: what that pose is off by for good shifts mark, touches and work alike.
@@ -13,18 +13,16 @@ from skywright.core.record import Vec3
 from skywright.core.rotations import mat_vec
 from skywright.core.scratch import local
 from skywright.models.things.datum import find_datum
-from skywright.vehicle.bus import Clock, Estimate
+from skywright.vehicle.bus import Estimate
 from skywright.vehicle.component import Component, Out, Output, Recorded
 from skywright.vehicle.readings import DatumImage
-from skywright.vehicle.targets import LOST, NEVER
 
 
 class DatumMark(Output):
-    """Where the datum mark is; the mean begins anew after LOST seconds without an image."""
+    """What was seen of the datum mark so far; the mean of a while is a difference of sums."""
 
-    p_WM: Vec3  # m
-    age: float  # s, since it was last seen
-    images: float  # in the mean, 0: none came yet
+    sum_W: Vec3  # m, of the mark's places
+    images: float
 
 
 class DatumEstimate(Component):
@@ -33,8 +31,8 @@ class DatumEstimate(Component):
     slot = "estimate"
 
     columns = (
-        Recorded("datum_p_WM", DatumMark, "p_WM", "m", "datum mark, as the robot believes"),
-        Recorded("datum_images", DatumMark, "images", "", "images of the datum in its mean"),
+        Recorded("datum_sum_W", DatumMark, "sum_W", "m", "sum of where images had the datum mark"),
+        Recorded("datum_images", DatumMark, "images", "", "number of images of the datum mark"),
     )
 
     @classmethod
@@ -44,20 +42,12 @@ class DatumEstimate(Component):
         if probe is not None and probe.camera is not None and find_datum(context.world):
             yield cls("datum")
 
-    def build(self, me: Any, table: Any, context: Any) -> None:
-        """No image came yet."""
-        context.records[DatumMark, ""][0]["age"] = NEVER
-
     @staticmethod
-    def step(clock: Clock, est: Estimate, image: DatumImage, mark: Out[DatumMark]) -> None:
-        mark.age += clock.dt
+    def step(est: Estimate, image: DatumImage, mark: Out[DatumMark]) -> None:
         if image.fresh == 0.0:
             return
-        if mark.age > LOST:
-            mark.images = 0.0
-        mark.age = 0.0
         mark.images += 1.0
         p = local(3)
         mat_vec(est.R_WT, image.p_TM, p)
         for a in range(3):
-            mark.p_WM[a] += (est.p_WT[a] + p[a] - mark.p_WM[a]) / mark.images
+            mark.sum_W[a] += est.p_WT[a] + p[a]

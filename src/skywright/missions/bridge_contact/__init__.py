@@ -9,6 +9,8 @@ from skywright.missions.bridge_contact.task import BridgeContact
 from skywright.run.folder_kind import FolderKind
 
 if TYPE_CHECKING:
+    from skywright.inspection.history.entries import Entries
+    from skywright.run.flight import Flown
     from skywright.run.setup import Setup
 
 
@@ -24,6 +26,13 @@ class BridgeContactKind(FolderKind[BridgeContact]):
         task = setup.task
         left_out = {"dock.": not task.dock, "slide.": task.slide_m == 0.0}
         return self.leave_out(super().requirements(setup, way), left_out)
+
+    def entries(self, run: Flown[BridgeContact, Any]) -> Entries:
+        """State how well the places of the contacts are known, where the flight saw a datum."""
+        from skywright.inspection.history.entries import Entries
+        from skywright.missions.bridge_contact.metrics import find_place_std
+
+        return Entries(registration_std_m=find_place_std(run))
 
     def list_waived(self, metrics: dict[str, float]) -> dict[str, str]:
         """Ask nothing of a slide where an operator pressed: it presses one force and leaves."""

@@ -8,7 +8,7 @@ from skywright.description.world.things import find_first
 from skywright.missions.bridge_contact.metrics import FREE, HOLD, compute_press
 from skywright.missions.bridge_contact.plan import ContactPlan
 from skywright.missions.bridge_contact.task import BridgeContact
-from skywright.missions.skills.datum import describe_datum
+from skywright.missions.skills.datum import describe_datum, list_datum_marks
 from skywright.models.things.bench import Bench
 from skywright.recordings.columns import has_columns
 from skywright.reports.figures.localisation import CAPTION, draw_localisation
@@ -162,6 +162,7 @@ def describe_survey(result: RunResult[BridgeContact, ContactPlan]) -> list[str]:
 
 FIGURES = Figures(
     describe,
+    marks=list_datum_marks,
     notes=describe_survey,
     phases={
         "survey_approach": "The robot flies to the structure, whose pose is uncertain.",

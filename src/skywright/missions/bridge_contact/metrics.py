@@ -13,7 +13,13 @@ from skywright.missions.bridge_contact.operated_press import PRESS, TOUCH
 from skywright.missions.bridge_contact.plan import ContactPlan
 from skywright.missions.bridge_contact.survey import read_survey
 from skywright.missions.bridge_contact.task import BridgeContact
-from skywright.missions.skills.datum import DATUM_WHERE, judge_datum, read_datum
+from skywright.missions.skills.datum import (
+    DATUM_WHERE,
+    get_datum,
+    judge_datum,
+    read_datum,
+    spread_over_structure,
+)
 from skywright.missions.skills.operated import OPERATED_MEASURES, measure_operated
 from skywright.missions.skills.survey import PHASE
 from skywright.missions.skills.surveyed import SURVEY_WHERE
@@ -173,7 +179,20 @@ def _judge_survey(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
     found = fit_structure(run.setup, touches, ball, mark)
     work = HOLD.select(run.samples, run.phases) | FREE.select(run.samples, run.phases)
     judged = judge_structure(run.setup, found, run.way.stations[0].place, ball)
-    return judged if mark is None else judged | judge_datum(run.setup, mark, run.samples, work)
+    return (
+        judged
+        if mark is None
+        else judged | judge_datum(run.setup, mark, run.samples, work, find_place_std(run) or 0.0)
+    )
+
+
+def find_place_std(run: Flown[Any, Any]) -> float | None:
+    """Largest deviation (m), each way, of the place of a spot from the datum; None without one."""
+    mark, datum = read_datum(run.setup, run.samples, run.phases), get_datum(run.setup)
+    if mark is None or datum is None:
+        return None
+    spots = np.array([[spot.x_m, spot.y_m] for spot in run.task.spots])
+    return spread_over_structure(run.setup, datum, mark, spots)
 
 
 def compute_bench_metrics(run: Flown[Any, Any]) -> dict[str, float]:

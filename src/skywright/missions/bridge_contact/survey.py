@@ -69,6 +69,12 @@ def plan_survey(
     places = [s.place for s in spots]
     if docking is not None and structure.facing == "down" and surface.shape == PLANE:
         feet, lever = list_feet(docking), docking.radius_m
+        if get_datum(setup) is not None:
+            raise InputError(
+                "mission.task.datum: the feet of a docking gear survey this deck, and the probe's "
+                "camera does not look at the datum then; valid: mission.task.datum=false, or a "
+                "robot without [robot.docking]"
+            )
     elif task.dock:
         raise InputError(
             "mission.task.survey: feet can survey a level or sloped deck, not a curved "
@@ -88,7 +94,7 @@ def plan_survey(
     if mark is not None:
         lasts += LOOK_S + TIP_S / 2
         aside = math.sqrt(2.0) * (error.place + math.tan(error.turn) * math.hypot(*mark.place))
-        hidden = explain_view(setup, reach + CLEAR, aside)
+        hidden = explain_view(setup, reach + CLEAR, reach, aside)
         if hidden:
             raise InputError(hidden)
     return SurveyWay(setup, feet, stations, reach + CLEAR, reach, stiffness, lasts, mark)

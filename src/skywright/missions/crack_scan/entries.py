@@ -20,7 +20,7 @@ from skywright.missions.crack_scan.display import find_array
 from skywright.missions.crack_scan.plan import CrackWay
 from skywright.missions.crack_scan.search import Search, as_scan, find_search
 from skywright.missions.crack_scan.task import CrackScan
-from skywright.missions.scan.metrics import find_survey
+from skywright.missions.scan.metrics import find_place_std
 from skywright.missions.skills.procedure import write_procedure
 from skywright.run.flight import Flown
 from skywright.run.setup import Setup
@@ -72,7 +72,7 @@ def build_entries(run: Flown[CrackScan, CrackWay]) -> Entries:
     after = before._replace(
         stage="after", settings=seen, passed=check.holds, note="; ".join(check.reasons)
     )
-    pipe, surveyed = run.setup.world.pipe, find_survey(as_scan(run))
+    pipe = run.setup.world.pipe
     assert pipe is not None
     return Entries(
         "pipe",
@@ -81,7 +81,7 @@ def build_entries(run: Flown[CrackScan, CrackWay]) -> Entries:
         coverage=_describe_cover(found),
         material=f"{1e-6 * pipe.conductivity_s_per_m:g} MS/m, relative permeability "
         f"{pipe.relative_permeability:g}",
-        registration_std_m=None if surveyed is None or surveyed.mark is None else surveyed.mark.std,
+        registration_std_m=find_place_std(as_scan(run)),
         scans=((SIGNALS, build_eddy_scan(run, found)),),
     )
 

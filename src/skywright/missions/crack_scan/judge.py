@@ -33,6 +33,7 @@ class Flaw(NamedTuple):
     crack: Crack
     s: float
     c: float
+    wanted: tuple[float, float]  # s, c at which an indication of it shall be
 
     def measure(self, s: Array, c: Array) -> Array:
         """Distance (n,) m of places from its mouth."""
@@ -47,24 +48,25 @@ def list_flaws(run: Flown[CrackScan, CrackWay]) -> tuple[list[Flaw], list[Flaw]]
     """Return the cracks in the sector that was asked for, and those beside it.
 
     Their places are carried to the pipe that the survey found, as it counts s and c. Where it
-    counts them from a datum, they are those on the asset: what the datum is off by, the place is.
+    counts them from a datum, they are wanted at their places on the asset: what the datum is off
+    by, an indication is.
     """
     true, task = run.setup.true.cylinder, run.task
     known = get_surface(as_scan(run)) or run.setup.cylinder
     if true is None or known is None:
         return [], []
     surveyed = find_survey(as_scan(run))
-    if surveyed is not None and surveyed.mark is not None:
-        true = known
+    seen = surveyed is not None and surveyed.mark is not None
     middle = task.get_centre()
     flaws, beside = list[Flaw](), list[Flaw]()
     for name, thing in run.setup.true.world.things.items():
         if isinstance(thing, Crack):
             s, c = carry(true, known, thing, middle * known.radius)
-            around = abs(math.remainder(c / known.radius - middle, 2 * math.pi))
-            inside = abs(s - task.centre_s_m) <= task.pass_length_m / 2
+            wanted = carry(known, known, thing, middle * known.radius) if seen else (s, c)
+            around = abs(math.remainder(wanted[1] / known.radius - middle, 2 * math.pi))
+            inside = abs(wanted[0] - task.centre_s_m) <= task.pass_length_m / 2
             asked = inside and around <= math.radians(task.arc_deg) / 2
-            (flaws if asked else beside).append(Flaw(name, thing, s, c))
+            (flaws if asked else beside).append(Flaw(name, thing, s, c, wanted))
     return flaws, beside
 
 
@@ -95,7 +97,7 @@ def match(
     for f, row in zip(flaws, off, strict=False):
         mine = np.flatnonzero(row <= NEAR)
         errors.append(
-            float(np.min(np.hypot(s[mine] - f.s, c[mine] - f.c))) if mine.size else None
+            float(np.min(np.hypot(s[mine] - f.wanted[0], c[mine] - f.wanted[1]))) if mine.size else None
         )  # fmt: skip
     false = int(np.count_nonzero(np.min(off, axis=0, initial=math.inf) > NEAR))
     return errors, false

@@ -36,7 +36,8 @@ MEASURES: Measures = {
     ),
     "crack.position_error_mm": (
         "mm",
-        "largest distance of the indication of a crack from its middle; 0 in a sector without a "
+        "largest distance of the indication of a crack from its middle, counted from the datum "
+        "where one was seen; 0 in a sector without a "
         "crack",
     ),
     "crack.block_notch_percent": (

@@ -6,7 +6,7 @@ from skywright.core.arrays import Array
 from skywright.description.world.surface import roll_points, unroll_points
 from skywright.errors import InputError
 from skywright.inspection.history.entries import COVERAGE, Entries, Indication
-from skywright.missions.scan.metrics import find_survey, process_weld
+from skywright.missions.scan.metrics import find_place_std, find_survey, process_weld
 from skywright.missions.scan.plan import ScanWay
 from skywright.missions.scan.task import Scan
 from skywright.run.flight import Flown
@@ -29,10 +29,7 @@ def build_entries(run: Flown[Scan, ScanWay]) -> Entries:
         ))
         for x, p in zip(weld.crossings, places, strict=True)
     ]  # fmt: skip
-    surveyed = run.once(find_survey)
-    mark = None if surveyed is None else surveyed.mark
-    std = None if mark is None else mark.std
-    return Entries("pipe", indications=tuple(found), registration_std_m=std)
+    return Entries("pipe", indications=tuple(found), registration_std_m=run.once(find_place_std))
 
 
 def _count_from_datum(run: Flown[Scan, ScanWay], p_W: Array) -> Array:

@@ -25,7 +25,7 @@ from skywright.missions.scan.metrics import (
 )
 from skywright.missions.scan.plan import ScanWay
 from skywright.missions.scan.task import Scan
-from skywright.missions.skills.datum import describe_datum
+from skywright.missions.skills.datum import describe_datum, list_datum_marks
 from skywright.models.eddy_current import Instrument
 from skywright.models.rigid_body import build_body_model, compute_tip, posture
 from skywright.planning.patterns import build_pattern
@@ -337,6 +337,7 @@ def draw_contact(result: RunResult[Scan, ScanWay]) -> Figure | None:
 
 FIGURES = Figures(
     describe,
+    marks=list_datum_marks,
     charts={
         "weld_map": Chart(
             "Weld map",

@@ -32,8 +32,10 @@ from skywright.missions.scan.welds import WELD_MEASURES, judge_welds
 from skywright.missions.skills.datum import (
     DATUM_MEASURES,
     DATUM_WHERE,
+    get_datum,
     judge_datum,
     read_datum,
+    spread_over_pipe,
 )
 from skywright.missions.skills.survey import PHASE, read_touches
 from skywright.missions.skills.surveyed import (
@@ -118,8 +120,8 @@ def compute_metrics(run: Flown[Scan, ScanWay]) -> dict[str, float]:
     if surveyed is not None and run.way.survey is not None:
         out |= judge_survey(run.setup, surveyed, run.way.survey.points, get_tip(run.setup))
         if surveyed.mark is not None:
-            work = SCAN.select(samples, phases)
-            out |= judge_datum(run.setup, surveyed.mark, samples, work)
+            work, std = SCAN.select(samples, phases), run.once(find_place_std)
+            out |= judge_datum(run.setup, surveyed.mark, samples, work, std or 0.0)
     scan = SCAN.select(samples, phases)
     if not np.any(scan):
         return out
@@ -200,6 +202,15 @@ def find_survey(run: Flown[Scan, ScanWay]) -> Surveyed | None:
         return None
     mark = read_datum(run.setup, run.samples, run.phases)
     return fit_touches(run.setup, touches, get_tip(run.setup), mark)
+
+
+def find_place_std(run: Flown[Scan, ScanWay]) -> float | None:
+    """Largest deviation (m), each way, of a place of the pattern from the datum; None without."""
+    surveyed, datum = run.once(find_survey), get_datum(run.setup)
+    if surveyed is None or surveyed.mark is None or datum is None:
+        return None
+    corners = run.way.corners_sphi
+    return spread_over_pipe(run.setup, surveyed.found, datum, surveyed.mark, corners)
 
 
 def get_surface(run: Flown[Scan, ScanWay]) -> Cylinder | None:

@@ -160,7 +160,9 @@ def _plan_on(
             robot.force_sensor is not None, mark,
         )  # fmt: skip
         if mark is not None:
-            hidden = explain_view(setup, stand_off, compute_aside(cylinder, error, mark))
+            hidden = explain_view(
+                setup, stand_off, float(reach[0]), compute_aside(cylinder, error, mark)
+            )
             if hidden:
                 return refuse(hidden, 0.0)
     query, scene, loads, hover = setup.clearance, setup.planning_scene, setup.loads, setup.hover

@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from skywright.core.arrays import Array, Mask, Samples
-from skywright.core.rotations import rot_y
+from skywright.core.rotations import exp_so3, rot_y
 from skywright.description.world.structure import Surface, build_surface, find_place, locate_point
-from skywright.description.world.surface import Cylinder, unroll_points
+from skywright.description.world.surface import Cylinder, roll_points, unroll_points
+from skywright.inspection.touches import FoundCylinder
 from skywright.models.things.datum import Datum, find_datum
 from skywright.recordings.columns import has_columns
 from skywright.run.flight import PhaseRecord
@@ -42,6 +43,11 @@ DATUM_MEASURES: Measures = {
         "less what the measured tip is off by while it works",
     ),
     "datum.std_mm": ("mm", "standard deviation of the datum mark's place, each way, as stated"),
+    "datum.place_std_mm": (
+        "mm",
+        "standard deviation of the place of the work that is farthest from the mark, each way, as "
+        "stated",
+    ),
 }
 """Metrics of a flight that looked at a datum."""
 DATUM_WHERE = {"datum.": Where((PHASE,))}
@@ -63,39 +69,58 @@ def get_datum(setup: Setup[Any]) -> Datum | None:
     return find_datum(setup.world)
 
 
-def explain_view(setup: Setup[Any], stand_off: float, reach: float) -> str:
+def explain_view(setup: Setup[Any], stand_off: float, reach: float, aside: float) -> str:
     """Say why the camera may miss the mark from `stand_off` (m) over its place by the map, or "".
 
-    The true mark may be `reach` (m) aside.
+    The true surface may be `reach` (m) nearer or farther, the mark `aside` (m) along it.
     """
     probe, plant = setup.robot.probe, setup.description.plant
     assert probe is not None and probe.camera is not None
-    camera = probe.camera
+    camera, instead = probe.camera, "or set mission.task.datum=false"
     away = stand_off + camera.back_m
-    sees = away * math.tan(0.5 * math.radians(camera.field_of_view_deg))
-    if away > camera.range_max_m:
+    sees = (away - reach) * math.tan(0.5 * math.radians(camera.field_of_view_deg))
+    far = abs(camera.aside_m) + aside
+    slant = math.sqrt(2.0) * plant.map_error_deg + math.degrees(math.atan2(far, away - reach))
+    if camera.rate_hz * LOOK_S < LEAST_IMAGES:
         return (
-            f"robot.probe.camera sees {camera.range_max_m:g} m far; the datum is {away:.2f} m away "
-            "where the robot looks at it: raise range_max_m or set mission.task.datum=false"
+            f"robot.probe.camera.rate_hz = {camera.rate_hz:g} gives {camera.rate_hz * LOOK_S:.0f} "
+            f"images of the datum in {LOOK_S:g} s, {LEAST_IMAGES} are needed: raise it, {instead}"
         )
-    if abs(camera.aside_m) + reach <= sees:
-        return ""
-    return (
-        f"robot.probe.camera sees {1e3 * sees:.0f} mm to each side at {away:.2f} m; the datum may "
-        f"be {1e3 * (abs(camera.aside_m) + reach):.0f} mm aside, plant.map_error_m = "
-        f"{plant.map_error_m:g} included: raise field_of_view_deg or set "
-        "mission.task.datum=false"
-    )
+    if away + reach > camera.range_max_m:
+        return (
+            f"robot.probe.camera sees {camera.range_max_m:g} m far; the datum may be "
+            f"{away + reach:.2f} m away where the robot looks at it: raise range_max_m, {instead}"
+        )
+    if far > sees:
+        return (
+            f"robot.probe.camera sees {1e3 * sees:.0f} mm to each side at {away - reach:.2f} m; "
+            f"the datum may be {1e3 * far:.0f} mm aside, plant.map_error_m = "
+            f"{plant.map_error_m:g} included: raise field_of_view_deg, {instead}"
+        )
+    if slant > camera.slant_max_deg:
+        return (
+            f"robot.probe.camera.slant_max_deg = {camera.slant_max_deg:g}: the datum may be seen "
+            f"at {slant:.0f} deg from its normal: raise it, {instead}"
+        )
+    return ""
 
 
 def look_at_datum(s: Supervisor[Any], setup: Setup[Any]) -> SeenMark | str:
-    """Look at the mark from where the robot rests; returns where it is, or what failed."""
+    """Look at the mark from where the robot rests; returns where it is, or what failed.
+
+    A look that a pilot's take-over interrupted is made anew.
+    """
     mark = s.vehicle.look(DatumMark)
-    s.begin(PHASE)
-    s.body.hold()
-    before = float(mark.images), np.array(mark.p_WM)
-    s.wait(LOOK_S)
-    after = float(mark.images), np.array(mark.p_WM)
+    while True:
+        s.begin(PHASE)
+        s.body.hold()
+        began = s.vehicle.t
+        before = float(mark.images), np.array(mark.sum_W)
+        s.wait(LOOK_S)
+        if s.vehicle.t - began < LOOK_S + 0.1:
+            break
+        s.end("retry")
+    after = float(mark.images), np.array(mark.sum_W)
     seen = _build_seen(
         setup, before, after, np.array(s.vehicle.estimate["p_WT"]), s.vehicle.pose_std
     )
@@ -114,7 +139,7 @@ def read_datum(
     if len(mine) < 2:
         return None
     before, after = (
-        (float(row["datum_images"]), np.array(row["datum_p_WM"])) for row in mine[[0, -1]]
+        (float(row["datum_images"]), np.array(row["datum_sum_W"])) for row in mine[[0, -1]]
     )
     std = float(mine["pose_std"][-1]) if has_columns(samples, "pose_std") else math.nan
     seen = _build_seen(setup, before, after, mine["est_p_WT"][-1], std)
@@ -125,17 +150,15 @@ def _build_seen(
     setup: Setup[Any], before: tuple[float, Array], after: tuple[float, Array], p_WT: Array,
     pose_std: float,
 ) -> SeenMark | str:  # fmt: skip
-    """Take what was seen before the robot rested out of the mean; p_WT (3,) m is the tip then."""
-    (old, p_old), (all_, p) = before, after
-    images = all_ - old if all_ >= old else all_
+    """Return the mean of the images in between; p_WT (3,) m is the tip at the end."""
+    images = after[0] - before[0]
     if images < LEAST_IMAGES:
         return (
             f"datum: its mark was seen {images:.0f} times in {LOOK_S:g} s, at least {LEAST_IMAGES} "
             "are needed; it may be hidden, or off its place on the map by more than "
             "plant.map_error_* state"
         )
-    if all_ > images:
-        p = (all_ * p - old * p_old) / images
+    p = (after[1] - before[1]) / images
     away = float(np.linalg.norm(p - p_WT))
     return SeenMark(p, _compute_std(setup, images, away, pose_std), int(images))
 
@@ -153,6 +176,57 @@ def _compute_std(setup: Setup[Any], images: float, away: float, pose_std: float)
     noise = probe.camera.bearing_noise_rad * away / math.sqrt(images)
     place = math.sqrt(2.0) * pose_std if math.isfinite(pose_std) else 0.0
     return math.hypot(plant.probe_camera_error_m, turn * away, noise, place)
+
+
+def spread_over_pipe(
+    setup: Setup[Any], found: FoundCylinder, datum: Datum, mark: SeenMark, places: Array
+) -> float:
+    """Return the largest deviation (m), each way, of `places` (n, 2) (s m, phi rad) from the datum.
+
+    The mark pins one place. What touches leave open of the pipe's direction, axis and radius moves
+    the others: `found` is the registered pipe with the covariance of its fit. The error of the
+    tip's markers cancels as far as the tip is directed as it was at the mark.
+    """
+    cylinder, P = found.cylinder, found.fit.covariance
+    s, phi = datum.get_place()
+    p_M, _ = roll_points(cylinder, s, cylinder.radius * phi)
+    p, _ = roll_points(cylinder, places[:, 0], cylinder.radius * places[:, 1])
+    near = cylinder.radius * places[:, 1]
+    shifts = []
+    for k, step in enumerate(np.sqrt(np.diag(P))):
+        x = np.zeros(5)
+        x[k] = step
+        R = np.empty((3, 3))
+        exp_so3(np.array([x[0], 0.0, x[1]]), R)
+        moved = Cylinder(
+            cylinder.p_WP + cylinder.R_WP @ [x[2], 0.0, x[3]],
+            np.ascontiguousarray(cylinder.R_WP @ R), cylinder.radius + x[4], cylinder.half_length,
+        )  # fmt: skip
+        again = register_cylinder(moved, datum, SeenMark(p_M[0], 0.0, 0))
+        at, c, _ = unroll_points(again, p, near=near)
+        # an angle on the asset: its arc by the nominal radius
+        arc = c / again.radius * cylinder.radius
+        shifts.append(np.column_stack([at - places[:, 0], arc - near]) / step)
+    J = np.array(shifts)  # (5, n, 2)
+    spread = np.einsum("kna,kl,lna->na", J, P, J)
+    turned = 2.0 * np.sin(0.5 * np.abs(np.angle(np.exp(1j * (places[:, 1] - phi)))))
+    spread[:, 1] += (turned * setup.world.mocap.calibration_m) ** 2
+    return math.sqrt(mark.std**2 + float(np.max(spread)))
+
+
+def spread_over_structure(setup: Setup[Any], datum: Datum, mark: SeenMark, places: Array) -> float:
+    """Return the largest deviation (m), each way, of `places` (n, 2) m in S from the datum.
+
+    The heading of a surface that faces down, and the direction of a pillar's or tunnel's axis, may
+    be off by what the map states; the heading of a wall is touched.
+    """
+    structure = setup.world.structure
+    assert structure is not None
+    turn = math.radians(setup.description.plant.map_error_deg) / math.sqrt(3.0)
+    if structure.facing == "side" and structure.shape == "plane":
+        turn = 0.0
+    far = float(np.max(np.linalg.norm(places - np.array(datum.get_place()), axis=1)))
+    return math.hypot(mark.std, turn * far)
 
 
 def register_cylinder(found: Cylinder, datum: Datum, mark: SeenMark) -> Cylinder:
@@ -174,9 +248,11 @@ def register_surface(found: Surface, datum: Datum, mark: SeenMark) -> tuple[Arra
 
 
 def judge_datum(
-    setup: Setup[Any], mark: SeenMark, samples: Samples, work: Mask
+    setup: Setup[Any], mark: SeenMark, samples: Samples, work: Mask, spread: float
 ) -> dict[str, float]:
     """Compare the mark's place with the truth, along the surface.
+
+    `spread` (m) is the stated deviation of the place of the work that is farthest from it.
 
     What the measured tip is off by at `work` (n,) as well shifts mark and work alike, and is taken
     out; before any work, what it is off by throughout is left in.
@@ -198,7 +274,7 @@ def judge_datum(
         error = math.hypot(float(place[0]) - u, float(place[1]) - v)
     return {
         "datum.images": float(mark.images), "datum.error_mm": 1e3 * error,
-        "datum.std_mm": 1e3 * mark.std,
+        "datum.std_mm": 1e3 * mark.std, "datum.place_std_mm": 1e3 * spread,
     }  # fmt: skip
 
 
@@ -209,7 +285,8 @@ def describe_datum(metrics: Mapping[str, float], where: str) -> list[str]:
     return [
         f"The probe's camera saw the datum mark {metrics['datum.images']:.0f} times before the "
         f"touches. {where} counts from it, with a standard deviation of "
-        f"{metrics['datum.std_mm']:.1f} mm each way; in truth it was "
+        f"{metrics['datum.std_mm']:.1f} mm each way at the mark and up to "
+        f"{metrics['datum.place_std_mm']:.1f} mm at the places of the work; in truth the mark was "
         f"{metrics['datum.error_mm']:.1f} mm off."
     ]
 

@@ -20,6 +20,7 @@ from skywright.inspection.history.entries import (
     Reading,
 )
 from skywright.inspection.thickness import Rules
+from skywright.missions.bridge_contact.metrics import find_place_std
 from skywright.missions.bridge_contact.survey import read_survey
 from skywright.missions.skills.datum import read_datum
 from skywright.missions.skills.procedure import write_procedure
@@ -74,7 +75,7 @@ def build_entries(run: Flown[ThicknessSurvey, ThicknessWay]) -> Entries:
                       for name, e in zip(("thin", "thick"), check.errors, strict=True)},
         )  # fmt: skip
         calibrations.append((float(run.samples["t"][-1]), after))
-    surface, mark = find_surface(run), read_datum(run.setup, run.samples, run.phases)
+    surface = find_surface(run)
     readings, scans = [], []
     for k, one in enumerate(found, 1):
         name = f"ascans/{k:03d}.nde"
@@ -84,7 +85,7 @@ def build_entries(run: Flown[ThicknessSurvey, ThicknessWay]) -> Entries:
     return Entries(
         _name_wall(run.setup), tuple(readings), calibrations=tuple(calibrations),
         coverage=_build_coverage(run.task, found), nominal_mm=1e3 * procedure.nominal_m,
-        registration_std_m=None if mark is None else mark.std, scans=tuple(scans),
+        registration_std_m=find_place_std(run), scans=tuple(scans),
     )  # fmt: skip
 
 

@@ -81,7 +81,30 @@ def find_datum(world: World) -> Datum | None:
             f"world.things.{name}: world {world.name!r} has {has} for the datum to be on; valid: "
             f"{keys}, or a world with one"
         )
+    _check_extent(world, name, datum)
     return datum
+
+
+def _check_extent(world: World, name: str, datum: Datum) -> None:
+    """Raise InputError for a mark beside the pipe or the structure."""
+    u, v = datum.get_place()
+    if datum.on_pipe:
+        assert world.pipe is not None
+        within = [("s_m", u, 0.5 * world.pipe.length_m)]
+    else:
+        s = world.structure
+        assert s is not None
+        upright = s.shape == "cylinder" and s.facing == "side"
+        within = [("y_m", v, 0.5 * s.length_m) if upright else ("x_m", u, 0.5 * s.length_m)]
+        if s.shape == "plane":
+            within.append(("y_m", v, 0.5 * s.width_m))
+    for key, value, most in within:
+        if abs(value) > most:
+            what = "pipe" if datum.on_pipe else "structure"
+            raise InputError(
+                f"world.things.{name}.{key} = {value:g} lies beside the {what} of world "
+                f"{world.name!r}; valid: {-most:g} to {most:g}"
+            )
 
 
 def locate_datum(world: World, datum: Datum) -> Frame:
