@@ -96,9 +96,8 @@ def match(
     errors: list[float | None] = []
     for f, row in zip(flaws, off, strict=False):
         mine = np.flatnonzero(row <= NEAR)
-        errors.append(
-            float(np.min(np.hypot(s[mine] - f.wanted[0], c[mine] - f.wanted[1]))) if mine.size else None
-        )  # fmt: skip
+        away = np.hypot(s[mine] - f.wanted[0], c[mine] - f.wanted[1])
+        errors.append(float(np.min(away)) if mine.size else None)
     false = int(np.count_nonzero(np.min(off, axis=0, initial=math.inf) > NEAR))
     return errors, false
 
