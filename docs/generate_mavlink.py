@@ -2,16 +2,19 @@
 
 python docs/generate_mavlink.py     (a minute; a test compares the page)
 
-Nothing is flown: what is written is what the commands answer before anything is connected.
+Nothing is flown: what is written is what the commands answer before anything is connected, and the
+rows of benchmarks/mavlink-events.csv.
 """
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 from typing import Any
 
 ACCEPTED = "**accepted**"
 PAGE = Path(__file__).parent / "reference" / "mavlink.md"
+EVENTS = Path(__file__).parent.parent / "benchmarks" / "mavlink-events.csv"
 HEAD = """# MAVLink: robots and missions
 
 What the commands answer for each built-in robot and mission before anything is connected, as
@@ -75,6 +78,15 @@ def list_missions() -> list[str]:
     return rows
 
 
+def list_events() -> list[str]:
+    """Return the rows of the flights in which something happened."""
+    with EVENTS.open(encoding="utf-8", newline="") as file:
+        return [
+            f"| {r['moment']} | {r['event']} | {r['reason'] or 'goes on'} | {r['vehicle']} |"
+            for r in csv.DictReader(file)
+        ]
+
+
 def _tell(says: str) -> str:
     return f"refused: {says}".replace("|", "\\|") if says else ACCEPTED
 
@@ -99,6 +111,20 @@ def build() -> str:
             "| mission | `run MISSION --backend px4` | `run MISSION --backend mavlink:URL` |",
             "|---|---|---|",
             *list_missions(),
+            "",
+            "## Events",
+            "",
+            "A mission of one way-point, flown by `run --backend mavlink:URL` with the robot of",
+            "`serve hexarotor --mavlink URL`, both on one clock: nothing gets through for 0.2 s,",
+            "for 2 s or any more; the autopilot restarts; the pilot takes over for 3 s and gives",
+            "back, or lands. Each happens once in each phase",
+            "(`python benchmarks/mavlink_events.py`), as the",
+            "[rules](../howto/real-vehicle.md#rules) say. The last column is the vehicle 15 s",
+            "after the end of the mission. `touch-down` is the autopilot's landing at the end.",
+            "",
+            "| phase | event | the mission | the vehicle |",
+            "|---|---|---|---|",
+            *list_events(),
             "",
         ]
     )

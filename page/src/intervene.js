@@ -8,6 +8,8 @@ const ORDERS = [
 ];
 const DONE = { next: 'the hold ends', retry: 'the contact is tried again', retract: 'the robot draws back and holds' };
 
+const SAY_MS = 8000;
+
 export class Intervene {
   // `send` sends a message to the station.
   constructor(send) {
@@ -16,12 +18,20 @@ export class Intervene {
     this.mode = make('select', { id: 'mode', 'aria-label': 'What the stick does with the platform' });
     this.mode.addEventListener('change', () => send({ k: 'mode', what: this.mode.value }));
     this.orders = ORDERS.map(([what, text, title]) => {
-      const b = button(text, () => { this.ordered = what; send({ k: 'order', what }); }, { id: what, title });
+      const b = button(text, () => this.order(what), { id: what, title });
       b.dataset.title = title;
       return b;
     });
     this.bar = make('div', { class: 'bar', id: 'intervene', role: 'group', 'aria-label': 'Intervene' }, this.fly, this.mode, ...this.orders);
     this.bar.hidden = true;
+  }
+
+  // Give an order, and say so for a while.
+  order(what) {
+    this.ordered = what;
+    clearTimeout(this.saying);
+    this.saying = setTimeout(() => { this.ordered = null; }, SAY_MS);
+    this.send({ k: 'order', what });
   }
 
   load(data) {
@@ -60,7 +70,7 @@ export class Intervene {
       if (!(status.age_s < 1)) out.push('No stick for more than 1 s: after 5 s the robot is taken back, comes home and lands.');
     } else if (pilot?.switch) out.push('The robot is taken over.');
     if (status.waits) out.push('The robot has drawn back from the contact and holds: retry, next, abort or land now. Without an order it comes home after 120 s.');
-    else if (this.ordered && !status.said) out.push(`Ordered: ${DONE[this.ordered]}.`);
+    else if (this.ordered && !status.said && !status.order) out.push(`Ordered: ${DONE[this.ordered]}.`);
     return out;
   }
 }

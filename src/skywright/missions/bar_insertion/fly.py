@@ -144,7 +144,7 @@ def _lay_down(
     move_platform(s, above, yaw, NEAR_SPEED)
     back = find_platform(way.grip, way.rack) + [0.0, 0.0, LIFT]
     move_platform(s, back, way.rack.yaw, CARRY_SPEED, CARRY_ACCELERATION)
-    return put_down(s, way.grip, way.rack, weight, speeds, "lay down")
+    return not put_down(s, way.grip, way.rack, weight, speeds, "lay down")
 
 
 def _set_free(s: Supervisor, leader: BarLeader) -> None:

@@ -37,6 +37,12 @@ DEEP = 0.04  # m, below its place: a tool that is lowered further has missed it
 ALIGN_RATE = 0.5  # 1/s, at which the platform makes up for where the tool hangs
 ALIGN_M = 0.004  # m, to which it does
 ALIGN_SPEED = 0.05  # m/s
+READY_M = 0.012  # m, above its place, where a tool waits until it will meet it
+LOWER_RATE = 1.0  # 1/s, at which it comes there: that of the platform's loop, which lags by
+LAG_S = 0.35  # s
+WAITS_S = 60.0  # s, for the way down
+MEETS_M = 0.005  # m, from its place that a tool may stand: half of what is allowed
+LATEST = 10  # ticks, over which its drift is measured: an eighth of a swing
 TILT_MAX = math.radians(12.0)  # of a handle that hangs in both hooks
 STRAY = 0.2  # m, from the hands: a tool further away, or tilted more, has fallen
 
@@ -257,28 +263,40 @@ def _touch(s: Supervisor, grip: Grip, speed: float) -> bool:
 def put_down(
     s: Supervisor, grip: Grip, place: Place, weight_n: float, speeds: tuple[float, float],
     phase: str,
-) -> bool:  # fmt: skip
+) -> str:  # fmt: skip
     """Bring the hanging tool over `place`, lower it (`phase`), and draw the hooks out.
 
-    The platform makes up for where the tool hangs until it stands. Where nothing takes its weight
-    at `place` it is lifted again, stays on the hooks, and False is returned.
+    The platform makes up for where the tool hangs until it stands. Gusts move both by more than
+    that in the seconds of the way down, so the tool waits READY_M above its place until it will
+    meet it. Returns "", or why the tool was lifted again and stays on the hooks.
     """
     weight = Weight(s, weight_n)
     align_tool(s, weight, place, 1.5 * weight_n)
     s.begin(phase)
-    height, ends = float(s.vehicle.reference["p_WB"][2]), s.vehicle.t + 30.0
+    height, ends = float(s.vehicle.reference["p_WB"][2]), s.vehicle.t + WAITS_S
+    errors, meets = [place.p_WO - measure_tool(s)[0]], False
     while weight.carried > LIGHT_N:
-        if s.vehicle.t > ends or measure_tool(s)[0][2] < place.p_WO[2] - DEEP:
+        error = place.p_WO - measure_tool(s)[0]
+        errors = [*errors[-LATEST:], error]
+        if -error[2] < 1.5 * READY_M and not meets:
+            drift = (error - errors[0]) / (MISSION_TICK * (len(errors) - 1))
+            arrives = error + drift * (LAG_S - error[2] / speeds[1])
+            meets = max(math.hypot(*error[:2]), math.hypot(*arrives[:2])) < MEETS_M
+        if s.vehicle.t > ends or error[2] > DEEP:
             while float(s.vehicle.reference["p_WB"][2]) < height:
                 weight.step(s, np.array([0.0, 0.0, speeds[1]]), 1.5 * weight_n)
-            return False
-        v = _correct(place.p_WO - measure_tool(s)[0])
-        standing = weight.carried < 0.7 * weight_n
-        v = np.zeros(3) if standing else v
-        v[2] = -speeds[1]
+            if not meets:
+                return f"the tool did not come within {1e3 * MEETS_M:g} mm of its place: it swings"
+            return "nothing took the tool's weight at its place"
+        if weight.carried < 0.7 * weight_n:  # it stands
+            v = np.array([0.0, 0.0, -speeds[1]])
+        else:
+            v = _correct(error)
+            slow = LOWER_RATE * (error[2] + READY_M)
+            v[2] = -speeds[1] if meets else min(max(slow, -speeds[1]), speeds[1])
         weight.step(s, v, 1.5 * weight_n)
     let_go(s, grip, speeds[0])
-    return True
+    return ""
 
 
 def align_tool(s: Supervisor, weight: Weight, place: Place, most: float) -> None:

@@ -90,8 +90,7 @@ def fly(s: Supervisor[ToolInstall], way: ToolPlan) -> Flight:
     if s.operator is not None:
         reason = install_by_operator(s, s.operator, way.grip, seat, weight, speeds)
     else:
-        stands = put_down(s, way.grip, seat, weight, speeds, "install")
-        reason = "" if stands else "the pipe did not take the tool's weight"
+        reason = put_down(s, way.grip, seat, weight, speeds, "install")
     if reason:
         return Flight(False, f"{reason}; {_give_up(s, way, place, weight, speeds)}")
     s.begin("wait")
