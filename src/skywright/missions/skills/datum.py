@@ -217,14 +217,14 @@ def spread_over_pipe(
 def spread_over_structure(setup: Setup[Any], datum: Datum, mark: SeenMark, places: Array) -> float:
     """Return the largest deviation (m), each way, of `places` (n, 2) m in S from the datum.
 
-    The heading of a surface that faces down, and the direction of a pillar's or tunnel's axis, may
-    be off by what the map states; the heading of a wall is touched.
+    The heading of a surface that faces down may be off by what the map states; that of one that
+    faces to the side is touched, and none is turned about its normal.
     """
     structure = setup.world.structure
     assert structure is not None
-    turn = math.radians(setup.description.plant.map_error_deg) / math.sqrt(3.0)
-    if structure.facing == "side" and structure.shape == "plane":
-        turn = 0.0
+    turn = 0.0
+    if structure.facing == "down":
+        turn = math.radians(setup.description.plant.map_error_deg) / math.sqrt(3.0)
     far = float(np.max(np.linalg.norm(places - np.array(datum.get_place()), axis=1)))
     return math.hypot(mark.std, turn * far)
 
