@@ -143,7 +143,7 @@ def test_what_separates_a_crack_from_a_weld_grows_with_the_coil() -> None:
 def test_a_crack_beside_the_sector_is_no_false_call() -> None:
     t, z, s, c = scan(Crack(s_m=0.01), np.random.default_rng(7))
     found = search(t, z, s, c)
-    assert match(found, [], [Flaw("a", Crack(), 0.01, 0.0)]) == ([], 0)
+    assert match(found, [], [Flaw("a", Crack(), 0.01, 0.0, (0.01, 0.0))]) == ([], 0)
     assert match(found, [], [])[1] == 1
 
 
@@ -196,11 +196,11 @@ def test_wrong_blocks_are_told() -> None:
 def test_each_report_is_a_flaw_or_a_false_call() -> None:
     t, z, s, c = scan(Crack(s_m=0.01), np.random.default_rng(7))
     found = search(t, z, s, c)
-    here = Flaw("a", Crack(), 0.01, 0.0)
+    here = Flaw("a", Crack(), 0.01, 0.0, (0.01, 0.0))
     assert match(found, [here])[1] == 0
     assert match(found, [here])[0][0] == pytest.approx(0.0, abs=0.0015)
     assert match(found, [here._replace(s=0.05)]) == ([None], 1)
-    long = Flaw("b", Crack(length_m=0.04, angle_deg=90.0), -0.01, 0.0)
+    long = Flaw("b", Crack(length_m=0.04, angle_deg=90.0), -0.01, 0.0, (-0.01, 0.0))
     assert float(long.measure(np.array([0.01]), np.array([0.003]))[0]) == pytest.approx(0.003)
 
 

@@ -12,6 +12,7 @@ import pytest
 from skywright.core.rotations import rot_x, rot_y, rot_z
 from skywright.description.loader import load_description
 from skywright.description.map_error import displace_world
+from skywright.description.world.datum import find_datum, locate_datum
 from skywright.description.world.spec import Pipe
 from skywright.description.world.structure import Structure, build_surface, find_place, locate_point
 from skywright.description.world.surface import (
@@ -40,7 +41,7 @@ from skywright.missions.skills.datum import (
 from skywright.missions.skills.surveyed import move_pipe
 from skywright.missions.skills.surveyed_structure import move_structure
 from skywright.missions.tool_install.plan import find_places
-from skywright.models.things.datum import Datum, find_datum, locate_datum
+from skywright.models.things.datum import Datum
 from skywright.planning.scan import choose_axes
 from skywright.planning.survey import choose_points
 from skywright.run.backends import build_vehicle

@@ -154,8 +154,10 @@ def test_what_exceeds_a_limit_is_refused_with_it(changed: dict[str, float], code
 def test_each_joint_s_acceleration_moves_the_centre_of_mass() -> None:
     """The thrusts carry the weight and accelerate the centre of mass, found by differences."""
     setup = Setup(load_description("pipe-weld-scan", "othex"))
-    rotors, model, home = setup.rotors, View(setup.model[0]), posture(setup.robot, "working")
-    k, q, turn = View(np.zeros(1, Kinematics.dtype)[0]), np.zeros(MAX_JOINTS), np.zeros(MAX_JOINTS)
+    rotors, home = setup.rotors, posture(setup.robot, "working")
+    model: Any = setup.model.view(np.recarray)[0]  # for compiled and plain functions
+    k: Any = np.zeros(1, Kinematics.dtype).view(np.recarray)[0]
+    q, turn = np.zeros(MAX_JOINTS), np.zeros(MAX_JOINTS)
     n = len(home)
     q[:n], turn[:n] = home + 0.3, np.linspace(1.0, -2.0, n)
 

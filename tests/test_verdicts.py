@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from skywright.description.loader import load_description
+from skywright.description.world.surface import level_axes
 from skywright.missions.bridge_contact.metrics import compute_bench_metrics
 from skywright.missions.sensor_install.metrics import find_place
 from skywright.run.flight import PhaseRecord
@@ -96,10 +97,11 @@ def test_a_sensor_has_a_place() -> None:
     assert pipe is not None
     aside = math.radians(20.0)
     local = pipe.radius * np.array([[math.sin(aside), 0.0, -math.cos(aside)]]) + [0.0, 0.07, 0.0]
-    around, along = find_place(pipe.p_WP + local @ pipe.R_WP.T, pipe)
+    R = level_axes(pipe.R_WP)  # below is where gravity has it
+    around, along = find_place(pipe.p_WP + local @ R.T, pipe)
     assert around == pytest.approx(pipe.radius * aside) and along == pytest.approx(0.07)
     slips = np.vstack([local, local * [0.0, 1.0, 1.0] - [0.0, 0.01, 0.0]])
-    assert find_place(pipe.p_WP + slips @ pipe.R_WP.T, pipe) == pytest.approx((around, along))
+    assert find_place(pipe.p_WP + slips @ R.T, pipe) == pytest.approx((around, along))
 
 
 @pytest.mark.parametrize(

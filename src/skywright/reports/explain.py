@@ -9,11 +9,11 @@ import numpy as np
 
 from skywright.core.keys import iterate_leaves
 from skywright.description.robot.limbs import list_joints
+from skywright.description.world.datum import find_datum
 from skywright.description.world.things import find_marker
 from skywright.models.deviated_sensors import draw_noise_factors
 from skywright.models.deviation import build_deviation
 from skywright.models.nominal import Nominal
-from skywright.models.things.datum import find_datum
 from skywright.reports.summary import (
     describe_inertial,
     describe_link,

@@ -12,7 +12,7 @@ from typing import Any
 from skywright.core.record import Vec3
 from skywright.core.rotations import mat_vec
 from skywright.core.scratch import local
-from skywright.models.things.datum import find_datum
+from skywright.description.world.datum import find_datum
 from skywright.vehicle.bus import Estimate
 from skywright.vehicle.component import Component, Out, Output, Recorded
 from skywright.vehicle.readings import DatumImage

@@ -15,10 +15,10 @@ import numpy as np
 
 from skywright.core.arrays import Array, Mask, Samples
 from skywright.core.rotations import exp_so3, rot_y
+from skywright.description.world.datum import DatumThing, find_datum
 from skywright.description.world.structure import Surface, build_surface, find_place, locate_point
 from skywright.description.world.surface import Cylinder, roll_points, unroll_points
 from skywright.inspection.touches import FoundCylinder
-from skywright.models.things.datum import Datum, find_datum
 from skywright.recordings.columns import has_columns
 from skywright.run.flight import PhaseRecord
 from skywright.run.kind import Mark, Measures
@@ -61,7 +61,7 @@ class SeenMark(NamedTuple):
     images: int
 
 
-def get_datum(setup: Setup[Any]) -> Datum | None:
+def get_datum(setup: Setup[Any]) -> DatumThing | None:
     """Return the datum that the mission refers to: None without a mark or a camera that sees it."""
     probe = setup.robot.probe
     if probe is None or probe.camera is None or not getattr(setup.task, "datum", False):
@@ -179,7 +179,7 @@ def _compute_std(setup: Setup[Any], images: float, away: float, pose_std: float)
 
 
 def spread_over_pipe(
-    setup: Setup[Any], found: FoundCylinder, datum: Datum, mark: SeenMark, places: Array
+    setup: Setup[Any], found: FoundCylinder, datum: DatumThing, mark: SeenMark, places: Array
 ) -> float:
     """Return the largest deviation (m), each way, of `places` (n, 2) (s m, phi rad) from the datum.
 
@@ -214,7 +214,9 @@ def spread_over_pipe(
     return math.sqrt(mark.std**2 + float(np.max(spread)))
 
 
-def spread_over_structure(setup: Setup[Any], datum: Datum, mark: SeenMark, places: Array) -> float:
+def spread_over_structure(
+    setup: Setup[Any], datum: DatumThing, mark: SeenMark, places: Array
+) -> float:
     """Return the largest deviation (m), each way, of `places` (n, 2) m in S from the datum.
 
     The heading of a surface that faces down may be off by what the map states; that of one that
@@ -229,7 +231,7 @@ def spread_over_structure(setup: Setup[Any], datum: Datum, mark: SeenMark, place
     return math.hypot(mark.std, turn * far)
 
 
-def register_cylinder(found: Cylinder, datum: Datum, mark: SeenMark) -> Cylinder:
+def register_cylinder(found: Cylinder, datum: DatumThing, mark: SeenMark) -> Cylinder:
     """Return the pipe shifted along its axis and turned about it until the mark is at its place."""
     s, phi = datum.get_place()
     at, c, _ = unroll_points(found, mark.p_WM[None], near=found.radius * phi)
@@ -240,7 +242,7 @@ def register_cylinder(found: Cylinder, datum: Datum, mark: SeenMark) -> Cylinder
     )
 
 
-def register_surface(found: Surface, datum: Datum, mark: SeenMark) -> tuple[Array, Array]:
+def register_surface(found: Surface, datum: DatumThing, mark: SeenMark) -> tuple[Array, Array]:
     """Return S (3,) m and its normal (3,) for the mark to be at its place on the structure."""
     off = find_place(found, mark.p_WM)[:2] - np.array(datum.get_place())
     p, R = locate_point(found, off)

@@ -18,7 +18,7 @@ from skywright.core.record import Mat3, Record, Vec3
 from skywright.core.rotations import exp_so3, mat_mat, mat_t_mat, mat_t_vec
 from skywright.core.scratch import local
 from skywright.description.robot.camera import ProbeCamera
-from skywright.models.things.datum import find_datum, locate_datum
+from skywright.description.world.datum import find_datum, locate_datum
 from skywright.vehicle.bus import Clock, Truth
 from skywright.vehicle.component import Component, Normal, Out, Recorded, Sensor, Streamed
 from skywright.vehicle.readings import DatumImage
