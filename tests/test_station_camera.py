@@ -180,6 +180,12 @@ def test_a_zero_that_jumps_is_told_and_found_again(sensor, jump):
     assert np.max(error[aloft]) < 0.05 and np.linalg.norm(s["v_WB"][-1]) < 0.1
 
 
+def test_a_noisy_camera_is_not_taken_for_an_inertial_unit_that_is_off():
+    """Its attitude has 1.82 times the stated noise, the most that is drawn: no rule acts."""
+    _, m = fly(seed=103)
+    assert m["estimate.position_rms_mm"] < 20.0
+
+
 def test_both_ways_of_running_are_bit_identical():
     sets = ("mission.hover_height_m=0.8",)
     d = [load("waypoints", robot="f550-bridge", sets=[STATION, *sets, f"mission.mode={m!r}"])
