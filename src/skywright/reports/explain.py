@@ -9,7 +9,7 @@ import numpy as np
 
 from skywright.core.keys import iterate_leaves
 from skywright.description.robot.limbs import list_joints
-from skywright.description.world.datum import find_datum
+from skywright.description.world.datum import find_seen_datum
 from skywright.description.world.things import find_marker
 from skywright.models.deviated_sensors import draw_noise_factors
 from skywright.models.deviation import build_deviation
@@ -174,7 +174,7 @@ def _list_sensors(d: Description[Any]) -> dict[str, Spec]:
         tables |= {"tracking camera": r.tracking_camera, "range finder": r.range_finder}
     if find_marker(w.things):
         tables["camera"] = r.camera
-    if r.probe is not None and find_datum(w):
+    if r.probe is not None and find_seen_datum(r, w):
         tables["datum camera"] = r.probe.camera
     tables |= {c.name: c.table for c in build_named(d) if c.group == "sensor"}
     return {name: table for name, table in tables.items() if table is not None}

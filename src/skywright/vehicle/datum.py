@@ -12,7 +12,7 @@ from typing import Any
 from skywright.core.record import Vec3
 from skywright.core.rotations import mat_vec
 from skywright.core.scratch import local
-from skywright.description.world.datum import find_datum
+from skywright.description.world.datum import find_seen_datum
 from skywright.vehicle.bus import Estimate
 from skywright.vehicle.component import Component, Out, Output, Recorded
 from skywright.vehicle.readings import DatumImage
@@ -38,8 +38,7 @@ class DatumEstimate(Component):
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
         """Yield one for a robot with a camera at its probe, where there is a datum."""
-        probe = context.robot.probe
-        if probe is not None and probe.camera is not None and find_datum(context.world):
+        if find_seen_datum(context.robot, context.world):
             yield cls("datum")
 
     @staticmethod

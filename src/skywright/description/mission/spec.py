@@ -139,9 +139,8 @@ class Plant(Spec):
     probe_camera_error_deg: NonNegative = 0.2
     # the true pipe or structure is up to this far, either way, from the map (world file)
     map_error_m: float = Field(default=0.0, ge=0, le=0.2)  # each axis
-    map_error_deg: float = Field(
-        default=0.0, ge=0, le=20
-    )  # heading, inclination or slope, turn about an axis
+    # heading, inclination or slope, rotation of a pipe about its axis
+    map_error_deg: float = Field(default=0.0, ge=0, le=20)
     map_error_size_m: float = Field(default=0.0, ge=0, le=0.05)  # radius
     # where tracked things that do not move, as a socket, stand against the world file
     socket_x_error_m: float = Field(default=0.0, ge=-0.1, le=0.1)  # in the socket's frame

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from skywright.core.spec import Coordinate
+from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.description.world.structure import build_surface, locate_point
 from skywright.description.world.surface import build_cylinder, surface_frame, surface_point
@@ -57,6 +58,11 @@ class DatumThing(Thing):
         if self.on_pipe:
             return f"datum mark at s = {u:g} m, {math.degrees(v):g} deg"
         return f"datum mark at ({u:g}, {v:g}) m"
+
+
+def find_seen_datum(robot: Robot, world: World) -> DatumThing | None:
+    """Return the datum that a robot's camera at the probe can measure, or None; see find_datum."""
+    return None if robot.probe is None or robot.probe.camera is None else find_datum(world)
 
 
 def find_datum(world: World) -> DatumThing | None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from skywright.core.arrays import Array, Mask, Samples
 from skywright.core.rotations import exp_so3, rot_y
-from skywright.description.world.datum import DatumThing, find_datum
+from skywright.description.world.datum import DatumThing, find_datum, find_seen_datum
 from skywright.description.world.structure import Surface, build_surface, find_place, locate_point
 from skywright.description.world.surface import Cylinder, roll_points, unroll_points
 from skywright.inspection.touches import FoundCylinder
@@ -63,10 +63,8 @@ class SeenMark(NamedTuple):
 
 def get_datum(setup: Setup[Any]) -> DatumThing | None:
     """Return the datum that the mission refers to: None without a mark or a camera that sees it."""
-    probe = setup.robot.probe
-    if probe is None or probe.camera is None or not getattr(setup.task, "datum", False):
-        return None
-    return find_datum(setup.world)
+    asked = getattr(setup.task, "datum", False)  # tasks without the key do not look
+    return find_seen_datum(setup.robot, setup.world) if asked else None
 
 
 def explain_view(setup: Setup[Any], stand_off: float, reach: float, aside: float) -> str:

@@ -115,14 +115,20 @@ def is_seen(me: Any, p_CM: Any, R_CM: Any) -> bool:
 
 
 @helper
+def spoil_place(me: Any, p_C: Any, draw: Any) -> None:
+    """Add the noise of two bearings and the distance, `draw` (3,), to a place p_C (3,) m."""
+    distance = math.sqrt(p_C[0] * p_C[0] + p_C[1] * p_C[1] + p_C[2] * p_C[2])
+    share = 1.0 + me.sigma_range * draw[2]
+    p_C[0] = share * (p_C[0] + distance * me.sigma_bearing * draw[0])
+    p_C[1] = share * (p_C[1] + distance * me.sigma_bearing * draw[1])
+    p_C[2] = share * p_C[2]
+
+
+@helper
 def spoil_image(me: Any, p_C: Any, R_CM: Any, draw: Any, out: Any) -> None:
     """Fill the image of a marker at p_C (3,) m with its noise; p_C changes."""
-    distance = math.sqrt(p_C[0] * p_C[0] + p_C[1] * p_C[1] + p_C[2] * p_C[2])
     turn, rot, noisy, p_B = local(3), local(3, 3), local(3, 3), local(3)
-    share = 1.0 + me.sigma_range * draw.bearing[2]
-    p_C[0] = share * (p_C[0] + distance * me.sigma_bearing * draw.bearing[0])
-    p_C[1] = share * (p_C[1] + distance * me.sigma_bearing * draw.bearing[1])
-    p_C[2] = share * p_C[2]
+    spoil_place(me, p_C, draw.bearing)
     for a in range(3):
         turn[a] = me.sigma_R * draw.attitude[a]
     exp_so3(turn, rot)

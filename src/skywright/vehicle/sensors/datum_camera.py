@@ -18,11 +18,11 @@ from skywright.core.record import Mat3, Record, Vec3
 from skywright.core.rotations import exp_so3, mat_mat, mat_t_mat, mat_t_vec
 from skywright.core.scratch import local
 from skywright.description.robot.camera import ProbeCamera
-from skywright.description.world.datum import find_datum, locate_datum
+from skywright.description.world.datum import find_datum, find_seen_datum, locate_datum
 from skywright.vehicle.bus import Clock, Truth
 from skywright.vehicle.component import Component, Normal, Out, Recorded, Sensor, Streamed
 from skywright.vehicle.readings import DatumImage
-from skywright.vehicle.sensors.camera import is_seen
+from skywright.vehicle.sensors.camera import is_seen, spoil_place
 from skywright.vehicle.topics import BODY
 
 
@@ -59,9 +59,8 @@ class DatumCamera(Sensor):
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
         """Yield one for a robot with a camera at its probe, where there is a datum."""
-        probe = context.robot.probe
-        if probe is not None and probe.camera is not None and find_datum(context.world):
-            yield cls("datum camera", probe.camera)
+        if find_seen_datum(context.robot, context.world):
+            yield cls("datum camera", context.robot.probe.camera)
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Take the camera's data and the mark's true place."""
@@ -99,11 +98,7 @@ class DatumCamera(Sensor):
         mat_t_mat(R_WC, me.R_WM, R_CM)
         if not is_seen(me, p_C, R_CM):
             return
-        distance = math.sqrt(p_C[0] * p_C[0] + p_C[1] * p_C[1] + p_C[2] * p_C[2])
-        share = 1.0 + me.sigma_range * noise.image[2]
-        for a in range(2):
-            p_C[a] = share * (p_C[a] + distance * me.sigma_bearing * noise.image[a])
-        p_C[2] *= share
+        spoil_place(me, p_C, noise.image)
         for a in range(3):
             out.p_TM[a] = me.p_TC[a] + p_C[a]
         out.fresh = 1.0
