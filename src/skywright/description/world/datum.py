@@ -18,12 +18,7 @@ from skywright.errors import InputError
 
 
 class DatumThing(Thing):
-    """A printed mark that the probe's camera measures (`[robot.probe.camera]`); it has no solid.
-
-    Touches do not show where a robot is along a pipe and around it, or along a wall. The mark does:
-    its middle lies at (`s_m`, `around_deg`) on the pipe, or at (`x_m`, `y_m`) in the frame S of the
-    structure, by the asset's own count.
-    """
+    """The base of the kind "datum" (models/things/datum.py), which generic code may name."""
 
     s_m: Coordinate | None = None  # along the pipe's axis
     around_deg: float | None = Field(default=None, ge=-180, le=180)
