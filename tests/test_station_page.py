@@ -48,26 +48,44 @@ def _click(evaluate: Evaluate, name: str) -> None:
     evaluate(f"document.getElementById({name!r}).click()")
 
 
-def _control(evaluate: Evaluate) -> None:
-    """Take control, again where a loaded machine has let the lease run out."""
+def _control(evaluate: Evaluate) -> bool:
+    """Take control where this page does not have it; returns whether it had it.
 
-    def mine() -> bool:
-        if evaluate("window.skywright?.player.state?.mine === true"):
-            return True
-        evaluate("document.getElementById('take').click()")
-        return False
+    A loaded machine draws a page so slowly that its lease ends at any time: tests ask again.
+    """
+    if evaluate("window.skywright?.player.state?.mine === true"):
+        return True
+    evaluate("document.getElementById('take')?.click()")
+    return False
 
-    wait_for(mine)
+
+def _order(evaluate: Evaluate, name: str, done: Callable[[], object]) -> None:
+    """Press a button of whoever controls until `done`: an order without the lease is dropped."""
+
+    def ordered() -> bool:
+        pressed = _control(evaluate) and evaluate(f"""(() => {{
+            const b = document.getElementById({name!r});
+            if (!b || b.disabled) return false; b.click(); return true; }})()""")
+        try:
+            wait_for(done, 20.0 if pressed else 0.0)
+        except AssertionError:
+            return False
+        return True
+
+    wait_for(ordered)
 
 
 def _choose_speed(evaluate: Evaluate, speed: float) -> None:
     def done() -> object:
-        _control(evaluate)
-        return evaluate(f"""(() => {{ const s = document.getElementById('speed');
-            if (s.disabled) return false;
+        return _control(evaluate) and evaluate(f"""(() => {{
+            const s = document.getElementById('speed'); if (s.disabled) return false;
             s.value = {speed}; s.dispatchEvent(new Event('change')); return true; }})()""")
 
     wait_for(done)
+
+
+def _clock(evaluate: Evaluate) -> float:
+    return float(_text(evaluate, "clock").split(" ")[0])
 
 
 def _key(kind: str, code: str) -> str:
@@ -84,8 +102,7 @@ def test_a_flight_is_started_watched_paused_taken_over_and_aborted(
         assert one("document.getElementById('start').disabled") is True  # not in control yet
         _click(one, "take")
         one(f"document.querySelector('#setup textarea').value = {LONG!r}")
-        _click(one, "start")
-        wait_for(lambda: one("window.skywright.player.count > 30"))
+        _order(one, "start", lambda: one("window.skywright.player.count > 30"))
         # a page that is drawn slowly may see the robot later than in its take-off
         wait_for(lambda: _text(one, "phase") in ("take off", "waypoint 1", "hold 1"))
         # a second page watches, with an address of its own
@@ -96,22 +113,17 @@ def test_a_flight_is_started_watched_paused_taken_over_and_aborted(
         assert invited is not None
         with open_page(chromium, invited[0], tmp_path / "p2") as two:
             wait_for(lambda: two("window.skywright?.player.count > 10"))
-            _control(one)
-            wait_for(lambda: "page 1 controls" in _text(two, "who"))
+            wait_for(lambda: _control(one) and "page 1 controls" in _text(two, "who"))
             assert two("document.getElementById('abort').disabled") is True
-            _click(one, "pause")
-            wait_for(lambda: "paused" in _text(two, "clock"))
+            _order(one, "pause", lambda: "paused" in _text(two, "clock"))
             at = _text(two, "clock").split(" ")[0]
             wait_for(lambda: _text(one, "clock").startswith(f"{at} s"))
-            _control(two)  # takes over
-            wait_for(lambda: "page 2 controls" in _text(one, "who"))
-            _click(two, "pause")
-            wait_for(lambda: float(_text(two, "clock").split(" ")[0]) > float(at) + 0.5)
-            two("""(() => { const s = document.getElementById('speed'); s.value = 5;
-                s.dispatchEvent(new Event('change')); return true; })()""")
-            wait_for(lambda: float(_text(two, "clock").split(" ")[0]) > 12.0)
-            _click(two, "abort")
-            wait_for(lambda: "You ordered: abort" in _text(two, "alarms"))
+            wait_for(lambda: _control(two) and "page 2 controls" in _text(one, "who"))
+            _order(two, "pause", lambda: _clock(two) > float(at) + 0.5)
+            _choose_speed(two, 5)
+            wait_for(lambda: _clock(two) > 12.0)
+            _choose_speed(two, 1)
+            _order(two, "abort", lambda: "You ordered: abort" in _text(two, "alarms"))
             wait_for(lambda: "the operator ordered an abort" in _text(one, "alarms"))
             wait_for(lambda: two("window.skywright.player.state?.flying === false"))
             assert "aborted" in _text(two, "told")
@@ -136,8 +148,8 @@ def test_the_robot_is_taken_over_flown_by_keys_and_given_back(
         wait_for(lambda: page("document.documentElement?.dataset.ready") == "yes")
         _click(page, "take")
         page(f"document.querySelector('#setup textarea').value = {LONG!r}")
-        _click(page, "start")
-        wait_for(lambda: "passed" in str(page("document.getElementById('checks')?.textContent")))
+        checks = "document.getElementById('checks')?.textContent"
+        _order(page, "start", lambda: "passed" in str(page(checks)))
         rows = page("document.querySelectorAll('#checks tr').length")
         assert rows == 5
         assert page("document.getElementById('next').disabled") is True
@@ -147,22 +159,18 @@ def test_the_robot_is_taken_over_flown_by_keys_and_given_back(
         assert page("document.getElementById('retry').title").endswith(
             "hold 1 has no contact that this mission can repeat."
         )
-        _control(page)
-        _click(page, "fly")
-        wait_for(lambda: "fly the robot in position mode" in _text(page, "alarms"))
+        _order(page, "fly", lambda: "fly the robot in position mode" in _text(page, "alarms"))
         where = "window.skywright.view.parts[0].position"
         began = float(str(page(f"{where}.x")))
         page(_key("keydown", "Space"))
         page(_key("keydown", "KeyW"))
-        wait_for(lambda: float(str(page(f"{where}.x"))) > began + 0.3)
+        wait_for(lambda: _control(page) and float(str(page(f"{where}.x"))) > began + 0.3)
         page(_key("keyup", "KeyW"))
         page(_key("keyup", "Space"))
         assert page("document.getElementById('fly').textContent") == "Give the robot back"
-        _click(page, "fly")
-        wait_for(lambda: _text(page, "phase") == "hold 1")
+        _order(page, "fly", lambda: _text(page, "phase") == "hold 1")
         assert abs(float(str(page(f"{where}.x"))) - began) < 0.1  # it came back
-        _click(page, "next")
-        wait_for(lambda: "waypoints: succeeded" in _text(page, "logbook"))
+        _order(page, "next", lambda: "waypoints: succeeded" in _text(page, "logbook"))
 
 
 def test_a_hand_is_moved_by_keys_and_let_go(served: str, chromium: str, tmp_path: Path) -> None:
@@ -175,7 +183,7 @@ def test_a_hand_is_moved_by_keys_and_let_go(served: str, chromium: str, tmp_path
             document.getElementById('byhand').checked = true; return true; })()""")
         sets = "mission.task.hover_s=0\nmission.task.swing_deg=0\nmission.task.survey=false"
         page(f"document.querySelector('#setup textarea').value = {sets!r}")
-        _click(page, "start")
+        _order(page, "start", lambda: page("window.skywright.player.count > 0"))
         _choose_speed(page, 0)  # up to where the mission asks
         wait_for(lambda: "The mission asks for the operator" in _text(page, "alarms"))
         _choose_speed(page, 1)
@@ -197,13 +205,12 @@ def test_a_hand_is_moved_by_keys_and_let_go(served: str, chromium: str, tmp_path
         wait_for(lambda: read_way() < began - 15.0)
         page(_key("keyup", "Space"))
         wait_for(lambda: "Let go" in _text(page, "sticktext"))
-        stood, at = read_way(), float(_text(page, "clock").split(" ")[0])
-        wait_for(lambda: float(_text(page, "clock").split(" ")[0]) > at + 1.5)
+        stood, at = read_way(), _clock(page)
+        wait_for(lambda: _clock(page) > at + 1.5)
         assert read_way() > max(stood - 10.0, 5.0)  # `R` alone would be 22 mm
         page(_key("keyup", "KeyR"))
         _choose_speed(page, 0)
-        _click(page, "abort")
-        wait_for(lambda: "sensor-install: aborted" in _text(page, "logbook"))
+        _order(page, "abort", lambda: "sensor-install: aborted" in _text(page, "logbook"))
 
 
 def test_wrong_values_are_told_and_the_station_goes_on(
@@ -218,8 +225,7 @@ def test_wrong_values_are_told_and_the_station_goes_on(
             ("world.wind.mean_mps=NaN", "mean_mps"),
         ):
             page(f"document.querySelector('#setup textarea').value = {wrong!r}")
-            _click(page, "start")
-            wait_for(lambda says=says: says in _text(page, "told"))
+            _order(page, "start", lambda says=says: says in _text(page, "told"))
         assert page("window.skywright.player.state.flying") is False
 
 
