@@ -177,6 +177,22 @@ def test_noise_is_found_again():
         assert find_outliers(r, found.station, compute_walk(found, dt, path), 21.1)[100] == 1.0
 
 
+def test_noise_that_the_walk_hides_comes_from_the_data_sheet():
+    """A camera that walks 5 mm between two fixes hides 1 mm of the station; 60 s, 30 flights."""
+    n, true = 570, 0.0011
+    dt = np.full(n, 0.105) * (np.arange(n) > 0)
+    walk = DriftNoise(true, 0.005, 0.02)
+    apart = []
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        r = np.sqrt(compute_walk(walk, dt, 0.7 * dt))[:, None] * rng.normal(size=(n, 3))
+        r = np.cumsum(r, axis=0) + true * rng.normal(size=(n, 3))
+        apart.append([estimate_noise(r, dt, 0.7 * dt, sheet).station for sheet in (None, 0.0017)])
+    alone, told = np.array(apart).T / true
+    assert np.min(alone) < 0.6  # why the data sheet is asked
+    assert np.all((told > 0.7) & (told < 1.6))
+
+
 # --- clocks -------------------------------------------------------------------------------------
 
 

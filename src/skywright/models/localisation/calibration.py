@@ -99,12 +99,13 @@ def calibrate(
     fixed_time: bool = False,
     p_BP: Array | None = None,
     span: tuple[float, float] | None = None,
+    station_noise: float | None = None,
 ) -> Calibration:
     """Align `camera` to `station`, starting from a `time_offset` (s) that is right to about 0.2 s.
 
     `span` (s, station's clock) limits what is used; `p_BP` (3,) m fixes the prism's place, else it
     is estimated where the camera gives orientations that turn enough; `fixed_time` keeps the
-    offset. Raises InputError where too little is common.
+    offset; `station_noise` (m) is what the station's data sheet says (`estimate_noise`). Raises InputError where too little is common.
     """
     used = station if span is None else station.cut(*span)
     epoch = float(station.t[0])
@@ -141,7 +142,7 @@ def calibrate(
         r, J, names, path = _linearise(state, used, camera, middle, epoch, gap, free)
         known = np.isfinite(r[:, 0])
         if turn in (0, 2, 4, 8):
-            noise = estimate_noise(r[known], dt[known], path[known])
+            noise = estimate_noise(r[known], dt[known], path[known], station_noise)
             walk = compute_walk(noise, dt, path)
             outlier = np.ones(len(r))
             outlier[known] = find_outliers(r[known], noise.station, walk[known], GATE)

@@ -21,6 +21,8 @@ GATE = 21.1
 
 LEAST_STATION = 0.5e-3
 """m; no station and no camera is better."""
+SHEET_SPREAD = 0.3
+"""Natural logarithm: an instrument's noise is its data sheet's times exp(0.3), one sigma."""
 
 
 class DriftNoise(NamedTuple):
@@ -112,10 +114,12 @@ def compute_walk(noise: DriftNoise, dt: Array, path: Array) -> Array:
     return np.asarray(noise.per_sqrt_s**2 * dt + noise.per_sqrt_m**2 * path)
 
 
-def estimate_noise(r: Array, dt: Array, path: Array) -> DriftNoise:
+def estimate_noise(r: Array, dt: Array, path: Array, station: float | None = None) -> DriftNoise:
     """Noise of the residuals r (n, 3) m by maximum likelihood, outliers left out.
 
-    dt (n,) s and path (n,) m since the sample before (0 for the first).
+    dt (n,) s and path (n,) m since the sample before (0 for the first). `station` (m): the
+    station's white noise by its data sheet, taken for known to SHEET_SPREAD before the residuals:
+    where the camera walks several times as far between two samples, they hardly tell it.
     """
     step = np.diff(r, axis=0)
     size = float(np.median(np.abs(step))) / 0.6745 + 1e-6  # of white noise and walk together
@@ -135,7 +139,8 @@ def estimate_noise(r: Array, dt: Array, path: Array) -> DriftNoise:
 
     def cost(u: Array) -> float:
         noise = unpack(u)
-        return float(_cost(r, noise.station, compute_walk(noise, dt, path), outlier))
+        off = 0.0 if station is None else math.log(noise.station / station) / SHEET_SPREAD
+        return float(_cost(r, noise.station, compute_walk(noise, dt, path), outlier)) + off**2
 
     for time_share, path_share in (
         (middle, floor / 2),

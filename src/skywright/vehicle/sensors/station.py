@@ -21,6 +21,7 @@ from skywright.core.scratch import local
 from skywright.description.world.localisation import TotalStation
 from skywright.errors import InputError
 from skywright.models.localisation.calibration import Calibration, calibrate
+from skywright.models.localisation.drift_noise import LEAST_STATION
 from skywright.models.localisation.time_alignment import estimate_offset
 from skywright.models.sight import Sight
 from skywright.models.total_station import (
@@ -134,7 +135,10 @@ class StationCamera(Sensor):
         try:
             offset = estimate_offset(seen.station, seen.camera).offset
             p_BP = np.array(station[0]["p_BP"])
-            return calibrate(seen.station, seen.camera, offset, p_BP=p_BP)
+            return calibrate(
+                seen.station, seen.camera, offset, p_BP=p_BP,
+                station_noise=compute_noise(self.table, seen.station.p),
+            )  # fmt: skip
         except InputError as error:
             raise InputError(
                 "world.total_station and robot.tracking_camera cannot be calibrated on a flight of "
@@ -206,6 +210,13 @@ class StationCamera(Sensor):
         """Worlds that are localised by a total station have one."""
         if context.world.localisation == "total-station":
             yield cls("total station", context.world.total_station)
+
+
+def compute_noise(table: Any, p_WP: NDArray[Any]) -> float:
+    """Noise (m, rms of an axis) of a total station by its data sheet, at prisms p_WP (n, 3) m."""
+    away = np.mean(np.linalg.norm(p_WP - [table.x_m, table.y_m, table.z_m], axis=1))
+    across = table.pointing_noise_m**2 + (table.angle_noise_rad * away) ** 2
+    return max(math.sqrt((table.range_noise_m**2 + 2.0 * across) / 3.0), LEAST_STATION)
 
 
 def fill_aligned(aligned: Any, found: Calibration) -> None:
