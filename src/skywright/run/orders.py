@@ -7,6 +7,7 @@ are refused with the reason.
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
@@ -70,7 +71,7 @@ class Orders:
     """The orders of one flight."""
 
     def __init__(self, s: Supervisor) -> None:
-        self._s = s
+        self._s: Supervisor = weakref.proxy(s)  # it has this: a cycle would keep the flight
         self._given: Order | None = None
         self._contact = ""  # what is open
         self._holds = False  # a hold that may end early

@@ -12,6 +12,7 @@ of a rule. What is flown after the pilot gave back:
 
 from __future__ import annotations
 
+import weakref
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -66,7 +67,7 @@ class Pilot:
     """The pilot's switch and stick of one flight."""
 
     def __init__(self, s: Supervisor) -> None:
-        self._s = s
+        self._s: Supervisor = weakref.proxy(s)  # it has this: a cycle would keep the flight
         self.switch = False
         """Whether the pilot wants the robot, or has it."""
         self.flies = False

@@ -313,7 +313,6 @@ def _fly(
         vehicle, description.mission, plan, robot.platform.gear_height_m, on_phase, on_tick,
         on_measurement, operator, rules, lambda: setup.clearance_aloft, on_acted,
     )  # fmt: skip
-
     for hear in filter(None, [getattr(o, "on_supervisor", None) for o in observers]):
         hear(supervisor)
 
@@ -350,8 +349,9 @@ def _fly(
             writer.close()
     except InputError as error:
         outcome, flight = "interrupted", supervisor.conclude(str(error))
-    blocks = blocks or [np.zeros(0, build_dtype(vehicle.recorded.columns))]
-    return np.concatenate(blocks), supervisor.phases, flight, outcome
+    samples = np.concatenate(blocks or [np.zeros(0, build_dtype(vehicle.recorded.columns))])
+    blocks.clear()  # what flew is a cycle of references: Python may free it many flights later
+    return samples, supervisor.phases, flight, outcome
 
 
 def _describe(error: BaseException) -> str:

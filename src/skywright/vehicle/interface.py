@@ -49,7 +49,6 @@ class Backend(Protocol):
     """What the mission needs of a vehicle."""
 
     offers: frozenset[str]
-    devices: Devices  # beside the robot
     refuses: str  # why it takes no commands, "" where it does
     robot: Robot
     limits: Limits
@@ -63,6 +62,10 @@ class Backend(Protocol):
 
     def close(self) -> None:
         """End the connection to a vehicle that is not simulated here."""
+
+    @property
+    def devices(self) -> Devices:
+        """What is beside the robot."""
 
     @property
     def t(self) -> float:

@@ -47,7 +47,6 @@ class KinematicVehicle(SimulatedVehicle):
         """Take what SimulatedVehicle takes."""
         super().__init__(*args, **kwargs)
         self.offers = self.offers & OFFERS
-        self.devices = Devices(self, frozenset())
         a = self.assembly
         told = [i for i, s in enumerate(a.steps) if s.slot == "reference"]
         seen = [i for i, s in enumerate(a.steps) if s.slot in SLOTS and s.component.side == "plant"]
@@ -78,6 +77,11 @@ class KinematicVehicle(SimulatedVehicle):
         if record not in KEPT:
             raise InputError(f"the back end fills no {record.__name__}")
         return super().look(record, name)
+
+    @property
+    def devices(self) -> Devices:
+        """There are none."""
+        return Devices(self, frozenset())
 
     @property
     def saturated(self) -> bool:

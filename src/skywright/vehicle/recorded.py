@@ -46,7 +46,6 @@ class RecordedVehicle(NoPilotSwitch):
         """`samples` (n,) are those of a run; raises InputError where there are none."""
         if not len(samples):
             raise InputError("the recording has no samples")
-        self.devices = Devices(self, frozenset(), self.refuses)
         self.robot, self.world = nominal.robot, nominal.world
         self.model, self.rotors = nominal.model, nominal.rotors
         self.n_joints = len(joint_names(nominal.robot))
@@ -55,6 +54,11 @@ class RecordedVehicle(NoPilotSwitch):
         self.arc = compute_link_arc(self.robot, self.model)
         self._samples, self._phases, self._i = samples, phases, 0
         self._estimate = np.zeros(1, Estimate.dtype)
+
+    @property
+    def devices(self) -> Devices:
+        """There are none."""
+        return Devices(self, frozenset(), self.refuses)
 
     @property
     def t(self) -> float:

@@ -121,7 +121,6 @@ class SimulatedVehicle(NoPilotSwitch):
         self.scene = build_scene(robot, world, deviation, [extend], nominal=true, timestep=timestep)
         self.n_joints = self.scene.n_joints
         self.offers = list_offers(robot)
-        self.devices = Devices(self, frozenset(DEVICES))
         c = robot.control
         self.limits = Limits(c.speed_max_mps, c.acceleration_max_mps2, 0.8)
         self.model, self.rotors = nominal.model, nominal.rotors
@@ -304,6 +303,11 @@ class SimulatedVehicle(NoPilotSwitch):
     def read_memory(self, name: str) -> Any:
         """Return a copy of what `get_memory` gives."""
         return self.get_memory(name).copy()
+
+    @property
+    def devices(self) -> Devices:
+        """What is beside the robot: all that there is, made when asked, so that it is no cycle."""
+        return Devices(self, frozenset(DEVICES))
 
     @property
     def recorded(self) -> Recorded:

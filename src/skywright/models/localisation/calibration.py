@@ -105,7 +105,8 @@ def calibrate(
 
     `span` (s, station's clock) limits what is used; `p_BP` (3,) m fixes the prism's place, else it
     is estimated where the camera gives orientations that turn enough; `fixed_time` keeps the
-    offset; `station_noise` (m) is what the station's data sheet says (`estimate_noise`). Raises InputError where too little is common.
+    offset; `station_noise` (m) is what the station's data sheet says (`estimate_noise`). Raises
+    InputError where too little is common.
     """
     used = station if span is None else station.cut(*span)
     epoch = float(station.t[0])

@@ -75,8 +75,9 @@ class Senses:
         """Return the number or numbers that the reference has in a field now."""
         read = self._told.get(name)
         if read is None:
-            place = self.reference.place(name)
-            read = place.tolist if place else lambda: np.asarray(self.reference[name]).tolist()
+            reference = self.reference  # not self: a cycle would keep a flight's memory for long
+            place = reference.place(name)
+            read = place.tolist if place else lambda: np.asarray(reference[name]).tolist()
             self._told[name] = read
         return read()
 
