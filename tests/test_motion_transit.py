@@ -67,6 +67,15 @@ def test_around_the_pipe_every_margin_holds(y: float, z: float, yaw: float, seed
     assert math.remainder(way.yaw[-1] - yaw, 2 * math.pi) == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_corners_are_not_cut_below_the_room_that_there_is(seed: int) -> None:
+    """0.3 m are wanted and there: a corner is dropped only where 80 % of them remain."""
+    a = Configuration(np.array([0.0, 0.0, 1.2]), 0.0, FOLDED)
+    b = Configuration(np.array([4.2, 0.2, 1.3]), 0.0, FOLDED)
+    way = plan_transit(SCENE, a, b, stream(seed), 0.05, wanted=0.3)
+    assert way.blocked_by is None and 0.24 - 1e-9 <= way.clearance
+
+
 def test_blocked_ends_are_named() -> None:
     free = Configuration(np.array([0.0, 0.0, 1.2]), 0.0, FOLDED)
     inside = Configuration(np.array([2.0, 0.0, 1.5]), 0.0, FOLDED)

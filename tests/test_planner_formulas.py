@@ -45,8 +45,10 @@ from skywright.planning.inverse_kinematics import (
 from skywright.planning.local_planner import fill_target
 from skywright.planning.motion.angular import ROUND, build_angular_map
 from skywright.planning.motion.bound import _spread_angle, compute_lower_bound
+from skywright.planning.motion.cost import time_cost
 from skywright.planning.motion.kinematics import _rodrigues
 from skywright.planning.motion.planner import _check_ends
+from skywright.planning.motion.rrt_star import RrtStar, plan_rrt_star
 from skywright.planning.motion.space import _first_moments, build_scratch
 from skywright.planning.motion.through import compute_places
 from skywright.planning.motion.timing import TimeLimits, _fastest, assign_times
@@ -62,6 +64,19 @@ EMPTY = build_transport(ROBOT, World(name="empty", area=WORLD.area))
 
 
 # Motions of one plan
+
+
+def test_a_branch_of_the_tree_is_no_longer_than_a_step() -> None:
+    """Straight to the goal, the way of T s in (4) takes as many branches as steps of T / 4.5."""
+    start, goal = EMPTY.start, EMPTY.goal
+    step = float(time_cost(EMPTY.space[0], start, goal, 0.5, 0.5)) / 4.5
+    par, world = RrtStar(goal_bias=1.0, step_s=step), build_angular_map(EMPTY.space)
+    for iterations, reaches in ((4, False), (5, True)):
+        rng = np.random.default_rng(1)
+        found = plan_rrt_star(
+            EMPTY.space, world, start, goal, rng, 60.0, par, iterations=iterations
+        )
+        assert found.nodes == iterations + 1 and (len(found.rows) > 0) == reaches
 
 
 def test_the_tip_s_target_moves_as_its_derivatives_say() -> None:
