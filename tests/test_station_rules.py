@@ -72,10 +72,15 @@ def test_orders_out_of_order_are_refused(text: str) -> None:
 
 
 def test_a_page_cannot_load_code() -> None:
-    for text in ("mission.law.kind=evil.py:Law", 'mission.kind="x.PY:Kind"'):
+    for text in (
+        "mission.law.kind=evil.py:Law", 'mission.kind="x.PY:Kind"',
+        r'robot.control.law="evil.p\u0079:L"',
+        r'robot.control="""evil.\U00000070y:L"""', r'robot.control={ law = "evil\u002epy:L" }',
+        r'world.x=[[{ kind = 1 }, "a.\u0050Y:B"]]', r'robot.x={ "evil.p\u0079:L" = 1 }',
+    ):  # fmt: skip
         with pytest.raises(InputError, match="Python file"):
             Asked("waypoints", sets=(text,)).check()
-    Asked("waypoints", sets=("world.wind.kind=steady",)).check()
+    Asked("waypoints", sets=("world.wind.kind=steady", r'mission.note="p\u0079"')).check()
 
 
 def test_control_is_taken_explicitly_and_falls_free() -> None:

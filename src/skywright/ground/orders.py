@@ -6,9 +6,10 @@ Pages are clients like any other: what they send is judged as if a stranger had 
 from __future__ import annotations
 
 import re
-from collections.abc import Container
+from collections.abc import Container, Iterator
 from typing import Any, NamedTuple
 
+from skywright.core.toml_files import parse_value
 from skywright.ground.disturb import DISTURBANCES
 from skywright.ground.feed import SPEED_FASTEST, SPEEDS
 from skywright.ground.link import read_flight
@@ -112,5 +113,20 @@ def _read_start(found: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def names_code(text: str) -> bool:
-    """Whether a `--set` would load a file of Python: a page must not."""
-    return re.search(r"\.py\b", text, re.IGNORECASE) is not None
+    """Whether a `--set` would load a file of Python: a page must not.
+
+    Judged is the value as the loader reads it: TOML writes a letter in more than one way.
+    """
+    read = parse_value(text.partition("=")[2].strip())
+    return any(".py" in word.lower() for word in (text, *_list_texts(read)))
+
+
+def _list_texts(value: object) -> Iterator[str]:
+    """Every text in a value, keys of tables included."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, list | dict):
+        for inner in value:
+            yield from _list_texts(inner)
+            if isinstance(value, dict):
+                yield from _list_texts(value[inner])
