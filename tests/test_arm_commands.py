@@ -83,6 +83,56 @@ def test_joints_take_their_play_time(both):
         arms.hands_to({"left": [np.nan, 0.0, 0.0]})
 
 
+FAR = (1e300, 0.0, 1.0)
+WRONG = [
+    lambda u, a: u.go_to(FAR), lambda u, a: u.go_to((1e7, 0.0, 1.0)), lambda u, a: u.set_pose(FAR),
+    lambda u, a: u.land(1e9), lambda u, a: u.set_joints(np.full(u.backend.n_joints, 1e6)),
+    lambda u, a: u.wait(np.nan), lambda u, a: u.wait("long"),
+    lambda u, a: a.move_to(np.full(u.backend.n_joints, 3.0)), lambda u, a: a.hands_to({}),
+    lambda u, a: a.hands_to([1, 2, 3]), lambda u, a: a.push({}), lambda u, a: a.push(None),
+    lambda u, a: a.grasp(1.0, np.zeros(3), np.zeros(3)), lambda u, a: a.set_hands({}),
+    lambda u, a: a.bar_to(np.zeros(3), np.zeros(3), 0.2), lambda u, a: a.set_forces({"left": FAR}),
+    lambda u, a: a.hands_velocity({"left": FAR}), lambda u, a: a.hands_to({"left": FAR}),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("n", range(len(WRONG)))
+def test_extreme_values_are_refused_or_told_and_the_flight_goes_on(both, n):
+    """An InputError or a handle with the reason; nothing half begun stays behind."""
+    uav, arms = both
+    uav.waits = False
+    try:
+        handle = WRONG[n](uav, arms)
+    except InputError as error:
+        assert str(error)
+    else:
+        assert not handle.done or handle.result.reason or n in (12, 14)
+    for _ in range(25):
+        uav.tick()
+    row = uav.backend.reference
+    assert all(np.all(np.isfinite(row[name])) for name in row.dtype.names)
+    assert uav.state == State.FLYING_AUTO
+    assert uav.hold(wait=True)
+
+
+def test_a_joint_beyond_its_range_is_refused_with_the_range(both):
+    uav, arms = both
+    q = np.array(uav.backend.reference["q"])[: uav.backend.n_joints]
+    q[1] = 3.0
+    for handle in (arms.move_to(q), uav.set_joints(q)):
+        assert "q[1] = 3 rad" in handle.result.reason and "turns from" in handle.result.reason
+
+
+def test_a_take_off_to_where_it_stands_is_refused():
+    plain = skywright.fly(backend="kinematic", arrival=QUICK)
+    stands = float(plain.backend.estimate["p_WB"][2])
+    for height in (-5.0, stands, stands + 0.09):
+        says = plain.take_off(height).result.reason
+        assert says.startswith(f"take_off refused: height = {height:g} m; valid: ")
+        assert plain.state == State.LANDED_DISARMED
+    assert plain.take_off(1.0).result
+
+
 def test_what_the_vehicle_or_the_state_lacks_is_refused_with_the_reason(both):
     _, arms = both
     assert "feels" in _refusal(arms)

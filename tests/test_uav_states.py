@@ -31,6 +31,10 @@ CALLS = {
     Command.STICK: lambda u, x: u.stick(pitch=0.05 * x, climb=x),
     Command.RECOVER_FROM_MANUAL: lambda u, x: u.recover_from_manual(),
     Command.STOP_MOTORS: lambda u, x: u.stop_motors(confirm=True),
+    Command.LIFT_OFF: lambda u, x: u.lift_off(),
+    Command.GO_TO_GEO: lambda u, x: u.go_to_geo(37.4 + 1e-6 * x, -6.0, 20.0),
+    Command.SET_ATTITUDE: lambda u, x: u.set_attitude(np.eye(3), (0.0, 0.0, 30.0 + 3.0 * x)),
+    Command.SET_JOINTS: lambda u, x: u.set_joints(0.1 * x * np.ones(u.backend.n_joints)),
 }
 
 
@@ -58,8 +62,9 @@ class AnySequence(RuleBasedStateMachine):
     def give(self, command, x):
         before, entry = self.uav.state, TABLE[command]
         refused = self.uav.find_refusal(command) or (
-            "no home" if command == Command.GO_HOME and self.uav.home is None else ""
-        )
+            "no home" if command == Command.GO_HOME and self.uav.home is None else
+            "no origin" if command == Command.GO_TO_GEO else ""
+        )  # fmt: skip
         handle = CALLS[command](self.uav, x)
         if before not in entry.states:
             assert not handle and handle.done and str(before) in handle.result.reason

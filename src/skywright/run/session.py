@@ -179,6 +179,8 @@ class Vehicle(Uav):
             raise InputError(f"stream {stream!r} is unknown; valid: {', '.join(STREAMS)}")
         if not 0.0 < rate_hz <= RATE_MAX:
             raise InputError(f"rate_hz = {rate_hz!r}; valid: above 0, up to {RATE_MAX:g}")
+        if not callable(tell):
+            raise InputError(f"tell = {tell!r}; valid: a function of time and value")
         every = max(round(RATE_MAX / rate_hz), 1)
         self._subscribers.append(Subscriber(STREAMS[stream], tell, every))
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from skywright.errors import InputError
 
 Array = NDArray[np.float64]
+LARGEST = 1000.0  # m, as in world files, m/s, N
 
 
 def check_number(name: str, value: Any) -> float:
@@ -29,6 +30,14 @@ def check_positive(name: str, value: Any) -> float:
     out = check_number(name, value)
     if out <= 0.0:
         raise InputError(f"{name} = {out:g}; valid: a number above 0")
+    return out
+
+
+def check_bounded(name: str, value: ArrayLike) -> Array:
+    """Return a place, velocity or force (3,) in SI units up to LARGEST; raises InputError."""
+    out = check_vector(name, value)
+    if np.max(np.abs(out)) > LARGEST:
+        raise InputError(f"{name} = {value!r}; valid: 3 numbers within +-{LARGEST:g}")
     return out
 
 

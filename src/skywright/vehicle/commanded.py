@@ -120,7 +120,7 @@ class Commanded:
 
     def wait(self, seconds: float) -> None:
         """Fly for a time (s)."""
-        end = self.backend.t + seconds
+        end = self.backend.t + check_number("seconds", seconds)
         while self.backend.t < end - 1e-9:
             self.tick()
 
@@ -142,13 +142,20 @@ class Commanded:
             self._finish(Result(True, "touched down", self.backend.t))
             self._stop()
         if self._motion is not None:
-            motion = self._motion
-            try:
-                next(motion)
-            except StopIteration as stop:
-                self._finish(stop.value)
-            except InputError as error:  # the motion ends; what flies goes on
-                self._finish(Result(False, str(error), self.backend.t))
+            self._advance()
+
+    def _advance(self) -> None:
+        """Let the motion under way prepare the next tick."""
+        assert self._motion is not None
+        try:
+            next(self._motion)
+        except StopIteration as stop:
+            self._finish(stop.value)
+        except InputError as error:  # the motion ends; what flies goes on
+            self._finish(Result(False, str(error), self.backend.t))
+        except Exception as error:
+            self._interrupt(f"the motion failed: {error}")
+            raise
 
     # --- how commands are given --------------------------------------------------------------
 
@@ -185,6 +192,10 @@ class Commanded:
         says = self.find_refusal(command) or f"{command} refused: it requires that {NEEDS[need]}"
         return self._ended(command, Result(False, says, self.backend.t))
 
+    def refuse(self, command: Command | ArmCommand, says: str) -> Handle:
+        """Return the handle of a command that is not carried out, with the reason."""
+        return self._ended(command, Result(False, f"{command} refused: {says}", self.backend.t))
+
     def _ended(self, command: Command | ArmCommand, result: Result) -> Handle:
         handle = Handle(command, self.tick)
         handle.end(result)
@@ -219,10 +230,7 @@ class Commanded:
         self.mode = ControlMode.MOTION
         self._enter(get_entry(command).during)
         self._motion = fly()
-        try:
-            next(self._motion)
-        except StopIteration as stop:
-            self._finish(stop.value)
+        self._advance()
         if self.waits if wait is None else wait:
             handle.wait()
         return handle
@@ -241,8 +249,10 @@ class Commanded:
         if handle is None:
             return
         after = get_entry(handle.command).after
-        if result.ok or self._state == State.TAKING_OFF:
-            self._enter(after if self.is_turning or result.ok else State.LANDED_DISARMED)
+        if result.ok:
+            self._enter(after)
+        elif self._state == State.TAKING_OFF:
+            self._enter(self._find_state())
         elif self._state == State.LANDING:
             self._enter(State.FLYING_AUTO)
         self.mode = ControlMode.HOLD if self.is_turning else ControlMode.OFF

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from skywright.description.robot.limbs import SIDES
 from skywright.errors import InputError
 from skywright.models.rigid_body import posture
-from skywright.vehicle.arguments import check_number, check_positive, check_vector
+from skywright.vehicle.arguments import check_bounded, check_number, check_positive, check_vector
 from skywright.vehicle.arm_commands import ArmCommand
 from skywright.vehicle.arms.ports import ArmModel, HandForce, Hands, HandState
 from skywright.vehicle.arms_interface import Arms
@@ -73,6 +73,9 @@ class CommandedArms:
         `seconds` is the play time; one that is shorter than the servos can is lengthened.
         """
         goal = check_vector("q", q, self._uav.backend.n_joints)
+        says = self._uav.find_beyond(goal)
+        if says:
+            return self._uav.refuse(ArmCommand.MOVE_TO, says)
         play = None if seconds is None else check_positive("seconds", seconds)
         return self._start(ArmCommand.MOVE_TO, lambda: self._move(goal, play), wait)
 
@@ -120,7 +123,7 @@ class CommandedArms:
         wait: bool | None = None,
     ) -> Handle:  # fmt: skip
         """Exert forces (3,) N in W, by hand, over `ramp_s`; has ended when felt, and goes on."""
-        asked, places = self._check(forces), self._check(at or {})
+        asked, places = self._check(forces), self._check(at) if at else {}
         ramp = check_positive("ramp_s", ramp_s)
 
         def fly() -> Motion:
@@ -250,10 +253,12 @@ class CommandedArms:
         return valid.index(name)
 
     def _check(self, values: Points) -> dict[str, Array]:
+        if not isinstance(values, Mapping) or not values:
+            raise InputError(f"{values!r} names no hand; valid: a vector for each, by hand")
         if "hands" in self._uav.backend.offers:
             for name in values:
                 self._find(name)
-        return {name: check_vector(name, value) for name, value in values.items()}
+        return {name: check_bounded(name, value) for name, value in values.items()}
 
     def _pause(self, seconds: float) -> Generator[None, None, None]:
         end = self._uav.backend.t + seconds

@@ -12,11 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skywright.errors import InputError
-from skywright.vehicle.arguments import check_number, check_vector
+from skywright.models.rigid_body import joint_names
+from skywright.vehicle.arguments import check_bounded, check_number, check_vector
 from skywright.vehicle.arm_commands import ArmCommand
 from skywright.vehicle.attitude_drive import AttitudeDrive, check_attitude
 from skywright.vehicle.commanded import Commanded
 from skywright.vehicle.commands import (
+    LANDED,
     Command,
     ControlMode,
     Need,
@@ -37,6 +39,10 @@ from skywright.vehicle.results import Handle, Result
 Array = NDArray[np.float64]
 
 
+LEAST_RISE = 0.1  # m, of a take-off
+IN_RANGE = 1e-3  # rad, by which a joint's goal may exceed its range: rounding
+
+
 class Uav(Commanded):
     """The platform of a vehicle and its commands."""
 
@@ -55,7 +61,13 @@ class Uav(Commanded):
         """
         height = check_number("height", height)
         p = np.array(self.backend.estimate["p_WB"])
+        low = float(p[2]) + LEAST_RISE
+        if self.state in LANDED and height < low:
+            return self.refuse(
+                Command.TAKE_OFF, f"height = {height:g} m; valid: {low:.2f} m or more, above here"
+            )
         p[2] = height
+        check_bounded("height", p)
         if self.backend.arc is not None and height < self.backend.arc.top:
             raise InputError(
                 f"height = {height:g} m is too low: the link hangs freely only above "
@@ -70,7 +82,7 @@ class Uav(Commanded):
 
     def go_to(self, p: ArrayLike, yaw: float | None = None, *, wait: bool | None = None) -> Handle:
         """Fly straight to p (3,) m in W with the heading `yaw` (rad; default: as it is)."""
-        goal, heading = check_vector("p", p), self._heading(yaw)
+        goal, heading = check_bounded("p", p), self._heading(yaw)
         return self._start(Command.GO_TO, lambda: self._fly.go_to(goal, heading), wait, goal)
 
     def go_to_geo(
@@ -81,7 +93,9 @@ class Uav(Commanded):
         origin, heading = self.backend.world.origin, self._heading(yaw)
         if origin is None:
             return self._refuse(Command.GO_TO_GEO, Need.ORIGIN)
-        goal = to_local(origin, Geodetic.check(latitude, longitude, altitude))
+        goal = check_bounded(
+            "goal", to_local(origin, Geodetic.check(latitude, longitude, altitude))
+        )
         return self._start(Command.GO_TO_GEO, lambda: self._fly.go_to(goal, heading), wait, goal)
 
     def go_home(self, *, wait: bool | None = None) -> Handle:
@@ -104,9 +118,10 @@ class Uav(Commanded):
         `ground_height` (m) is that of the platform's origin on its feet (default: on z = 0). A link
         that swings is laid down along its arc; `here` leaves out the way forward before that.
         """
-        ground = (
-            self._ground if ground_height is None else check_number("ground_height", ground_height)
-        )
+        ground = self._ground
+        if ground_height is not None:
+            ground = check_number("ground_height", ground_height)
+            check_bounded("ground_height", [0.0, 0.0, ground])
         return self._start(
             Command.LAND, lambda: self._fly.rest_then(lambda: self._fly.land(ground, here)), wait
         )
@@ -119,8 +134,8 @@ class Uav(Commanded):
 
         Of a pose that moves, v (3,) m/s and `yaw_rate` (rad/s) are fed forward.
         """
-        goal, heading = check_vector("p", p), self._heading(yaw)
-        ahead, rate = check_vector("v", v), check_number("yaw_rate", yaw_rate)
+        goal, heading = check_bounded("p", p), self._heading(yaw)
+        ahead, rate = check_bounded("v", v), check_number("yaw_rate", yaw_rate)
 
         def tell() -> None:
             self._take(PoseDrive, ControlMode.POSE).tell(goal, heading, ahead, rate)
@@ -136,7 +151,7 @@ class Uav(Commanded):
         surface, it has landed, and the motors stop. `roll` and `pitch` (rad) tilt a robot in place
         whose rotors push sideways; laws of other robots choose the tilt themselves.
         """
-        velocity, rate = check_vector("v", v), check_number("yaw_rate", yaw_rate)
+        velocity, rate = check_bounded("v", v), check_number("yaw_rate", yaw_rate)
         tilt = check_number("roll", roll), check_number("pitch", pitch)
 
         def tell() -> None:
@@ -155,7 +170,7 @@ class Uav(Commanded):
         brakes. Laws of coplanar rotors derive the attitude from the force: f_B lies along z.
         The integrals of the law (wind, trim) are added to f_B.
         """
-        R, f = check_attitude(R_WB), check_vector("f_B", f_B)
+        R, f = check_attitude(R_WB), check_bounded("f_B", f_B)
 
         def tell() -> None:
             self._take(AttitudeDrive, ControlMode.ATTITUDE).tell(R, f)
@@ -168,11 +183,23 @@ class Uav(Commanded):
         `set_pose` and `set_velocity` may run at the same time; without them the platform holds.
         """
         goal = check_vector("q", q, self.backend.n_joints)
+        says = self.find_beyond(goal)
+        if says:
+            return self.refuse(Command.SET_JOINTS, says)
 
         def tell() -> None:
             (self._drive or self._take(PoseDrive, ControlMode.POSE)).tell_joints(goal)
 
         return self._do(Command.SET_JOINTS, tell)
+
+    def find_beyond(self, q: Array) -> str:
+        """Return which of the joints q (n_joints,) rad lies outside its range, "" where none."""
+        b, first = self.backend, int(self.backend.robot.pendulum is not None)  # it has no servo
+        for j, name in list(enumerate(joint_names(b.robot)))[first:]:
+            low, high = float(b.model[0]["q_min"][j]), float(b.model[0]["q_max"][j])
+            if not low - IN_RANGE <= q[j] <= high + IN_RANGE:
+                return f"q[{j}] = {q[j]:g} rad; {name} turns from {low:.3g} to {high:.3g} rad"
+        return ""
 
     def start_arms(
         self, command: ArmCommand, fly: Callable[[], Motion], wait: bool | None

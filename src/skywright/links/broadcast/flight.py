@@ -211,7 +211,7 @@ class LiveFlight:
             return
         try:
             told = self._commands.call(str(message.get("name")), args)
-        except (InputError, KeyError, TypeError, ValueError) as error:
+        except Exception as error:  # whatever a stranger sends: the flight goes on
             told = Told(Result(False, str(error)))
         if told.handle is not None and args.get("blocking") is True and number:
             self._under_way.append((number, told.handle))
