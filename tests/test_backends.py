@@ -106,9 +106,9 @@ def test_streams_tell_what_the_vehicle_does():
     assert poses[-1][1] == pytest.approx(1.5, abs=0.05) and set(states) == {State.TAKING_OFF}
     q = np.array(vehicle.joints.q)
     for _ in range(100):
-        vehicle.set_joints(q + 0.2)
+        vehicle.set_joints(q + [0.2, -0.2])
         vehicle.tick()
-    np.testing.assert_allclose(joints[-1], q + 0.2, atol=1e-6)
+    np.testing.assert_allclose(joints[-1], q + [0.2, -0.2], atol=1e-6)
     fastest = np.abs(np.diff(joints, axis=0)).max() / 0.02
     assert 0.5 * vehicle.backend.limits.joint_speed < fastest
     assert fastest <= vehicle.backend.limits.joint_speed * 1.01
