@@ -83,6 +83,11 @@ class KinematicVehicle(SimulatedVehicle):
         """There are none."""
         return Devices(self, frozenset())
 
+    def release(self) -> None:
+        """Open the clamp: from now on the platform follows its reference."""
+        super().release()
+        self._bench = None
+
     @property
     def saturated(self) -> bool:
         """Nothing saturates."""
@@ -134,6 +139,7 @@ class KinematicVehicle(SimulatedVehicle):
             rot_to_quat(np.ascontiguousarray(R), d.qpos[3:7])
         places, n = self.scene.places, self.n_joints
         d.qpos[places.joint_qpos], d.qvel[places.joint_dof] = ref["q"][:n], ref["qd"][:n]
+        d.actuator_force[:] = 0.0  # those of the scene's start would stay
         mujoco.mj_kinematics(self.scene.model, d)
         fill(est, truth)
         est["t"] = self._state["heard"] = self.t
