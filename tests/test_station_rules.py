@@ -17,6 +17,7 @@ from skywright.ground.control import LEASE_S, LET_GO_S, Age, Control, StickJudge
 from skywright.ground.flights import Asked, Logbook
 from skywright.ground.link import HEADER, MAGIC, is_frame, pack_frame
 from skywright.ground.orders import LARGEST, parse_order
+from skywright.ground.serve import serve
 from skywright.ground.server import Address
 from skywright.links.pair import build_pair, receive, say
 from skywright.run.operator import Stick
@@ -181,3 +182,14 @@ def test_other_computers_need_a_certificate_or_a_flag(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"--certificate .* both as PEM files"):
         Address("0.0.0.0", certificate=tmp_path / "x", key=tmp_path / "x").check()
     assert "0.0.0.0" not in Address("0.0.0.0", names=("gs.example",)).list_names()
+    for wrong in (Address(""), Address(names=("a b",)), Address("a/b", unencrypted=True)):
+        with pytest.raises(InputError, match="valid: a host's name or address"):
+            wrong.check()
+
+
+def test_what_is_no_mission_and_no_run_is_told(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="there is no recording.mcap in it"):
+        serve(str(tmp_path), Address(), tmp_path / "runs")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="--runs .*file/runs: "):
+        serve(None, Address(), tmp_path / "file" / "runs")

@@ -79,6 +79,8 @@ def run(
     """
     import skywright
 
+    if operator == "page" and station is None:
+        raise InputError("--operator page is for flights of `skywright serve`; here use view")
     if plan_file is not None:
         from skywright.missions.skills.plan_flight import load_plan_description
 

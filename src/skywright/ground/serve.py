@@ -39,6 +39,11 @@ def serve(
     data, proposed, files = None, "", dict[str, str]()
     if target is not None and _is_run(target):
         data = load_replay(Path(target))
+    elif target is not None and Path(target).is_dir():
+        raise InputError(
+            f"{target}: there is no recording.mcap in it; valid: a mission or the directory of a "
+            "finished run"
+        )
     elif target is not None:
         from skywright.description.loader import load_description
 
@@ -48,6 +53,10 @@ def serve(
             proposed = Path(target).stem
             files[proposed] = str(Path(target).resolve())
     choices = list_choices(proposed, files)
+    try:
+        runs.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--runs {runs}: {error.strerror or error}") from None
 
     async def run() -> None:
         async def opened(url: str, guard: Guard) -> None:

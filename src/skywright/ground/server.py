@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import ipaddress
 import json
+import re
 import signal
 import socket
 import ssl
@@ -26,6 +27,7 @@ from skywright.ground.orders import LARGEST, parse_order
 from skywright.ground.station import Station, Watcher, dump
 from skywright.reports.replay import read_asset
 
+HOST_NAME = re.compile(r"[\w.:%-]{1,253}")
 LOCAL = ("127.0.0.1", "localhost", "::1")
 MOST_BAD = 1000
 """Messages out of order after which a page is sent away."""
@@ -43,6 +45,9 @@ class Address(NamedTuple):
 
     def check(self) -> None:
         """Raise InputError where the station would listen to others without a certificate."""
+        for option, name in (("--host", self.host), *(("--name", n) for n in self.names)):
+            if not HOST_NAME.fullmatch(name):
+                raise InputError(f"{option} {name[:80]!r}; valid: a host's name or address")
         if self.host not in LOCAL and self.certificate is None and not self.unencrypted:
             raise InputError(
                 f"--host {self.host}: other computers could connect, and everything would be "
