@@ -162,9 +162,9 @@ def test_a_flight_is_started_watched_paused_taken_over_aborted_and_replayed(
     expect(one.locator("#phase")).to_have_text(re.compile("^(take off|waypoint 1|hold 1)$"))
     # a second page watches, with an address and cookies of its own
     one.get_by_text("Station", exact=True).click()
-    _button(one, "Invite another browser").click()
-    expect(one.locator("#invitation")).to_contain_text("http")
-    invited = re.search(r"http://\S+", one.locator("#invitation").inner_text())
+    invitation = one.locator("#invitation")
+    _order(one, "Invite another browser", _shows(invitation, "http"))
+    invited = re.search(r"http://\S+", invitation.inner_text())
     assert invited is not None
     two = open_page()
     two.goto(invited[0])

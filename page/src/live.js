@@ -93,8 +93,9 @@ export class Live {
     this.logBox = section(side, 'Logbook', true, 'logbook');
     this.aboutBox = section(side, 'Station', false, 'station');
     this.aboutText = make('p', { class: 'hint' });
-    this.aboutBox.append(this.aboutText, button('Invite another browser', () => this.send({ k: 'invite' })), make('p', { id: 'invitation' }),
-      button('Kill the flight', () => this.send({ k: 'stop' }), { title: 'For a flight that does not answer; its recording is kept' }));
+    this.invite = button('Invite another browser', () => this.send({ k: 'invite' }));
+    this.kill = button('Kill the flight', () => this.send({ k: 'stop' }), { title: 'For a flight that does not answer; its recording is kept' });
+    this.aboutBox.append(this.aboutText, this.invite, make('p', { id: 'invitation' }), this.kill);
     this.videoBox = make('p', { id: 'video', role: 'status' });
     $('view').append(this.videoBox);
     this.capability = make('i');
@@ -200,6 +201,8 @@ export class Live {
     this.take.textContent = mine ? 'Give control back' : s?.controller ? 'Take over control' : 'Take control';
     this.take.classList.toggle('primary', !mine);
     for (const b of [this.pause, this.speed, this.land, this.abort]) b.disabled = !(going && mine);
+    this.invite.disabled = !mine;
+    this.kill.disabled = !(flying && mine);
     this.abort.disabled ||= Boolean(status.order);
     this.land.disabled ||= status.order === 'land';
     this.pause.textContent = this.paused ? '▶ go on' : '❚❚ pause';
