@@ -10,8 +10,9 @@ from __future__ import annotations
 import gc
 import os
 import shutil
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 
@@ -19,6 +20,9 @@ import pytest
 from hypothesis import settings
 
 from command_server import CommandServer
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
 
 gc.disable()  # until all is imported: pytest_collection_finish
 
@@ -31,6 +35,8 @@ settings.load_profile("ci" if NO_SKIP or os.environ.get("CI") else "default")
 
 
 SLOW = Path(__file__).with_name("slow.txt")
+PATIENCE_MS = 300_000.0
+"""Time that a page may take to show something: a loaded machine is slow, not wrong."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -158,9 +164,53 @@ def commands() -> Iterator[CommandServer]:
 
 @pytest.fixture(scope="session")
 def chromium() -> str:
-    """Path of a Chromium for tests that open a page (add --headless --no-sandbox)."""
+    """Path of an installed Chromium for tests that open a page."""
     for name in ("chromium", "chromium-browser", "google-chrome"):
         path = shutil.which(name)
         if path is not None:
             return path
     pytest.skip("no Chromium on PATH (apt-get install chromium)")
+
+
+@pytest.fixture(scope="module")
+def browser(chromium: str) -> Iterator[Browser]:
+    """Headless Chromium with WebGL in software, driven by Playwright.
+
+    It ends with the module: while it is open, no other event loop can run in this thread.
+    """
+    from playwright.sync_api import expect, sync_playwright
+
+    expect.set_options(timeout=PATIENCE_MS)
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=chromium, timeout=PATIENCE_MS,
+            args=[
+                "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+                "--disable-gpu-compositing",  # in software, it costs twice what the canvas does
+            ],
+            ignore_default_args=["--hide-scrollbars"],  # they take width, as a user's do
+        )  # fmt: skip
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def open_page(browser: Browser) -> Iterator[Callable[..., Page]]:
+    """Opens pages, each with cookies of its own; fails a test in which one raised an error.
+
+    The arguments are those of Playwright's `new_context`.
+    """
+    contexts, errors = [], []
+
+    def open_one(width: int = 700, height: int = 450, **options: Any) -> Page:
+        size = {"width": width, "height": height}
+        context = browser.new_context(viewport=size, **options)
+        contexts.append(context)
+        context.set_default_timeout(PATIENCE_MS)
+        context.on("weberror", lambda error: errors.append(str(error.error)))
+        return context.new_page()
+
+    yield open_one
+    for context in contexts:
+        context.close()
+    assert errors == []

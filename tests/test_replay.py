@@ -7,14 +7,15 @@ import json
 import re
 import time
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from playwright.sync_api import Page, expect
 
-from chromium_page import open_page
 from exact_map import EXACT
 from skywright.core.rotations import quat_from_rot, rot_from_quat, rot_z
 from skywright.core.types import MAX_JOINTS
@@ -389,60 +390,61 @@ def test_first_person_is_the_camera_that_a_robot_has() -> None:
 
 @pytest.mark.browser
 def test_browser_plays_the_page_without_network(
-    scan: RunResult, chromium: str, tmp_path: Path
+    scan: RunResult, open_page: Callable[..., Page]
 ) -> None:
     """The viewer starts, goes to a time, and the overlay names the phase and its numbers."""
     path = write_replay(scan)
     sliding = next(p for p in scan.phases if p.name == "scan")
     t = 0.5 * (sliding.start_s + sliding.end_s)
-    url = f"{path.resolve().as_uri()}#t={t:.1f}"
-    offline = "--host-resolver-rules=MAP * ~NOTFOUND"
-    with open_page(chromium, url, tmp_path / "profile", offline) as evaluate:
+    page = open_page(offline=True)
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(f"{path.resolve().as_uri()}#t={t:.1f}")
+    clock, phase = page.locator("#clock"), page.locator("#phase")
+    expect(clock).to_contain_text(f"{t:.1f} / ")
+    expect(phase).to_have_text("scan")
+    expect(page.locator("table.numbers").first).to_contain_text(
+        re.compile(r"push on the pipe\s*\d\.\d\d N")
+    )
+    expect(page.locator("#phases .on")).to_have_text("scan")
 
-        def read(selector: str) -> str:
-            return str(evaluate(f"(document.querySelector({selector!r}) || {{}}).innerText"))
+    def stands_at(place: np.ndarray) -> bool:
+        at = page.evaluate("window.skywright.view.camera.position.toArray()")
+        return np.allclose(np.array(at), place, atol=0.02)
 
-        wait_for(lambda: f"{t:.1f} / " in read("#clock"))
-        wait_for(lambda: read("#phase") == "scan")
-        assert re.search(r"push on the pipe\s+\d\.\d\d N", read("table.numbers"))
-        assert read("#phases .on") == "scan"
+    def look(name: str) -> None:
+        page.get_by_role("group", name="Camera").get_by_role("button", name=name).click()
 
-        def stands_at(place: np.ndarray) -> bool:
-            at = evaluate("window.skywright?.view.camera.position.toArray()")
-            return at is not None and np.allclose(np.array(at), place, atol=0.02)
+    d = scan.description
+    first = build_views(d.robot, d.world, scan.samples["p_WB"][::50])[0].position
+    wait_for(lambda: stands_at(first))
+    look("first person")
+    mount = find_mount(d.robot, build_drawing(d.robot, d.world))
+    row = scan.samples[np.searchsorted(scan.samples["t"], t + scan.samples["t"][0])]
+    aboard = row["p_WB"] + rot_from_quat(row["q_WB"]) @ mount.position
+    wait_for(lambda: stands_at(aboard))
+    look("from below")
+    wait_for(lambda: stands_at(row["p_WB"] + [-0.9, -1.1, -0.9]))
+    look("overview")
+    wait_for(lambda: stands_at(first))
+    shown = "window.skywright.player.layout.trace, window.skywright.player.frames.find({})"
+    assert page.evaluate(shown.format(0.0)) == 0
 
-        def look(name: str) -> None:
-            evaluate(
-                "[...document.querySelectorAll('#views button')]"
-                f".find((b) => b.textContent === {name!r}).click()"
-            )
+    def read_clock() -> float:
+        return float(clock.inner_text().split(" ")[0])
 
-        d = scan.description
-        first = build_views(d.robot, d.world, scan.samples["p_WB"][::50])[0].position
-        wait_for(lambda: stands_at(first))
-        look("first person")
-        mount = find_mount(d.robot, build_drawing(d.robot, d.world))
-        row = scan.samples[np.searchsorted(scan.samples["t"], t + scan.samples["t"][0])]
-        aboard = row["p_WB"] + rot_from_quat(row["q_WB"]) @ mount.position
-        wait_for(lambda: stands_at(aboard))
-        look("from below")
-        wait_for(lambda: stands_at(row["p_WB"] + [-0.9, -1.1, -0.9]))
-        look("overview")
-        wait_for(lambda: stands_at(first))
-        shown = "window.skywright.player.layout.trace, window.skywright.player.frames.find({})"
-        assert evaluate(shown.format(0.0)) == 0
-        evaluate("[...document.querySelectorAll('#phases button')].at(-1).click()")
-        wait_for(lambda: read("#phase") == "land")
-        evaluate("document.getElementById('play').click()")
-        before = float(read("#clock").split(" ")[0])
-        wait_for(lambda: float(read("#clock").split(" ")[0]) > before)
-        # by keyboard: space pauses, an arrow steps
-        key = "dispatchEvent(new KeyboardEvent('keydown', {code: %r, bubbles: true}))"
-        evaluate(key % "Space")
-        wait_for(lambda: "play" in read("#play"))
-        at = float(read("#clock").split(" ")[0])
-        evaluate(key % "ArrowLeft")
-        assert float(read("#clock").split(" ")[0]) == pytest.approx(at - 1.0, abs=0.06)
-        loaded = evaluate("performance.getEntriesByType('resource').map((e) => e.name).join(' ')")
-        assert not re.search(r"https?:", str(loaded))
-        assert evaluate("document.getElementById('banner').hidden") is True
+    page.get_by_role("group", name="Phases").get_by_role("button").last.click()
+    expect(phase).to_have_text("land")
+    before = read_clock()
+    page.get_by_role("button", name="▶ play").click()
+    wait_for(lambda: read_clock() > before)
+    # by keyboard: space pauses, an arrow steps
+    page.locator("#canvas").focus()
+    page.keyboard.press("Space")
+    expect(page.get_by_role("button", name="▶ play")).to_be_visible()
+    page.locator("#canvas").blur()
+    at = read_clock()
+    page.keyboard.press("ArrowLeft")
+    assert read_clock() == pytest.approx(at - 1.0, abs=0.06)
+    assert not [url for url in asked if not url.startswith(("file:", "data:", "blob:"))]
+    expect(page.locator("#banner")).to_be_hidden()

@@ -6,14 +6,14 @@ import base64
 import json
 import re
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from playwright.sync_api import Page, expect
 
-from chromium_page import open_page
 from skywright.description.loader import load_description
 from skywright.reports.figures.interactive import LEVELS, build_plot
 from skywright.reports.figures.style import draw_limit, draw_line, draw_panels, house_style
@@ -22,19 +22,8 @@ from skywright.run.flight import PhaseRecord
 from skywright.run.run import run_mission
 from waiting import wait_for
 
-READY = """location.protocol === "file:" && !!document.documentElement
-    && document.documentElement.dataset.plots === "ready" """
-RANGES = """Object.values(skywrightPlots).flatMap(c => c.plots)
-    .map(({u}) => [u.scales.x.min, u.scales.x.max])"""
-DRAG = """(() => {
-    const {u} = Object.values(skywrightPlots)[0].plots[%d];
-    const box = u.over.getBoundingClientRect();
-    const at = (t, y) => ({clientX: box.left + u.valToPos(t, "x"), clientY: box.top + y,
-        movementX: 5, bubbles: true});
-    const send = (kind, to, where) => to.dispatchEvent(new MouseEvent(kind, where));
-    send("mousemove", u.over, at(%f, 40)); send("mousedown", u.over, at(%f, 40));
-    send("mousemove", u.over, at(%f, 40)); send("mouseup", document, at(%f, 40));
-    return true; })()"""
+PLOTS = "Object.values(skywrightPlots)[0].plots"
+"""Those with a common clock, as JavaScript."""
 
 
 @pytest.fixture(scope="module")
@@ -46,71 +35,77 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out / "report.html"
 
 
-def _open(chromium: str, page: Path, profile: Path, width: int, *options: str) -> Any:
-    return open_page(
-        chromium, page.as_uri(), profile, f"--window-size={width},900", "--proxy-server=0.0.0.0:1",
-        *options,
-    )  # fmt: skip
+@pytest.fixture
+def page(open_page: Callable[..., Page], report: Path) -> Iterator[Page]:
+    """The report, opened without a network; it has nothing to say to the console."""
+    page = open_page(1280, 900, offline=True)
+    said: list[str] = []
+    page.on("console", lambda message: said.append(message.text))
+    page.goto(report.as_uri())
+    expect(page.locator("html[data-plots=ready]")).to_be_attached()
+    yield page
+    assert said == []
 
 
-def _read(evaluate: Callable[[str], object], expression: str) -> Any:
-    return json.loads(str(evaluate(f"JSON.stringify({expression})")))
+def _read_ranges(page: Page) -> np.ndarray:
+    return np.array(
+        page.evaluate("""Object.values(skywrightPlots).flatMap(c => c.plots)
+        .map(({u}) => [u.scales.x.min, u.scales.x.max])""")
+    )
 
 
-def test_plots_zoom_together_and_share_a_cursor(
-    chromium: str, report: Path, tmp_path: Path
-) -> None:
-    with _open(chromium, report, tmp_path / "profile", 1280) as evaluate:
-        wait_for(lambda: evaluate(READY) is True)
-        whole = _read(evaluate, RANGES)
-        assert len(whole) == 6  # distance, attitude, tilt, estimate, rotors, power
-        evaluate(DRAG % (2, 20.0, 20.0, 30.0, 30.0))
-        for low, high in _read(evaluate, RANGES):
-            assert low == pytest.approx(20.0, abs=0.2) and high == pytest.approx(30.0, abs=0.2)
-        plots = "Object.values(skywrightPlots)[0].plots"
-        assert evaluate("[...document.querySelectorAll('.bar button')].every(b => !b.hidden)")
-        over = f"{plots}[0].u.over"
-        evaluate(f"""{over}.dispatchEvent(new MouseEvent("mousemove", {{bubbles: true,
-            clientX: {over}.getBoundingClientRect().left + {plots}[0].u.valToPos(25, "x"),
-            clientY: {over}.getBoundingClientRect().top + 30}}))""")
-        wait_for(lambda: evaluate("document.querySelector('.bar a').hash !== ''") is True)
-        assert evaluate("document.querySelector('.bar a').hash") == "#t=25.0"
-        times = _read(evaluate, f"{plots}.map(({{u}}) => u.data[0][u.cursor.idx])")
-        assert times == pytest.approx([25.0] * 6, abs=0.05)
-        legend = str(evaluate(f"{plots}[0].u.root.querySelector('.u-legend').textContent"))
-        assert re.search(r"time2[45]\.\d\d s, phase \d+ waypoint 3value[0-9.]+ m$", legend)
-        evaluate(f"{over}.dispatchEvent(new MouseEvent('dblclick', {{bubbles: true}}))")
-        assert np.allclose(_read(evaluate, RANGES), whole)
-        evaluate(f"""(() => {{ const o = {over}, b = o.getBoundingClientRect(), u = {plots}[0].u;
-            const send = (kind, t) => o.dispatchEvent(new PointerEvent(kind, {{pointerType: "touch",
-                clientX: b.left + u.valToPos(t, "x"), clientY: b.top + 30, bubbles: true}}));
-            send("pointerdown", 10); send("pointermove", 15); send("pointerup", 15); }})()""")
-        assert np.allclose(_read(evaluate, RANGES), [[10.0, 15.0]] * 6, atol=0.2)
+def _find(page: Page, plot: int, t: float) -> tuple[float, float]:
+    """Bring a plot into view; returns the place of a time (s) in it, pixels of the window."""
+    page.locator(".u-over").nth(plot).scroll_into_view_if_needed()
+    left, top = page.evaluate(f"""(() => {{ const {{u}} = {PLOTS}[{plot}];
+        const box = u.over.getBoundingClientRect();
+        return [box.left + u.valToPos({t}, "x"), box.top + 30]; }})()""")
+    return left, top
+
+
+def test_plots_zoom_together_and_share_a_cursor(page: Page) -> None:
+    whole = _read_ranges(page)
+    assert len(whole) == 6  # distance, attitude, tilt, estimate, rotors, power
+    page.mouse.move(*_find(page, 2, 20.0))
+    page.mouse.down()
+    page.mouse.move(*_find(page, 2, 25.0))
+    page.mouse.move(*_find(page, 2, 30.0))
+    page.mouse.up()
+    assert np.allclose(_read_ranges(page), [[20.0, 30.0]] * 6, atol=0.2)
+    for button in page.locator(".bar button").all():
+        expect(button).to_be_visible()
+    page.mouse.move(*_find(page, 0, 25.0))
+    expect(page.locator(".bar a").first).to_have_attribute("href", re.compile("#t=25.0$"))
+    times = page.evaluate(f"{PLOTS}.map(({{u}}) => u.data[0][u.cursor.idx])")
+    assert times == pytest.approx([25.0] * 6, abs=0.05)
+    legend = page.locator(".u-legend").first.text_content() or ""
+    assert re.search(r"time2[45]\.\d\d s, phase \d+ waypoint 3value[0-9.]+ m$", legend)
+    page.mouse.dblclick(*_find(page, 0, 25.0))
+    assert np.allclose(_read_ranges(page), whole)
+    left, top = _find(page, 0, 10.0)
+    right, _ = _find(page, 0, 15.0)
+    finger = page.context.new_cdp_session(page)
+    for kind, x in (("touchStart", left), ("touchMove", right), ("touchEnd", None)):
+        points = [] if x is None else [{"x": x, "y": top}]
+        finger.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    assert np.allclose(_read_ranges(page), [[10.0, 15.0]] * 6, atol=0.2)
 
 
 @pytest.mark.parametrize("width", [1280, 800])
-def test_nothing_is_cut_off_and_links_resolve(
-    chromium: str, report: Path, tmp_path: Path, width: int
-) -> None:
-    page = tmp_path / "page.html"
-    note = "<script>window.faults = []; addEventListener('error', e => faults.push(e.message));"
-    text = report.read_text("utf-8").replace("<title>", note + "console.error = console.warn = "
-        "(...x) => faults.push(String(x));</script><title>", 1)  # fmt: skip
-    page.write_text(text, "utf-8")
-    with _open(chromium, page, tmp_path / "profile", width) as evaluate:
-        wait_for(lambda: evaluate(READY) is True)
-        assert _read(evaluate, "faults") == []
-        assert _read(evaluate, "document.documentElement.scrollWidth") <= width
-        wide = """[...document.querySelectorAll("main *")].filter(e => !e.closest(".uplot")
-            && e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).overflowX !== "visible")
-            .map(e => e.tagName)"""
-        assert _read(evaluate, wide) == []
-        links = "[...document.querySelectorAll('nav a')]"
-        assert _read(evaluate, f"{links}.length") > 10
-        assert evaluate(f"{links}.every(a => document.querySelector(a.hash) !== null)") is True
-        assert evaluate("[...document.querySelectorAll('a')].every(a => a.protocol === 'file:')")
-        shown = "getComputedStyle(document.querySelector('figure.live img')).display"
-        assert evaluate(shown) == "none"
+def test_nothing_is_cut_off_and_links_resolve(page: Page, width: int) -> None:
+    page.set_viewport_size({"width": width, "height": 900})
+    wait_for(lambda: page.evaluate("document.documentElement.scrollWidth <= innerWidth"))
+    wide = page.locator("main *").evaluate_all("""all => all.filter(e => !e.closest(".uplot")
+        && e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).overflowX !== "visible")
+        .map(e => e.outerHTML.slice(0, 200))""")
+    assert wide == []
+    contents = page.locator("nav a")
+    assert contents.count() > 10
+    every = "all => all.every(a => document.querySelector(a.hash) !== null)"
+    assert contents.evaluate_all(every)
+    assert page.locator("a").evaluate_all("all => all.every(a => a.protocol === 'file:')")
+    for picture in page.locator("figure.live img").all():
+        expect(picture).to_be_hidden()
 
 
 def test_a_figure_is_read_back_as_it_was_drawn() -> None:

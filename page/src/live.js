@@ -12,6 +12,7 @@ import { Video } from './video.js';
 
 const PLOT_PERIOD = 200, MAP_PERIOD = 500, STICK_PERIOD = 33, HERE_PERIOD = 500; // ms
 const PAUSED = 1, HELD = 2, ASKED = 4;
+const SILENT = 'nobody';
 
 export class Live {
   constructor(view, side, foot, loaded, fail) {
@@ -23,6 +24,7 @@ export class Live {
     this.count = 0; // frames that came
     this.stick = new Stick();
     this.delay = null;
+    this.lost = ''; // who took control from this page, or SILENT
   }
 
   async start() {
@@ -38,7 +40,10 @@ export class Live {
   build(choices) {
     const { side, foot } = this;
     this.choices = choices;
-    this.take = button('Take control', () => this.send({ k: this.state?.mine ? 'release' : 'take' }), { id: 'take', class: 'primary' });
+    this.take = button('Take control', () => {
+      this.given = Boolean(this.state?.mine);
+      this.send({ k: this.given ? 'release' : 'take' });
+    }, { id: 'take', class: 'primary' });
     this.pause = button('❚❚ pause', () => this.send({ k: 'pause', on: !this.paused }), { id: 'pause' });
     this.speed = make('select', { 'aria-label': 'Speed', id: 'speed' });
     for (const [x, text] of [[0.25, '× 0.25'], [1, 'real time'], [2, '× 2'], [5, '× 5'], [0, 'fastest']]) {
@@ -88,8 +93,9 @@ export class Live {
     this.logBox = section(side, 'Logbook', true, 'logbook');
     this.aboutBox = section(side, 'Station', false, 'station');
     this.aboutText = make('p', { class: 'hint' });
-    this.aboutBox.append(this.aboutText, button('Invite another browser', () => this.send({ k: 'invite' })), make('p', { id: 'invitation' }),
-      button('Kill the flight', () => this.send({ k: 'stop' }), { title: 'For a flight that does not answer; its recording is kept' }));
+    this.invite = button('Invite another browser', () => this.send({ k: 'invite' }));
+    this.kill = button('Kill the flight', () => this.send({ k: 'stop' }), { title: 'For a flight that does not answer; its recording is kept' });
+    this.aboutBox.append(this.aboutText, this.invite, make('p', { id: 'invitation' }), this.kill);
     this.videoBox = make('p', { id: 'video', role: 'status' });
     $('view').append(this.videoBox);
     this.capability = make('i');
@@ -131,6 +137,9 @@ export class Live {
     else if (m.k === 'state') {
       const before = this.state;
       this.state = m;
+      if (m.mine) this.lost = '';
+      else if (this.had && !this.given) this.lost = m.controller || SILENT;
+      this.had = m.mine;
       if (m.note !== before?.note || (m.mine && !before?.mine)) this.told.textContent = m.note;
       if (m.scene && m.scene !== before?.scene) this.load();
       if (this.setup && m.flying !== before?.flying) $('setup').open = !m.flying;
@@ -192,11 +201,15 @@ export class Live {
     this.take.textContent = mine ? 'Give control back' : s?.controller ? 'Take over control' : 'Take control';
     this.take.classList.toggle('primary', !mine);
     for (const b of [this.pause, this.speed, this.land, this.abort]) b.disabled = !(going && mine);
+    this.invite.disabled = !mine;
+    this.kill.disabled = !(flying && mine);
     this.abort.disabled ||= Boolean(status.order);
     this.land.disabled ||= status.order === 'land';
     this.pause.textContent = this.paused ? '▶ go on' : '❚❚ pause';
     if (document.activeElement !== this.speed && status.speed !== undefined) this.speed.value = status.speed;
-    this.who.textContent = !s ? '' : mine ? 'You control.' : s.controller ? `${s.controller} controls; you watch.` : 'Nobody controls; you watch.';
+    this.who.textContent = !s ? '' : mine ? 'You control.' : s.controller ? `${s.controller} controls; you watch.`
+      : `${this.lost === SILENT ? 'You lost control. ' : ''}Nobody controls; you watch.`;
+    this.who.classList.toggle('error', Boolean(this.lost));
     if (this.setup) {
       this.setup.go.disabled = flying || !mine;
       this.setup.go.textContent = flying ? 'A flight is under way' : mine ? 'Start the flight' : 'Start the flight (take control first)';
@@ -236,6 +249,8 @@ export class Live {
 
   listAlarms(status, going) {
     const out = [];
+    if (this.lost === SILENT) out.push('You lost control: the station did not hear this page for 2 s. The computer or the network is too slow. Press Take control.');
+    else if (this.lost) out.push(`${this.lost} took control from this page.`);
     for (const c of status.checklist ?? []) if (!c.passed) out.push(`Pre-flight check failed: ${c.says}.`);
     if (this.state?.silent && !status.over && status.scene) out.push('The simulation has been silent for 2 s.');
     for (const a of status.alarms ?? []) out.push(a.text);

@@ -307,8 +307,7 @@ class Station:
             now = time.monotonic()
             self.control.forgive(now - before - TICK_S)
             if self.control.expire(now):
-                self.note = f"Control was released: the controller was silent for {LEASE_S:g} s."
-                self._control_changed()
+                self._control_changed()  # the page that had control tells its operator
             self._count()
             if self.watchers:
                 self.tell_all()
