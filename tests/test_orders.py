@@ -17,7 +17,7 @@ HOLDS = (
     "{ x_m = 0.0, y_m = 0.4, z_m = 1.0, hold_s = 2.0 }]",
     "mission.hover_height_m=0.8",
 )
-PRESS = ("mission.task.forces_n=[2.0]", "mission.task.hold_s=6.0")
+PRESS = ("mission.task.forces_n=[2.0]", "mission.task.hold_s=6.0", "mission.timestep_ms=2")
 INSTALL = (
     "mission.task.hover_s=0",
     "mission.task.swing_deg=0",

@@ -26,6 +26,7 @@ from waiting import Clock, wait_for
 QUICK = (
     "mission.task.points=[{ x_m = 0.3, y_m = 0.0, z_m = 1.0, hold_s = 0.2 }]",
     "mission.hover_height_m=0.8",
+    "mission.timestep_ms=2",
 )
 
 
