@@ -26,7 +26,6 @@ from skywright.run.run import RunResult, fly_and_evaluate, run_mission
 SHORT = KNOWN | {
     "mission.task.forces_n": [2.0, 8.0], "mission.task.settle_s": 2.0, "mission.task.hold_s": 1.0,
     "mission.task.without_gear": False, "mission.task.stand_off_m": 0.2,
-    "mission.timestep_ms": 2,
 }  # fmt: skip
 
 
@@ -217,7 +216,6 @@ def test_a_surface_is_pressed_and_slid_along_in_flight(world: str) -> None:
     """Level along tunnel and deck; up and down the pillar the probe leans with the motion."""
     sets: dict[str, Any] = KNOWN | {
         "mission.task.forces_n": [2.0], "mission.task.hold_s": 1.0, "world.localisation": "mocap",
-        "mission.timestep_ms": 2,
     }  # fmt: skip
     if world == "pillar":  # 0.6 is refused
         sets["world.structure.friction"] = 0.4

@@ -26,7 +26,7 @@ from skywright.vehicle.sensors.mocap import MotionCapture
 BEAR = ["mission.faults.localisation_stale.on=false", "mission.faults.localisation_lost.on=false",
         "mission.timestep_ms=2"]  # fmt: skip
 STATION_SETS = [
-    "world.localisation=total-station", "mission.timestep_ms=2",
+    "world.localisation=total-station",
     "world.total_station.blocked_s=[[8,11],[14,17],[20,23],[26,30],[34,37]]",
 ]  # fmt: skip
 

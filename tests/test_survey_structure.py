@@ -32,7 +32,7 @@ from skywright.run.supervisor import Supervisor
 
 WORLDS = ("bridge", "pillar", "tunnel")
 TIP = 0.006
-LARGE = {"plant.map_error_m": 0.03, "plant.map_error_deg": 3.0, "mission.timestep_ms": 2}
+LARGE = {"plant.map_error_m": 0.03, "plant.map_error_deg": 3.0}
 SHORT = LARGE | {
     "mission.task.forces_n": [2.0, 5.0], "mission.task.hold_s": 1.0,
     "mission.task.without_gear": False, "mission.task.stand_off_m": 0.2,

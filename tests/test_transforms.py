@@ -24,7 +24,7 @@ ROBOTS = {
         "mission.task.passes": 1, "mission.task.pass_length_m": 0.05, "mission.task.survey": False,
         "mission.timestep_ms": 2,
     }),
-    "bimanual-longreach": ("impact", {"mission.timestep_ms": 2}),
+    "bimanual-longreach": ("impact", {}),
 }  # fmt: skip
 """An arm with a sprung probe, and two arms on a pendulum; missions that move their joints."""
 SPRUNG = ("slider", "tip")
