@@ -85,6 +85,7 @@ def test_stretched_the_force_fails_unless_the_platform_leaves(leave: bool) -> No
     """Suarez 2020's second trial, right after arriving, without a hover that lets all settle."""
     sets = [
         *CHECKS_OFF,
+        "mission.timestep_ms=1",
         "robot.arm.encoders=left",  # as in the paper
         "mission.task.pose=stretched",
         f"mission.task.leave_singularity={str(leave).lower()}",
