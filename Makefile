@@ -50,9 +50,13 @@ bench: $(STAMP)  ## measure what things cost, and write it into the docs
 	$(BIN)/skywright bench
 	$(BIN)/python docs/generate_benchmarks.py
 
-docs: $(STAMP)  ## build the documentation into site/ (opens from disk: site/index.html)
+# Tests of the mark `docs`.
+RUN_BY_DOCS := tests/test_docs_commands.py tests/test_examples.py tests/test_python_parts.py
+
+docs: $(STAMP)  ## build the documentation into site/ (site/index.html) and run its commands
 	$(BIN)/python docs/generate_reference.py
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	$(BIN)/pytest -n 2 --dist worksteal -m docs -q $(RUN_BY_DOCS)
 	@echo "Open site/index.html"
 
 page:  ## build the ground station's page from page/ (needs Node.js; the result is committed)

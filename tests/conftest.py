@@ -15,6 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 os.environ.setdefault("MPLBACKEND", "Agg")
+# Threads of a BLAS wait for each other in loops: with two workers on two cores they took most of
+# the time of some tests.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 from hypothesis import settings
@@ -53,8 +56,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         without.append("px4")
     if not os.environ.get("SKYWRIGHT_CUDA"):
         without.append("cuda")
-    if "betaflight" not in config.getoption("markexpr"):
-        without.append("betaflight")
+    asked = config.getoption("markexpr")
+    without += [mark for mark in ("betaflight", "docs") if mark not in asked]
     left_out = [
         i for i in items
         if i.nodeid.partition("[")[0] in slow or any(i.get_closest_marker(m) for m in without)

@@ -1,4 +1,4 @@
-"""A mission of one way-point, for back ends whose vehicle is an autopilot."""
+"""Missions of one way-point: `waypoints` cut short, and one for back ends that are an autopilot."""
 
 from __future__ import annotations
 
@@ -7,6 +7,12 @@ from typing import Any
 
 import skywright
 
+HOP = (
+    "mission.task.points=[{ x_m = 0.3, y_m = 0.0, z_m = 1.0, hold_s = 0.2 }]",
+    "mission.hover_height_m=0.8",
+    "mission.timestep_ms=2",
+)
+"""Settings of `waypoints` for a short flight."""
 TEXT = """
 [mission]
 name = "short"

@@ -231,7 +231,7 @@ def test_the_peg_is_inserted_and_left_there() -> None:
         "plant.socket_x_error_m=0.02", "plant.socket_y_error_m=-0.015",
         "plant.socket_yaw_error_deg=-5", "plant.socket_roll_error_deg=2",
         "plant.socket_pitch_error_deg=-2", "world.things.peg.friction=0.6",
-        "world.things.peg.mass_kg=0.3",
+        "world.things.peg.mass_kg=0.3", "mission.timestep_ms=2",
     ]  # fmt: skip
     result = fly_and_evaluate(load_description("bar-insertion", sets=sets, seed=3))
     m = result.metrics

@@ -37,7 +37,7 @@ def test_all_trials_meet_their_requirements() -> None:
     """With another seed, a heavier robot and a more slippery hand than believed."""
     result = fly(
         "squeeze", "unplug", "bar", "position-sensor", seed=2,
-        sets=("plant.mass_error=0.05", "robot.arm.hand.friction=0.45"),
+        sets=("plant.mass_error=0.05", "robot.arm.hand.friction=0.45", "mission.timestep_ms=2"),
     )  # fmt: skip
     assert result.outcome == "succeeded", [v for v in result.requirements if not v.passed]
     assert len(result.requirements) == 9
@@ -55,7 +55,10 @@ def test_all_trials_meet_their_requirements() -> None:
 
 def test_a_squeeze_too_weak_for_friction_loses_the_box() -> None:
     """1.2 N at a coefficient of 0.5 carry 1.2 N of the box's 2 N."""
-    result = fly("squeeze", sets=("mission.task.squeeze_n=1.2", "mission.task.hold_s=1"))
+    result = fly(
+        "squeeze",
+        sets=("mission.task.squeeze_n=1.2", "mission.task.hold_s=1", "mission.timestep_ms=2"),
+    )
     failed = {v.name for v in result.requirements if not v.passed}
     assert "bench.box_lift_share" in failed
     assert {v.name for v in result.requirements} == {
@@ -65,7 +68,7 @@ def test_a_squeeze_too_weak_for_friction_loses_the_box() -> None:
 
 def test_a_plug_that_stays_is_no_success() -> None:
     """Hands slip off a plug that is stuck: (33) takes that for the release, the evaluation not."""
-    result = fly("unplug", sets=("world.things.plug.held_n=15",))
+    result = fly("unplug", sets=("world.things.plug.held_n=15", "mission.timestep_ms=2"))
     assert {v.name for v in result.requirements if not v.passed} == {
         "bench.unplug_delay_s", "bench.plug_slip_mm",
     }  # fmt: skip

@@ -15,6 +15,7 @@ import time
 from pathlib import Path
 
 import pytest
+from threadpoolctl import threadpool_limits
 
 import skywright
 from exact_map import EXACT
@@ -42,6 +43,7 @@ kind = "waypoints"
 robot = "hexarotor"
 world = "open"
 hover_height_m = 0.6
+timestep_ms = 2
 
 [[mission.task.points]]
 x_m = 0.3
@@ -192,10 +194,12 @@ def test_a_row_repeats_alone_bit_for_bit(
 def test_a_scan_flown_by_a_worker_repeats_here(hop: Path) -> None:
     """The probe's table and the weld's statistics sum much: threads of BLAS must not show."""
     vary = ["world.pipe.friction=uniform(0.1,0.3)"]
-    short = [*EXACT, "mission.task.passes=2", "mission.task.pass_length_m=0.1"]
+    short = [*EXACT, "mission.task.passes=2", "mission.task.pass_length_m=0.1",
+             "mission.timestep_ms=2"]  # fmt: skip
     campaign = build_campaign("pipe-weld-scan", vary, sets=short)
     (row,) = run_campaign(campaign, 1, out=Path("c")).rows
-    alone = fly_and_evaluate(load_run(campaign, draw_run(campaign, 0)))
+    with threadpool_limits(limits=2, user_api="blas"):  # as outside these tests
+        alone = fly_and_evaluate(load_run(campaign, draw_run(campaign, 0)))
     metrics = {k: v for k, v in alone.metrics.items() if k not in TIMING_METRICS}
     assert row.metrics == pytest.approx(metrics, rel=0, abs=0, nan_ok=True)
     assert "weld.offset_std_mm" in row.metrics

@@ -73,6 +73,7 @@ kind = "waypoints"
 robot = "hexarotor"
 world = "open"
 hover_height_m = 0.6
+timestep_ms = 2
 
 [[mission.task.points]]
 x_m = 0.3
@@ -113,7 +114,8 @@ def strip(rows: list[Row]) -> list[Row]:
 
 
 def test_a_pod_is_the_same_and_complete(cluster: str, killer: str) -> None:
-    short = [*EXACT, "mission.task.passes=2", "mission.task.pass_length_m=0.08", killer]
+    short = [*EXACT, "mission.task.passes=2", "mission.task.pass_length_m=0.08",
+             "mission.timestep_ms=2", killer]  # fmt: skip
     plan = build_campaign("pipe-weld-scan", ["world.pipe.friction=choice(0.1,0.3)"], sets=short)
     there = run_campaign(plan, 2, out=Path("there"), ray=cluster)
     assert Path("killer.killed").exists()

@@ -97,7 +97,7 @@ def test_laws_fly_the_same_seeds_and_a_law_that_cannot_is_told(
     def compare() -> LawComparison:
         return compare_laws(
             laws, "waypoints", robot="hexarotor", cases=["mass"], runs=2, seed=4, workers=1,
-            out=out,
+            sets=["mission.timestep_ms=2"], out=out,
         )  # fmt: skip
 
     found = compare()

@@ -1,8 +1,9 @@
 """Every command in README and docs runs: each distinct one of the ```console blocks, once.
 
-Pages are read in the order of the navigation and share one working folder, so that a page may
-use what an earlier command wrote. `# not run` at the end of a line leaves it out, `# exits 2`
-says which exit code it must have (0 without it).
+`make docs` runs them (`pytest -m docs`), `make test` what is around them. Pages are read in the
+order of the navigation; each has a working folder, so that a command may use what an earlier one of
+its page wrote, and pages can be shared among processes. `# not run` at the end of a line leaves it
+out, `# exits 2` says which exit code it must have (0 without it).
 
 Lines below a command are its output: each must be among the printed lines, in this order, with the
 same words, and with numbers that agree within 10 % or two units of the last digit. `...` stands for
@@ -118,14 +119,6 @@ SHOWN: dict[str, list[Command]] = {}
 COMMANDS = _distinct()
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A working folder with the examples, as a reader of the docs has it."""
-    path = tmp_path_factory.mktemp("docs")
-    shutil.copytree(ROOT / "examples", path / "examples")
-    return path
-
-
 def test_parse_commands() -> None:
     text = (
         "```console\n$ skywright list robots\nothex\n$ skywright run x   # exits 2\n"
@@ -174,39 +167,48 @@ def test_reference_names_every_command_and_option() -> None:
 
 
 def test_a_command_of_the_server_is_that_of_a_process(
-    folder: Path, commands: CommandServer, tmp_path: Path
+    commands: CommandServer, tmp_path: Path
 ) -> None:
     """Output, messages and exit codes are the same; a failed command leaves the server as it is."""
     for words in (["list", "robots"], ["list", "robot"], ["show", "nothing"], ["check", "othex"]):
         alone = subprocess.run(
             [sys.executable, "-m", "skywright", *words],
-            cwd=folder, capture_output=True, text=True, check=False,
+            cwd=tmp_path, capture_output=True, text=True, check=False,
             env={**os.environ, "COLUMNS": "100"},
         )  # fmt: skip
-        ours = commands.run(words, folder, COLUMNS="100")
+        ours = commands.run(words, tmp_path, COLUMNS="100")
         assert (ours.returncode, ours.stdout) == (alone.returncode, alone.stdout), words
         assert ours.stderr == alone.stderr.replace("python -m skywright", "skywright"), words
 
 
-@pytest.mark.parametrize("command", COMMANDS, ids=lambda c: c.line.removeprefix("skywright "))
-def test_command_of_the_docs(command: Command, folder: Path, commands: CommandServer) -> None:
+@pytest.mark.docs
+@pytest.mark.parametrize("page", list(dict.fromkeys(command.page for command in COMMANDS)))
+def test_commands_of_the_page(page: str, tmp_path: Path, commands: CommandServer) -> None:
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")  # as a reader of the docs has them
+    failed = [run(c, tmp_path, commands) for c in COMMANDS if c.page == page]
+    assert not any(failed), "\n\n".join(filter(None, failed))
+
+
+def run(command: Command, folder: Path, commands: CommandServer) -> str:
+    """Run a command of a page; returns what is wrong, or ""."""
     words = shlex.split(command.line)
-    assert words[0] in ("skywright", "python"), (
-        f"{command.page}: only skywright and python are run: {command.line}"
-    )
     if words[0] == "skywright":
         out = commands.run(words[1:], folder, COLUMNS="100")
-    else:  # the interpreter of the tests, whatever is first on the path
+    elif words[0] == "python":  # the interpreter of the tests, whatever is first on the path
         out = subprocess.run(
             [sys.executable, *words[1:]],
             cwd=folder, capture_output=True, text=True, timeout=600, check=False,
             env={**os.environ, "COLUMNS": "100"},
         )  # fmt: skip
-    assert out.returncode == command.exit_code, (
-        f"{command.page}: `{command.line}` exits {out.returncode}, expected {command.exit_code}\n"
-        f"{out.stdout[-2000:]}\n{out.stderr[-2000:]}"
-    )
-    assert "Traceback" not in out.stderr
+    else:
+        return f"{command.page}: only skywright and python are run: {command.line}"
+    said = f"{out.stdout[-2000:]}\n{out.stderr[-2000:]}"
+    if out.returncode != command.exit_code or "Traceback" in out.stderr:
+        return (
+            f"{command.page}: `{command.line}` exits {out.returncode}, "
+            f"expected {command.exit_code}\n{said}"
+        )
     for other in SHOWN.get(command.line, []):
-        missing = find_missing(other.shown, out.stdout.splitlines())
-        assert not missing, f"{other.page}: not printed: {missing}\n{out.stdout[-2000:]}"
+        if missing := find_missing(other.shown, out.stdout.splitlines()):
+            return f"{other.page}: `{command.line}` does not print: {missing}\n{said}"
+    return ""

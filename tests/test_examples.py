@@ -6,9 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
 
+@pytest.mark.docs
 def test_quickstart_runs_from_anywhere(tmp_path):
     done = subprocess.run(
         [sys.executable, str(EXAMPLES / "quickstart.py")],

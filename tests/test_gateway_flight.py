@@ -70,7 +70,7 @@ def test_a_stick_by_udp_moves_the_hands_and_the_state_comes_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("skywright.ground.person.PATIENCE_S", 2.0)
-    sets = ["mission.task.hover_s=0", "mission.task.wait_s=1"]
+    sets = ["mission.task.hover_s=0", "mission.task.wait_s=1", "mission.timestep_ms=2"]
     d = load_description("tool-install", sets=sets)
     gateway = open_gateway(None, "udp:0", None, d)
     assert gateway is not None

@@ -37,7 +37,7 @@ def build_link(length: float) -> list[str]:
     return [
         f"robot.pendulum.length_m={length}", f"robot.pendulum.com_m={0.785 * length:.4f}",
         f"robot.pendulum.folded_deg={down - 90.0:.3f}",
-        f"robot.arm.shoulder_pitch.folded_deg={-down:.3f}",
+        f"robot.arm.shoulder_pitch.folded_deg={-down:.3f}", "mission.timestep_ms=2",
     ]  # fmt: skip
 
 

@@ -14,7 +14,9 @@ from skywright.vehicle.sensors.inertial import Inertial
 
 
 def fly(sets):
-    d = load_description("waypoints", "othex", sets=["mission.estimator=observer", *sets])
+    d = load_description(
+        "waypoints", "othex", sets=["mission.estimator=observer", "mission.timestep_ms=2", *sets]
+    )
     blocks = []
     v = build_vehicle(d, blocks.append)
     Supervisor(v, d.mission, plan_mission(d), d.robot.platform.gear_height_m).fly()

@@ -22,7 +22,7 @@ SIGHT = Sight(np.zeros(3), False)
 @pytest.mark.parametrize(("manner", "seed"), [("careful", 18), ("hasty", 1)])
 def test_an_operator_brings_the_peg_into_the_hole(tmp_path: Path, manner: str, seed: int) -> None:
     """Without a swing about the hole, which once grew to 7 cm, and without hooks that slip."""
-    d = skywright.load("bar-insertion", sets=(f"mission.seed={seed}",))
+    d = skywright.load("bar-insertion", sets=(f"mission.seed={seed}", "mission.timestep_ms=2"))
     result = skywright.run(d, operator=f"model:{manner}", report=False, out=tmp_path / "run")
     assert result.outcome == "succeeded", result.reason
     names = [p.name for p in result.phases]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import skywright
+from exact_map import EXACT
 from skywright.run import orders
 from skywright.run.orders import WAITING
 from skywright.run.run import RunResult, run_mission
@@ -17,7 +18,12 @@ HOLDS = (
     "{ x_m = 0.0, y_m = 0.4, z_m = 1.0, hold_s = 2.0 }]",
     "mission.hover_height_m=0.8",
 )
-PRESS = ("mission.task.forces_n=[2.0]", "mission.task.hold_s=6.0")
+PRESS = (
+    *EXACT,
+    "mission.task.forces_n=[2.0]",
+    "mission.task.hold_s=6.0",
+    "mission.task.slide_m=0.1",
+)
 INSTALL = (
     "mission.task.hover_s=0",
     "mission.task.swing_deg=0",

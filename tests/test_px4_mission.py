@@ -23,6 +23,7 @@ from short_mission import write_short
 from skywright.core.rotations import rot_z
 from skywright.errors import InputError
 from skywright.links.mavlink import modes
+from skywright.links.px4 import mission
 from skywright.links.px4.check import find_losses, find_refusal
 from skywright.links.px4.docked import DockedAttitude
 from skywright.links.px4.gains import compute_force_units
@@ -105,7 +106,10 @@ def test_an_autopilot_that_vanishes_in_flight_ends_the_mission(tmp_path: Path) -
     assert result.outcome == "aborted" and "PX4 has gone: the rotors stop" in result.reason
 
 
-def test_a_refusal_to_arm_is_told_with_its_reason(tmp_path: Path) -> None:
+def test_a_refusal_to_arm_is_told_with_its_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mission, "READY_S", 8.0)
     description = write_short(tmp_path)
     with peer(description) as (px4, backend):
         px4.refuses = "Preflight Fail: heading estimate not stable"

@@ -73,19 +73,18 @@ def test_stale_code_is_dropped_wherever_compiled_code_is_loaded():
 # The scripts
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A working folder that the scripts share, as a reader of the page has it."""
-    folder = tmp_path_factory.mktemp("parts")
-    (folder / "examples").symlink_to(ROOT / "examples")
-    return folder
+@pytest.mark.docs
+def test_scripts_run(tmp_path, monkeypatch, capsys):
+    """In a folder that they share, as a reader of the page has it."""
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    monkeypatch.chdir(tmp_path)
+    for script in SCRIPTS:
+        runpy.run_path(str(script), run_name="__main__")
+        assert capsys.readouterr().out, script
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
-def test_script_runs_and_is_what_the_page_shows(script, folder, monkeypatch, capsys):
-    monkeypatch.chdir(folder)
-    runpy.run_path(str(script), run_name="__main__")
-    assert capsys.readouterr().out
+def test_script_is_what_the_page_shows(script):
     text = script.read_text(encoding="utf-8")
     body = text.partition('"""\n\n')[2]
     assert f"```python\n{body}```" in PAGE

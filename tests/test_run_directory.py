@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 import skywright
 from exact_map import EXACT
+from short_mission import HOP
 from skywright.core import interrupt
 from skywright.description.loader import load_description
 from skywright.errors import InputError
@@ -97,7 +98,9 @@ def test_a_report_that_cannot_be_written_leaves_the_run_partial(tmp_path):
     def fail(result):
         raise OSError(28, "No space left on device")
 
-    result = run_mission(load_description("waypoints"), out=tmp_path / "r", write_report=fail)
+    result = run_mission(
+        load_description("waypoints", sets=HOP), out=tmp_path / "r", write_report=fail
+    )
     assert result.outcome == "interrupted"
     assert "No space left" in result.reason
     assert json.loads((tmp_path / "r.partial" / "metrics.json").read_text())["outcome"] == (
@@ -140,7 +143,7 @@ def test_a_disk_that_fills_in_flight_interrupts_and_says_how_much_is_kept(
         append(self, samples, rows)
 
     monkeypatch.setattr(RecordingWriter, "_append", fill_up)
-    result = run_mission(load_description("waypoints"), out=tmp_path / "r")
+    result = run_mission(load_description("waypoints", sets=HOP), out=tmp_path / "r")
     assert calls and result.exit_code == 1 and result.outcome == "interrupted"
     assert "No space left" in result.reason and not (tmp_path / "r").exists()
     print_result(result)
@@ -168,7 +171,7 @@ def test_a_defect_of_the_evaluation_leaves_a_judged_run_behind(tmp_path, monkeyp
         return np.zeros(0)[1]
 
     monkeypatch.setattr(type(load_kind("waypoints")), step, fail)
-    result = run_mission(load_description("waypoints"), out=tmp_path / "r")
+    result = run_mission(load_description("waypoints", sets=HOP), out=tmp_path / "r")
     written = json.loads((tmp_path / "r" / "metrics.json").read_text())
     assert result.outcome == written["outcome"] == "failed"
     assert written["reason"].startswith("evaluation: IndexError: index 1 is out of bounds")

@@ -34,7 +34,8 @@ from skywright.run.run import fly_and_evaluate
 from skywright.run.setup import Setup
 
 DESCRIPTION = load_description("sensor-install")
-CHECKS_OFF = [*EXACT, "mission.task.hover_s=0", "mission.task.swing_deg=0"]
+CHECKS_OFF = [*EXACT, "mission.task.hover_s=0", "mission.task.swing_deg=0",
+              "mission.timestep_ms=2"]  # fmt: skip
 
 
 def test_the_sensor_is_pressed_on_with_2_n_and_stays() -> None:
@@ -84,6 +85,7 @@ def test_stretched_the_force_fails_unless_the_platform_leaves(leave: bool) -> No
     """Suarez 2020's second trial, right after arriving, without a hover that lets all settle."""
     sets = [
         *CHECKS_OFF,
+        "mission.timestep_ms=1",
         "robot.arm.encoders=left",  # as in the paper
         "mission.task.pose=stretched",
         f"mission.task.leave_singularity={str(leave).lower()}",

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from short_mission import HOP
 from skywright.description.loader import load_description
 from skywright.ground.disturb import list_repeats, list_sets
 from skywright.ground.feed import Feed
@@ -23,14 +24,9 @@ from skywright.reports.report import render_report
 from skywright.run.run import RunResult, run_mission
 from waiting import Clock, wait_for
 
-QUICK = (
-    "mission.task.points=[{ x_m = 0.3, y_m = 0.0, z_m = 1.0, hold_s = 0.2 }]",
-    "mission.hover_height_m=0.8",
-)
-
 
 def _fly(feed: Feed | None, out: Path, *sets: str) -> RunResult:
-    description = load_description("waypoints", sets=(*QUICK, *sets))
+    description = load_description("waypoints", sets=(*HOP, *sets))
     return run_mission(description, out=out, observers=() if feed is None else (feed,))
 
 

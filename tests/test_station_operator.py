@@ -100,6 +100,7 @@ def test_a_scripted_operator_presses_the_sensor_through_the_pages_socket(
     client, page = station
     sets = [
         "mission.task.hover_s=0", "mission.task.swing_deg=0", "mission.task.survey=false",
+        "mission.timestep_ms=2",
     ]  # fmt: skip
     _fly(page, "sensor-install", sets=sets, operated=True)
     page.send("speed", x=0)

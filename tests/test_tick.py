@@ -14,7 +14,12 @@ from skywright.run.supervisor import Supervisor
 from skywright.vehicle.sensors.mocap import MotionCapture
 from user_parts import HOVER, write_law
 
-SHORT = [*EXACT, "mission.task.passes=1", "mission.task.pass_length_m=0.03"]
+SHORT = [
+    *EXACT,
+    "mission.task.passes=1",
+    "mission.task.pass_length_m=0.03",
+    "mission.timestep_ms=2",
+]
 
 
 def fly(sets, fault=None):

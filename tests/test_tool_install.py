@@ -278,6 +278,7 @@ def test_wrong_robots_and_tasks_are_input_errors(
 def test_the_tool_is_installed_and_brought_back() -> None:
     sets = [
         "mission.task.hover_s=4", "mission.task.wait_s=2", "world.things.tool.mass_kg=0.6",
+        "mission.timestep_ms=2",
         "world.things.tool.friction=0.2", "world.things.tool.yaw_deg=4",
         "world.things.tool.x_m=0.02",
     ]  # fmt: skip

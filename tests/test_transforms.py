@@ -20,9 +20,12 @@ from skywright.run.run import run_mission
 
 Array = NDArray[np.float64]
 ROBOTS = {
-    "othex": ("pipe-weld-scan", {"mission.task.passes": 1, "mission.task.survey": False}),
+    "othex": ("pipe-weld-scan", {
+        "mission.task.passes": 1, "mission.task.pass_length_m": 0.05, "mission.task.survey": False,
+        "mission.timestep_ms": 2,
+    }),
     "bimanual-longreach": ("impact", {}),
-}
+}  # fmt: skip
 """An arm with a sprung probe, and two arms on a pendulum; missions that move their joints."""
 SPRUNG = ("slider", "tip")
 """Links of the probe behind its spring. The URDF has it released; /contact/state tells by how much

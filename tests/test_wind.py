@@ -353,7 +353,12 @@ FAN = ["world.wind.kind=fan", "world.wind.mean_mps=6", "world.wind.fan.sweep_deg
 
 def _fly(*sets: str) -> np.ndarray:
     """Fly a short scan and return its samples."""
-    short = [*EXACT, "mission.task.passes=1", "mission.task.pass_length_m=0.03"]
+    short = [
+        *EXACT,
+        "mission.task.passes=1",
+        "mission.task.pass_length_m=0.03",
+        "mission.timestep_ms=2",
+    ]
     d = load_description("pipe-weld-scan", sets=[*short, *sets])
     plan = plan_mission(d)
     assert plan.feasible, plan.blocked_by

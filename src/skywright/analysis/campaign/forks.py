@@ -1,7 +1,8 @@
 """Worker processes as forks of one process that has imported the simulator.
 
-An interpreter of its own would spend two seconds of processor time and 200 MB on imports and on
-loading compiled code; a fork starts at once and shares that memory. The caller itself is not
+An interpreter of its own spends 2.2 s of processor time and 240 MB on imports and on loading
+compiled code. That is paid once: a fork starts at once and shares that memory. One worker gains
+nothing; each further one saves that, and so does one that replaces a killed one. The caller is not
 forked, because threads (numba, BLAS, a notebook) do not survive a fork: the process that is forked,
 `python -m skywright.analysis.campaign.forks FD`, has one thread. It ends with the caller.
 """
