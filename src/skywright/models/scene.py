@@ -126,6 +126,9 @@ def build_spec(
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     # with a handful of contacts finding their islands costs more than it saves
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
+    # trees of boxes pay only beside a structure's long boxes, whose spheres meet everything
+    if world.structure is None:
+        spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
     spec.option.gravity = [0.0, 0.0, -world.gravity_mps2]
     spec.compiler.degree = False
     spec.visual.headlight.ambient = [0.4, 0.4, 0.4]

@@ -57,6 +57,7 @@ class StreamRecorder(Component):
                 if source is not None:
                     entries.append(self._add(component.name, streamed, source, context))
         self._table = np.array(entries, np.int64).reshape(-1, ENTRY)
+        self._written = self._table[:, WRITTEN]
         me.n, me.table = len(entries), context.keep(self._table)
 
     def _add(self, name: str, streamed: Streamed, source: NDArray[Any], context: Any) -> list[int]:
@@ -89,12 +90,12 @@ class StreamRecorder(Component):
     @property
     def is_full(self) -> bool:
         """Whether there is no room for another mission tick."""
-        return bool(np.any(self._table[:, WRITTEN] > ROWS - ROWS_A_TICK))
+        return max(self._written.tolist(), default=0) > ROWS - ROWS_A_TICK
 
     def take(self) -> list[tuple[str, NDArray[Any]]]:
         """Return (topic, rows) of what was written so far, as copies, and begin anew."""
-        written = self._table[:, WRITTEN].tolist()
-        self._table[:, WRITTEN] = 0
+        written = self._written.tolist()
+        self._written[:] = 0
         return [
             (b.stream.topic.name, b.rows[:n].copy())
             for b, n in zip(self.buffers, written, strict=True)
