@@ -4,7 +4,8 @@
   sites of two heights, torque in `gear`, limits in `ctrlrange`.
 - `write_one_site`: MJCF; one thrust and moments at one site, so no rotors.
 - `write_hexa`: SDF; links and plug-ins of the motors, base in an included file, tilted rotor links.
-- `write_urdf_quad`: URDF; rotors as continuous joints by name, the root link with a mass.
+- `write_urdf_quad`: URDF; rotors as continuous joints by name, the root link with a mass, a
+  transmission for a joint.
 - `urdf_arm`: URDF; four hinges, products of inertia, package:// meshes, a gripper of two fingers with
   mimic, placeholder efforts.
 - `mjcf_arm`: MJCF; six joints, names with a prefix, inertias turned by quaternions, fingers that an
@@ -145,6 +146,9 @@ def write_urdf_quad(folder: Path) -> Path:
 <link name="slider">{inertial("urdf", 0.05, "0 0 -0.03", SMALL)}</link>
 <joint name="end" type="fixed"><parent link="slider"/><child link="tool0"/>
 <origin xyz="0.02 0.01 -0.08" rpy="0 0 0"/></joint><link name="tool0"/>
+<transmission name="drive"><type>transmission_interface/SimpleTransmission</type>
+<joint name="shoulder"><hardwareInterface>EffortJointInterface</hardwareInterface></joint>
+<actuator name="m"><mechanicalReduction>1</mechanicalReduction></actuator></transmission>
 </robot>""",
     )
 

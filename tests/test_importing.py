@@ -93,9 +93,11 @@ def test_urdf_keeps_the_mass_of_its_root(tmp_path: Path) -> None:
     Pinocchio, which reads the URDF by itself, has the same mass and centre at other postures.
     """
     file = models.write_urdf_quad(tmp_path)
-    spins = {"robot.rotors.spin": ["ccw", "cw", "ccw", "cw"]}
-    made, robot = take(file, tmp_path, answers=spins)
+    made, robot = take(file, tmp_path)
     assert made.joints == ["shoulder", "rail"]
+    assert robot.rotors.spin == ["ccw", "cw", "ccw", "cw"]
+    assert load_robot(made.path)[1]["robot.rotors.spin"].kind == "assumed"
+    check_can_fly(robot)
     own = build_body_model(robot)
     other = pin.buildModelFromXML(file.read_text(), pin.JointModelFreeFlyer())
     data = other.createData()
@@ -113,6 +115,18 @@ def test_urdf_keeps_the_mass_of_its_root(tmp_path: Path) -> None:
     rail = list_joints(robot)[1].link
     assert (rail.joint, *rail.reach) == ("slide", 0.0, 0.12)
     assert [s.stall_torque_nm for _, s in list_servos(robot)] == [1.2, 30.0]
+    assert [s.no_load_speed_rad_s for _, s in list_servos(robot)] == [5.0, 0.2]
+
+
+def test_assumed_senses_alternate_around_the_platform(tmp_path: Path) -> None:
+    """PX4's order of rotors is crosswise: in it, neighbours would turn the same way."""
+    file = models.write_urdf_quad(tmp_path)
+    text = file.read_text()
+    first, second = '"0.2 0.2 0.03"', '"-0.2 0.2 0.03"'
+    file.write_text(text.replace(first, "%").replace(second, first).replace("%", second))
+    made, robot = take(file, tmp_path)
+    assert robot.rotors.spin == ["cw", "ccw", "ccw", "cw"]
+    assert not any("does not fly" in note for note in made.notes)
 
 
 @pytest.mark.parametrize("kind", ["urdf", "mjcf"])

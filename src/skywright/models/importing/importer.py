@@ -224,7 +224,7 @@ def _read_limits(
                 most = float(model.actuator_forcerange[a, 1]) * abs(model.actuator_gear[a, 0])
                 out[model.joint(j).name] = (float(most) if limited else None, None)
         return out
-    for joint in opened.root.iter("joint"):
+    for joint in opened.root.findall("joint"):
         limit = joint.find("limit")
         name, where = joint.get("name", ""), f"{opened.path}: limit of {joint.get('name')!r}"
         if limit is not None:
