@@ -162,9 +162,13 @@ def test_what_is_missing_is_asked_or_listed(tmp_path: Path) -> None:
         take(file, tmp_path, assume=False)
     asked = []
 
-    def answer(question: Any) -> Any:
+    def answer(question: Any, check: Any) -> Any:
         asked.append(question.key)
-        return question.guess
+        with pytest.raises(InputError, match=r"is -1|is the text"):
+            check(-1 if len(asked) > 1 else "wide")
+        given = question.guess if len(asked) > 1 else 0.11
+        check(given)
+        return given
 
     answers = {"robot.battery.energy_wh": 80.0, "robot.platform.gear_height_m": 0.3}
     made = import_robot(Request(file, answers=answers), tmp_path / "asked", answer)
@@ -172,8 +176,23 @@ def test_what_is_missing_is_asked_or_listed(tmp_path: Path) -> None:
         "propeller_radius_m", "thrust_coefficient_n_per_rad2s2", "time_constant_s")]  # fmt: skip
     robot, sources = load_robot(made.path)
     assert (robot.battery.energy_wh, robot.platform.gear_height_m) == (80.0, 0.3)
-    kinds = {sources[key].kind for key in (*answers, *asked)}
-    assert kinds == {"asked"}
+    kinds = [sources[key].kind for key in (*answers, *asked)]
+    assert kinds == ["asked"] * 3 + ["assumed"] * 2, "an accepted guess remains a guess"
+    assert sources["robot.rotors.time_constant_s"].range == (0.015, 0.06)
+
+
+def test_a_wrong_answer_on_the_terminal_is_asked_for_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, out = models.write_quad(tmp_path), tmp_path / "one"
+    monkeypatch.setattr("click.testing._NamedTextIOWrapper.isatty", lambda _: True, raising=False)
+    result = CliRunner().invoke(
+        cli.main, ["import", str(file), "--out", str(out)], input="wide\n-1\n0.12\n\n[1]\n\n\n"
+    )
+    assert result.exit_code == 0, result.output
+    assert result.output.count("Error: robot.rotors.propeller_radius_m is") == 2
+    assert result.output.count("Error: robot.rotors.time_constant_s is a list of 1") == 1
+    assert load_robot(out / "robot.toml")[0].rotors.propeller_radius_m == 0.12
 
 
 def test_the_command_writes_once_and_says_what_it_did(tmp_path: Path) -> None:
@@ -260,6 +279,11 @@ def test_bad_files_give_one_line(tmp_path: Path, name: str) -> None:
         ({"answers": {"platform.mass_kg": 1.0}}, "keys of the robot file"),
         ({"answers": {"robot.platform.mass_kg": 9.0}}, "deviates .* in mass"),
         ({"answers": {"robot.platform.mass_kg": -9.0}}, "greater than 0"),
+        ({"answers": {"robot.rotors.time_constant_s": "abc"}}, "is the text 'abc'"),
+        ({"answers": {"robot.rotors.time_constant_s": [1, 2]}}, "is a list of 2"),
+        ({"answers": {"robot.rotors.time_constant_s": 10**400}}, "robot.rotors.time_constant_s"),
+        ({"answers": {"robot.platform": 1}}, "robot.platform"),
+        ({"answers": {"robot.": 1}}, "unknown key"),
     ],
 )
 def test_wrong_options_are_refused(tmp_path: Path, given: dict[str, Any], says: str) -> None:
@@ -267,6 +291,14 @@ def test_wrong_options_are_refused(tmp_path: Path, given: dict[str, Any], says: 
     with pytest.raises(InputError, match=says):
         take(models.write_quad(tmp_path), tmp_path, arm=arm, **given)
     assert not (tmp_path / "made").exists()
+
+
+def test_a_refused_robot_file_is_named_as_asked_for(tmp_path: Path) -> None:
+    """Not as the scratch file that the command had written."""
+    file = models.write_quad(tmp_path)
+    file.write_text(file.read_text().replace('mass=".4"', 'mass="4e6"'))
+    with pytest.raises(InputError, match=r"quad.xml as .*made/robot.toml: robot.platform.mass_kg"):
+        take(file, tmp_path)
 
 
 def test_rotors_that_differ_are_refused(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -86,8 +87,17 @@ def _describe(made: Imported) -> dict[str, Any]:
     return made._asdict() | {"path": str(made.path), "deviations": made.deviations._asdict()}
 
 
-def _ask(question: Question) -> Any:
-    """Ask on the terminal; the guess is the default."""
+def _ask(question: Question, check: Callable[[Any], None]) -> Any:
+    """Ask on the terminal until the answer can be; the guess is the default."""
     from skywright.core.toml_files import parse_value
+    from skywright.errors import InputError
 
-    return parse_value(click.prompt(question.text, default=str(question.guess)))
+    def read(text: str) -> Any:
+        value = parse_value(text)
+        try:
+            check(value)
+        except InputError as error:
+            raise click.UsageError(str(error).removeprefix("--set: ")) from None
+        return value
+
+    return click.prompt(question.text, default=str(question.guess), value_proc=read)

@@ -5,15 +5,19 @@ from __future__ import annotations
 import json
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 
+from skywright.core.catalog import Found
+from skywright.core.keys import apply_assignments
 from skywright.core.rotations import quat_from_rot, rot_x, rot_y, rot_z
-from skywright.description.robot.loader import load_robot
+from skywright.core.spec import Source
+from skywright.description.robot.loader import load_robot, load_robot_layers
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError, SkywrightError
 from skywright.models.allocation import build_allocator
@@ -45,6 +49,9 @@ class Request(NamedTuple):
     assume: bool = False  # take guesses for what is missing
 
 
+Ask = Callable[[Question, Callable[[Any], None]], Any]
+
+
 class Imported(NamedTuple):
     """A robot file that agrees with its model."""
 
@@ -59,12 +66,11 @@ class Imported(NamedTuple):
     notes: list[str]
 
 
-def import_robot(
-    request: Request, folder: Path, ask: Callable[[Question], Any] | None = None
-) -> Imported:
+def import_robot(request: Request, folder: Path, ask: Ask | None = None) -> Imported:
     """Write FOLDER/robot.toml for a file of another tool.
 
-    `ask` answers what neither the file nor `request.answers` say; without it, and without
+    `ask` answers what neither the file nor `request.answers` say, and is given a check that raises
+    InputError for an answer that cannot be; without it, and without
     `request.assume`, this raises InputError with the keys. Raises InputError too where the file
     cannot be read, does not describe a multirotor that a robot file can describe, or where the
     robot file deviates from MuJoCo's model of the file by more than 1e-6; nothing is written then.
@@ -91,15 +97,13 @@ def import_robot(
     )
     name = request.name or folder.name
     tables = build_tables(name, f"{origin} ({opened.kind})", chain, rotors, limits)
-    values = _answer(tables, request, ask)
     notes = [*opened.notes, *([] if arm is None else arm.notes), *rotors.notes, *chain.frozen]
     notes.append("shapes: capsules along the links, a hub and propeller discs; meshes are not used")
-    text = write_toml(values, origin)
     scratch = Path(tempfile.mkdtemp())
     try:
-        file = scratch / "robot.toml"
-        file.write_text(text, encoding="utf-8")
-        robot, sources = load_robot(file)
+        draft = _Draft(scratch / "robot.toml", f"{request.file} as {folder / 'robot.toml'}", origin)
+        _answer(draft, tables, request, ask)
+        robot, sources = draft.load()
         deviations = compare(model, root, chain, robot)
         what, worst = deviations.worst()
         if not worst <= TOLERANCE:
@@ -109,7 +113,7 @@ def import_robot(
             )
         notes += _find_weakness(robot)
         folder.mkdir(parents=True)
-        shutil.copyfile(file, folder / "robot.toml")
+        shutil.copyfile(draft.file, folder / "robot.toml")
     finally:
         shutil.rmtree(scratch)
     counts: dict[str, int] = {}
@@ -236,39 +240,72 @@ def _read_limits(
     return out
 
 
-def _answer(
-    tables: Tables, request: Request, ask: Callable[[Question], Any] | None
-) -> dict[str, Value]:
-    """Return all values: the file's, the answers, the guesses."""
-    values, open_questions = dict(tables.values), []
-    for question in tables.questions:
-        if question.key in request.answers:
-            continue
-        if ask is not None:
-            values[question.key] = Value(ask(question), "asked", question.text)
-        elif request.assume:
-            note = f"no source: {question.text}"
-            values[question.key] = Value(question.guess, "assumed", note, question.range)
+class _Draft:
+    """The robot file under way, written where nobody looks for it."""
+
+    def __init__(self, file: Path, label: str, origin: str) -> None:
+        self.file, self.label, self.origin = file, label, origin
+        self.values: dict[str, Value] = {}
+
+    def load(self) -> tuple[Robot, dict[str, Source]]:
+        """Read the file as any other; raises InputError."""
+        self.file.write_text(write_toml(self.values, self.origin), encoding="utf-8")
+        return load_robot(self.file, label=self.label)
+
+    def check(self, key: str, answer: Any) -> None:
+        """Raise InputError for an answer that the robot file cannot hold."""
+        load_robot(self.file, [(key, answer)], label=self.label)
+
+    def set(self, answers: Mapping[str, Any], label: str) -> None:
+        """Put answers in place, lists and tables included; raises InputError for a wrong one."""
+        given = list(answers.items())
+        load_robot(self.file, given, label=self.label)
+        tree = load_robot_layers(Found(self.file, self.label))[0].tree
+        layer = apply_assignments(tree, given, {"robot": Robot})
+        for key, value in _flatten(layer.tree):
+            self.values[key] = Value(value, "asked", label)
+        self.load()
+
+
+def _flatten(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in tree.items():
+        if isinstance(value, dict):
+            yield from _flatten(value, f"{prefix}{name}.")
         else:
-            open_questions.append(question)
-    if open_questions:
-        wanted = "; ".join(f"--set {q.key}=... ({q.text})" for q in open_questions)
-        raise InputError(f"{request.file} lacks values: give {wanted}, or --assume")
-    for key, answer in request.answers.items():
+            yield prefix + name, value
+
+
+def _answer(draft: _Draft, tables: Tables, request: Request, ask: Ask | None) -> None:
+    """Fill the draft: the file's values, the answers, the guesses; raises InputError."""
+    guesses = {
+        q.key: Value(q.guess, "assumed", f"no source: {q.text}", q.range) for q in tables.questions
+    }
+    draft.values = tables.values | guesses
+    draft.load()
+    for key in request.answers:
         if not key.startswith("robot."):
             raise InputError(f"--set {key}: valid: keys of the robot file, robot...")
-        values[key] = Value(answer, "asked", "--set")
-    lag = float(values["robot.rotors.time_constant_s"].value)
-    if "robot.control.attitude_bandwidth_rad_s" not in values:
+    draft.set(request.answers, "--set")
+    missing = [q for q in tables.questions if q.key not in request.answers]
+    if missing and ask is None and not request.assume:
+        wanted = "; ".join(f"--set {q.key}=... ({q.text})" for q in missing)
+        raise InputError(f"{request.file} lacks values: give {wanted}, or --assume")
+    for question in missing:
+        if ask is None:
+            break
+        answer = ask(question, partial(draft.check, question.key))
+        if answer != question.guess:
+            draft.set({question.key: answer}, question.text)
+    lag = draft.load()[0].rotors.time_constant_s
+    if "robot.control.attitude_bandwidth_rad_s" not in draft.values:
         fast = round(min(max(0.3 / max(lag, 1e-4), 3.0), 12.0), 2)
-        values["robot.control.attitude_bandwidth_rad_s"] = Value(
+        draft.values["robot.control.attitude_bandwidth_rad_s"] = Value(
             fast, "derived", "0.3 over the lag of the rotors, 3 to 12 rad/s"
         )
-        values.setdefault(
+        draft.values.setdefault(
             "robot.control.position_bandwidth_rad_s",
             Value(round(fast / 4.5, 2), "derived", "the attitude loop's over 4.5"),
         )
-    return values
 
 
 def write_toml(values: Mapping[str, Value], origin: str) -> str:
