@@ -270,6 +270,7 @@ def test_bad_files_give_one_line(tmp_path: Path, name: str) -> None:
     ("given", "says"),
     [
         ({"mount": "1,2"}, "--mount"),
+        ({"mount": "1,2,3", "arm": None}, "--mount 1,2,3: only with --arm"),
         ({"mount": "1,2,nan"}, "--mount"),
         ({"tip": "elbow"}, "neither a body"),
         ({"weld": ("nothing",)}, "is no joint"),
@@ -289,7 +290,7 @@ def test_bad_files_give_one_line(tmp_path: Path, name: str) -> None:
 def test_wrong_options_are_refused(tmp_path: Path, given: dict[str, Any], says: str) -> None:
     arm = models.urdf_arm(tmp_path)
     with pytest.raises(InputError, match=says):
-        take(models.write_quad(tmp_path), tmp_path, arm=arm, **given)
+        take(models.write_quad(tmp_path), tmp_path, **({"arm": arm} | given))
     assert not (tmp_path / "made").exists()
 
 
@@ -311,6 +312,110 @@ def test_rotors_that_differ_are_refused(tmp_path: Path) -> None:
     wrong = models.write_hexa(tmp_path, ("<linkName>rotor_3<", "<linkName>rotor_9<"))
     with pytest.raises(InputError, match="no such link or joint"):
         take(wrong, tmp_path)
+
+
+def write_limits(tmp_path: Path, kind: str, low: float, high: float) -> Path:
+    """A robot with other limits of the joint `shoulder`, in URDF or SDF."""
+    if kind == "urdf":
+        file = models.write_urdf_quad(tmp_path)
+        new = f'lower="{low}" upper="{high}"'
+        file.write_text(file.read_text().replace('lower="-1" upper="1.5"', new))
+        return file
+    joint = f"""<link name="upper"><pose>0.1 0 -0.1 0 0 0</pose>
+{models.inertial("sdf", 0.1, "0.05 0 0", models.SMALL)}</link><joint name="shoulder" type="revolute">
+<parent>base</parent><child>upper</child><axis><xyz>0 1 0</xyz>
+<limit><lower>{low}</lower><upper>{high}</upper></limit></axis></joint></model>"""
+    return models.write_hexa(tmp_path, ("</model>", joint))
+
+
+@pytest.mark.parametrize("kind", ["urdf", "sdf"])
+def test_a_joint_with_equal_limits_is_locked_there(tmp_path: Path, kind: str) -> None:
+    made, robot = take(write_limits(tmp_path, kind, 0.7, 0.7), tmp_path)
+    assert "shoulder" not in made.joints
+    assert "joint shoulder is frozen: both its limits are 0.7" in made.notes
+    assert not any("MuJoCo" in note for note in made.notes)
+    turned = take(write_limits(tmp_path, kind, -0.7, 0.9), tmp_path, "turned")[1]
+    n = len(list_joints(turned))
+    q = np.zeros(n)
+    q[0] = 0.7
+    for mine, other in zip(
+        compute_body(build_body_model(robot), np.zeros(n - 1)),
+        compute_body(build_body_model(turned), q),
+        strict=True,
+    ):
+        np.testing.assert_allclose(mine, other, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["urdf", "sdf"])
+def test_reversed_limits_are_refused(tmp_path: Path, kind: str) -> None:
+    file = write_limits(tmp_path, kind, 1.5, -1)
+    with pytest.raises(InputError, match=r"'shoulder': lower limit 1.5 is above upper limit -1"):
+        take(file, tmp_path)
+
+
+def test_a_limit_on_one_side_is_kept(tmp_path: Path) -> None:
+    robot = take(write_limits(tmp_path, "sdf", -1e16, 0.5), tmp_path)[1]
+    link = list_joints(robot)[0].link
+    assert (link.joint_min_deg, link.joint_max_deg) == (-360.0, pytest.approx(np.degrees(0.5)))
+
+
+def test_a_tip_at_the_last_joint_is_refused(tmp_path: Path) -> None:
+    file = models.write_urdf_quad(tmp_path)
+    text = file.read_text().replace('xyz="0 0 -0.03"', 'xyz="0 0 0"')
+    file.write_text(text.replace('xyz="0.02 0.01 -0.08"', 'xyz="0 0 0"'))
+    with pytest.raises(InputError, match=r"at joint 'rail', the last.*--tip.*--weld rail"):
+        take(file, tmp_path)
+    assert take(file, tmp_path, weld=("rail",))[0].joints == ["shoulder"]
+
+
+CHANGES = {
+    "nan": ('mass=".4"', 'mass="nan"', "mass of <geom> is 'nan'"),
+    "thrust": ("0.1 12", "12 0.1", "ctrlrange of actuator '' is 12 0.1"),
+    "include": ("<worldbody>", "<include/><worldbody>", "an <include> without file"),
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_what_mujoco_leaves_out_without_a_word_is_refused(tmp_path: Path, name: str) -> None:
+    old, new, says = CHANGES[name]
+    file = models.write_quad(tmp_path)
+    file.write_text(file.read_text().replace(old, new))
+    with pytest.raises(InputError, match=says):
+        take(file, tmp_path)
+
+
+def test_mujoco_writes_no_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its URDF reader warns of equal limits, on the terminal and in MUJOCO_LOG.TXT."""
+    file = write_limits(tmp_path, "urdf", 0.7, 0.7)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("skywright.models.importing.opening._find_locked", lambda *_: {})
+    made = take(file, tmp_path)[0]
+    assert any("MuJoCo: joint 'shoulder' has equal" in note for note in made.notes)
+    assert not list(tmp_path.glob("MUJOCO*"))
+
+
+@pytest.mark.filterwarnings("error")
+def test_sdf_with_numbers_that_cannot_be(tmp_path: Path) -> None:
+    constant = f"<motorConstant>{models.KF}</motorConstant>"
+    negative = models.write_hexa(tmp_path, (constant, constant.replace(">9", ">-9")))
+    with pytest.raises(InputError, match="motorConstant is -9e-06; valid: 0 or more"):
+        take(negative, tmp_path)
+    empty = models.write_hexa(tmp_path, ("<uri>model://hexa_base</uri>", ""))
+    with pytest.raises(InputError, match="an <include> without <uri>"):
+        take(empty, tmp_path)
+    file = models.write_hexa(tmp_path)
+    base = tmp_path / "hexa_base" / "model.sdf"
+    quaternion = '<pose rotation_format="quat_xyzw">0 0 0 0 0 0 0</pose>'
+    base.write_text(base.read_text().replace("<pose>0 0 0.02 0 0 0.4</pose>", quaternion))
+    with pytest.raises(InputError, match="the quaternion is zero"):
+        take(file, tmp_path)
+
+
+def test_two_rotors_at_one_place_are_told(tmp_path: Path) -> None:
+    file = models.write_urdf_quad(tmp_path)
+    file.write_text(file.read_text().replace('xyz="-0.2 0.2 0.03"', 'xyz="0.2 0.2 0.03"'))
+    made = take(file, tmp_path)[0]
+    assert "rotors 1 and 2 are at one place: is one there twice?" in made.notes
 
 
 def test_joints_can_be_welded(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     help="File of an arm, which is welded to the robot.",
 )  # fmt: skip
 @click.option(
-    "--mount", metavar="X,Y,Z[,R,P,Y]", default="0,0,0",
+    "--mount", metavar="X,Y,Z[,R,P,Y]",
     help="Place (m) and roll, pitch, yaw (deg) of the arm's root.  [default: 0,0,0]",
 )  # fmt: skip
 @click.option("--body", metavar="NAME", help="Body that flies.  [default: first free body]")
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 )  # fmt: skip
 @as_json_option
 def import_(
-    file: Path, arm: Path | None, mount: str, body: str | None, tip: str | None,
+    file: Path, arm: Path | None, mount: str | None, body: str | None, tip: str | None,
     weld: tuple[str, ...], rotors: tuple[str, ...], sets: tuple[str, ...], assume: bool,
     out: Path | None, as_json: bool,
 ) -> None:  # fmt: skip

@@ -24,7 +24,7 @@ from skywright.models.allocation import build_allocator
 from skywright.models.capability import check_can_fly
 from skywright.models.importing.chain import find_chain, find_root, freeze
 from skywright.models.importing.comparing import TOLERANCE, Deviations, compare
-from skywright.models.importing.opening import Opened, compile_spec, open_file
+from skywright.models.importing.opening import Opened, compile_spec, hear_mujoco, open_file
 from skywright.models.importing.rotors import find_rotors, parse_rotor
 from skywright.models.importing.tables import Question, Tables, Value, build_tables
 from skywright.models.importing.xml_input import read_numbers
@@ -39,7 +39,7 @@ class Request(NamedTuple):
 
     file: Path
     arm: Path | None = None
-    mount: str = "0,0,0"  # m, and roll, pitch, yaw in deg, of the arm's root in B
+    mount: str | None = None  # m, and roll, pitch, yaw in deg, of the arm's root in B
     body: str | None = None
     tip: str | None = None
     weld: tuple[str, ...] = ()  # joints to freeze; "*": all
@@ -77,6 +77,15 @@ def import_robot(request: Request, folder: Path, ask: Ask | None = None) -> Impo
     """
     if folder.exists():
         raise InputError(f"{folder}: exists; remove it, or give another --out")
+    if request.mount is not None and request.arm is None:
+        raise InputError(f"--mount {request.mount}: only with --arm FILE")
+    heard: list[str] = []
+    with hear_mujoco(heard):
+        made = _import(request, folder, ask)
+    return made._replace(notes=[*dict.fromkeys(heard), *made.notes])
+
+
+def _import(request: Request, folder: Path, ask: Ask | None) -> Imported:
     opened = open_file(request.file)
     arm = None if request.arm is None else open_file(request.arm)
     if arm is not None:
@@ -86,10 +95,13 @@ def import_robot(request: Request, folder: Path, ask: Ask | None = None) -> Impo
     if arm is not None:
         _check_mass(model, arm, ARM)
     root = find_root(model, request.body)
-    data = freeze(model, root)
+    locked = dict(opened.locked)
+    if arm is not None:
+        locked |= {ARM + name: at for name, at in arm.locked.items()}
+    data = freeze(model, root, locked)
     rotors = find_rotors(opened, model, data, root, [parse_rotor(t) for t in request.rotors])
     turning = {rotor.joint for rotor in rotors.rotors if rotor.joint}
-    chain = find_chain(model, data, root, turning, set(request.weld), request.tip)
+    chain = find_chain(model, data, root, turning, locked, set(request.weld), request.tip)
     _check_rotors(model, root, chain.joints, turning, request)
     origin = request.file.name + ("" if request.arm is None else f" and {request.arm.name}")
     limits = _read_limits(opened, "", model) | (
@@ -138,8 +150,8 @@ def _find_weakness(robot: Robot) -> list[str]:
 
 def _attach(opened: Opened, arm: Opened, request: Request) -> None:
     """Weld the first tree of `arm` to the body that flies."""
-    where = f"--mount {request.mount}"
-    parts = request.mount.split(",")
+    mount = request.mount or "0,0,0"
+    where, parts = f"--mount {mount}", mount.split(",")
     if len(parts) not in (3, 6):
         raise InputError(f"{where}: valid: X,Y,Z or X,Y,Z,ROLL,PITCH,YAW (m, deg)")
     numbers = read_numbers(" ".join(parts), len(parts), where, [])

@@ -20,10 +20,12 @@ import numpy as np
 from skywright.core.arrays import Array
 from skywright.core.rotations import quat_from_rot, rot_from_quat, rot_x, rot_y, rot_z
 from skywright.errors import InputError
-from skywright.models.importing.xml_input import MAX_INCLUDES, read_numbers, read_xml
+from skywright.models.importing.xml_input import MAX_INCLUDES, check_span, read_numbers, read_xml
 from skywright.models.part_masses import set_inertia
 
 TYPES = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "fixed": "fixed"}
+TURN, FAR = 2.0 * math.pi, 100.0
+"""rad and m: limits beyond are none; SDF writes 1e16."""
 RESOURCES = ("GZ_SIM_RESOURCE_PATH", "SDF_PATH", "GAZEBO_MODEL_PATH")
 
 
@@ -57,8 +59,17 @@ class SdfJoint(NamedTuple):
     span: tuple[float, float] | None
 
 
-def read_sdf(path: Path, root: ET.Element) -> tuple[ET.Element, mujoco.MjSpec, list[str]]:
-    """Return the model's element (includes in it), its specification and notes.
+class Sdf(NamedTuple):
+    """A robot described in SDF."""
+
+    model: ET.Element  # with its includes
+    spec: mujoco.MjSpec
+    notes: list[str]
+    locked: dict[str, float]  # joints whose limits are equal, and where (rad or m)
+
+
+def read_sdf(path: Path, root: ET.Element) -> Sdf:
+    """Return the model of a file.
 
     Raises InputError on what cannot be read as one robot.
     """
@@ -70,7 +81,8 @@ def read_sdf(path: Path, root: ET.Element) -> tuple[ET.Element, mujoco.MjSpec, l
     if model.find("model") is not None:
         raise InputError(f"{path}: nested models; include them with merge='true'")
     version = read_numbers(root.get("version"), 1, f"{path}: version", [1.9])[0]
-    return model, *_Builder(path, model, old=version < 1.45).build()
+    builder = _Builder(path, model, old=version < 1.45)
+    return Sdf(model, builder.build(), builder.notes, builder.locked)
 
 
 def merge_includes(path: Path, model: ET.Element, above: tuple[Path, ...]) -> None:
@@ -79,6 +91,8 @@ def merge_includes(path: Path, model: ET.Element, above: tuple[Path, ...]) -> No
         raise InputError(f"{path}: more than {MAX_INCLUDES} nested includes")
     for include in model.findall("include"):
         uri = (include.findtext("uri") or "").strip()
+        if not uri:
+            raise InputError(f"{path}: an <include> without <uri>")
         pose = read_numbers(include.findtext("pose"), 6, f"{path}: pose of {uri}", [0.0] * 6)
         if any(pose) or include.findtext("placement_frame"):
             raise InputError(f"{path}: include of {uri!r} with a pose is not supported: merge it")
@@ -121,9 +135,10 @@ class _Builder:
                 self.frames[name] = element
         self.known: dict[str, Pose] = {"__model__": IDENTITY, "": IDENTITY}
         self.notes: list[str] = []
+        self.locked: dict[str, float] = {}
 
-    def build(self) -> tuple[mujoco.MjSpec, list[str]]:
-        """Return the specification, the root link free to move, and notes."""
+    def build(self) -> mujoco.MjSpec:
+        """Return the specification, the root link free to move."""
         path = self.path
         links = {e.get("name", ""): e for e in self.model.findall("link")}
         joints = [j for e in self.model.findall("joint") if (j := self._joint(e)).parent != "world"]
@@ -159,7 +174,7 @@ class _Builder:
             elif above[name].kind != "fixed":
                 self._add_joint(body, above[name], X_ML)
             todo += [(j.child, body, X_ML) for j in below.get(name, [])]
-        return spec, self.notes
+        return spec
 
     def pose_of(self, name: str, above: tuple[str, ...]) -> Pose:
         """Return a frame of the model in the model's frame."""
@@ -186,6 +201,8 @@ class _Builder:
         if element.get("rotation_format") == "quat_xyzw":
             x, y, z, *q = read_numbers(element.text, 7, where, [0.0] * 6 + [1.0])
             quat = np.array([q[3], *q[:3]])
+            if np.linalg.norm(quat) < 1e-9:
+                raise InputError(f"{where}: the quaternion is zero; valid: x y z w of length 1")
             return Pose(np.array([x, y, z]), rot_from_quat(quat / np.linalg.norm(quat)))
         values = read_numbers(element.text, 6, where, [0.0] * 6)
         scale = math.pi / 180.0 if element.get("degrees") in ("true", "1") else 1.0
@@ -220,7 +237,14 @@ class _Builder:
             read_numbers(axis.findtext(f"limit/{end}"), 1, f"{where}: {end}", [default])[0]
             for end, default in (("lower", -1e16), ("upper", 1e16))
         )
-        span = (low, high) if low < high and max(abs(low), abs(high)) < 1e3 else None
+        if element.get("type") == "continuous":
+            low, high = -1e16, 1e16
+        check_span(low, high, where)
+        if low == high:
+            self.locked[name] = low
+        far = TURN if kind == "hinge" else FAR
+        free = low == high or (low < -far and high > far)
+        span = None if free else (max(low, -far), min(high, far))
         return SdfJoint(name, kind, parent, child, at.p, way / np.linalg.norm(way), span)
 
     def _add_joint(self, body: mujoco.MjsBody, joint: SdfJoint, X_ML: Pose) -> None:

@@ -55,6 +55,9 @@ def parse_xml(text: str, path: Path) -> ET.Element:
     if root is None:
         raise InputError(f"{path}: empty")
     for element in root.iter():
+        for key, text in element.attrib.items():
+            if key != "name" and "nan" in text.lower().split():
+                raise InputError(f"{path}: {key} of <{element.tag}> is {text[:80]!r}; not a number")
         if "xacro" in element.tag or any("${" in v or "$(" in v for v in element.attrib.values()):
             raise InputError(
                 f"{path}: holds xacro; expand it first, with the packages that it names: "
@@ -76,12 +79,23 @@ def read_numbers(text: str | None, n: int, what: str, default: Sequence[float]) 
     return values
 
 
+def check_span(low: float, high: float, what: str) -> None:
+    """Raise InputError where the limits of a joint are reversed."""
+    if low > high:
+        raise InputError(
+            f"{what}: lower limit {low:g} is above upper limit {high:g}; valid: lower <= upper "
+            "(equal: locked)"
+        )
+
+
 def check_includes(path: Path, root: ET.Element, above: tuple[Path, ...] = ()) -> None:
     """Read the files that an MJCF file includes; InputError where one is missing or circular."""
     chain = (*above, path.resolve())
     if len(chain) > MAX_INCLUDES:
         raise InputError(f"{path}: more than {MAX_INCLUDES} nested includes")
     for element in root.iter("include"):
+        if not element.get("file"):
+            raise InputError(f"{path}: an <include> without file='...'")
         other = (chain[0].parent / element.get("file", "")).resolve()
         if other in chain:
             raise InputError(f"{path}: includes itself by way of {element.get('file')!r}")
