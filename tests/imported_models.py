@@ -33,7 +33,7 @@ def write_quad(folder: Path) -> Path:
         f'<motor site="s{i}" gear="0 0 1 0 0 {sign * 0.02}" ctrlrange="0.1 12"/>'
         for i, sign in enumerate((-1, 1, -1, 1))
     )
-    return _write(
+    return write(
         folder / "quad.xml",
         f"""
 <mujoco model="quad"><compiler autolimits="true"/>
@@ -56,7 +56,7 @@ def write_one_site(folder: Path) -> Path:
         f'<motor site="at" gear="0 0 0 {gear}" ctrlrange="-1e-5 1e-5"/>'
         for gear in ("-1 0 0", "0 -1 0", "0 0 -1")
     )
-    return _write(
+    return write(
         folder / "tiny.xml",
         f"""
 <mujoco model="tiny"><compiler inertiafromgeom="false" autolimits="true"/>
@@ -117,8 +117,8 @@ def write_hexa(folder: Path, change: tuple[str, str] = ("", "")) -> Path:
     top = f"""
 <sdf version="1.9"><model name="hexa"><include merge="true"><uri>model://hexa_base</uri></include>
 {"".join(plugins)}</model></sdf>"""
-    _write(folder / "hexa_base" / "model.sdf", base)
-    return _write(folder / "hexa" / "model.sdf", top.replace(*change) if change[0] else top)
+    write(folder / "hexa_base" / "model.sdf", base)
+    return write(folder / "hexa" / "model.sdf", top.replace(*change) if change[0] else top)
 
 
 def write_urdf_quad(folder: Path) -> Path:
@@ -131,7 +131,7 @@ def write_urdf_quad(folder: Path) -> Path:
         for i, (x, y, axis) in enumerate([(0.2, 0.2, 1), (-0.2, 0.2, -1), (-0.2, -0.2, 1),
                                           (0.2, -0.2, -1)], start=1)
     )  # fmt: skip
-    return _write(
+    return write(
         folder / "flyer.urdf",
         f"""
 <robot name="flyer"><link name="main_body">{inertial("urdf", 0.55, "0.01 0.02 0", BODY)}</link>
@@ -178,7 +178,7 @@ def urdf_arm(folder: Path, mass: str = "0.09") -> Path:
     text += """
 <joint name="ee" type="fixed"><parent link="link5"/><child link="end_effector_link"/>
 <origin xyz="0.126 0 0"/></joint><link name="end_effector_link"/></robot>"""
-    return _write(folder / "arm.urdf", text)
+    return write(folder / "arm.urdf", text)
 
 
 def mjcf_arm(folder: Path) -> Path:
@@ -199,7 +199,7 @@ def mjcf_arm(folder: Path) -> Path:
 <body name="vx/right" pos="0.07 0 0">{finger}
 <joint name="right" axis="0 1 0" type="slide" range="-0.04 -0.015"/></body>"""
     drives = "".join(f'<position joint="j{i}" kp="50" forcerange="-30 30"/>' for i in range(6))
-    return _write(
+    return write(
         folder / "arm.xml",
         f"""
 <mujoco model="vx"><compiler angle="radian" meshdir="assets" autolimits="true"/>
@@ -214,7 +214,7 @@ def mjcf_arm(folder: Path) -> Path:
     )
 
 
-def _write(path: Path, text: str) -> Path:
+def write(path: Path, text: str) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text.strip() + "\n", encoding="utf-8")
     return path

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 import imported_models as models
 from skywright import cli
-from skywright.core.rotations import rot_x, rot_z
+from skywright.core.rotations import rot_x, rot_y, rot_z
 from skywright.description.robot.limbs import list_joints, list_servos
 from skywright.description.robot.loader import load_robot
 from skywright.errors import InputError
@@ -356,7 +356,8 @@ def test_reversed_limits_are_refused(tmp_path: Path, kind: str) -> None:
 def test_a_limit_on_one_side_is_kept(tmp_path: Path) -> None:
     robot = take(write_limits(tmp_path, "sdf", -1e16, 0.5), tmp_path)[1]
     link = list_joints(robot)[0].link
-    assert (link.joint_min_deg, link.joint_max_deg) == (-360.0, pytest.approx(np.degrees(0.5)))
+    assert link.joint_min_deg == -360.0
+    assert link.joint_max_deg == pytest.approx(np.degrees(0.5))
 
 
 def test_a_tip_at_the_last_joint_is_refused(tmp_path: Path) -> None:
@@ -416,6 +417,64 @@ def test_two_rotors_at_one_place_are_told(tmp_path: Path) -> None:
     file.write_text(file.read_text().replace('xyz="-0.2 0.2 0.03"', 'xyz="0.2 0.2 0.03"'))
     made = take(file, tmp_path)[0]
     assert "rotors 1 and 2 are at one place: is one there twice?" in made.notes
+
+
+PAYLOAD = """<sdf version="{version}"><model name="box"><pose>0 0 0.3 0 0 0</pose>
+<link name="case"><pose>0.1 0 0 0 0 0.5</pose>{inertial}</link>
+<link name="lid"><pose>0.1 0.2 0 0 0 0.6</pose>{inertial}</link>
+<frame name="handle" attached_to="lid"><pose>0 0 0.05 0 0.3 0</pose></frame>
+<joint name="hinge" type="revolute"><parent>case</parent><child>lid</child>
+<axis><xyz>1 0 0</xyz><limit><lower>-1</lower><upper>1</upper></limit></axis></joint></model></sdf>"""
+
+
+@pytest.mark.parametrize("version", ["1.4", "1.9"])
+@pytest.mark.parametrize(
+    ("include", "scope", "origin", "turn"),
+    [
+        ('<include merge="true"><uri>box</uri>', "", [0, 0, 0.3], 0),
+        ('<include merge="true"><uri>box</uri><pose>1 2 3 0 0 0</pose>', "", [1, 2, 3], 0),
+        ('<include><uri>box</uri><name>b</name><pose degrees="true">1 0 0 0 0 90</pose>',
+         "b::", [1, 0, 0], 90),
+        ('<include><uri>box</uri><pose relative_to="base">0 0 1 0 0 0</pose>',
+         "box::", None, None),
+        ('<include merge="true"><uri>box</uri><placement_frame>handle</placement_frame>'
+         "<pose>0.1 0.2 0.05 0 0.3 0.6</pose>", "", [0, 0, 0], 0),
+    ],
+)  # fmt: skip
+def test_sdf_includes_have_poses_and_names(
+    tmp_path: Path, version: str, include: str, scope: str, origin: Any, turn: Any
+) -> None:
+    """Where the parts of an included model are, by hand from the file."""
+    inertial = models.inertial("sdf", 0.1, "0.03 0 0", models.SMALL)
+    text = PAYLOAD.format(version=version, inertial=inertial)
+    models.write(tmp_path / "box" / "model.sdf", text)
+    joint = f"""{include}</include><joint name="mount" type="fixed"><parent>base</parent>
+<child>{scope}case</child></joint></model>"""
+    file = models.write_hexa(tmp_path, ("</model>", joint))
+    made, robot = take(file, tmp_path)
+    # B is the frame of the link `base`, which is at (0, 0, 0.24 + 0.02) in the model, yaw 0.4
+    R_B, p_B = rot_z(0.4), np.array([0.0, 0.0, 0.26])
+    if origin is None:
+        R, p = R_B, p_B + np.array([0.0, 0.0, 1.0])
+    else:
+        R, p = rot_z(np.radians(turn)), np.array(origin)
+    assert made.joints == [f"{scope}hinge"]
+    link = list_joints(robot)[0].link
+    place = R_B.T @ (p + R @ np.array([0.1, 0.2, 0.0]) - p_B)
+    np.testing.assert_allclose(np.array([link.x_m, link.y_m, link.z_m]), place, atol=1e-9)
+    axis = R_B.T @ R @ (np.eye(3) if version == "1.4" else rot_z(0.6))[:, 0]
+    roll, pitch, yaw = np.radians([link.roll_deg, link.pitch_deg, link.yaw_deg])
+    frame = rot_z(yaw) @ rot_y(pitch) @ rot_x(roll)
+    np.testing.assert_allclose(frame[:, "xyz".index(link.axis)], axis, atol=1e-9)
+
+
+def test_sdf_with_a_nested_model_and_an_undeclared_prefix(tmp_path: Path) -> None:
+    inertial = models.inertial("sdf", 0.1, "0.03 0 0", models.SMALL)
+    box = PAYLOAD.format(version="1.9", inertial=inertial).partition(">")[2].removesuffix("</sdf>")
+    nested = f"""{box}<joint name="mount" type="fixed" gz:kind="clamp"><parent>base</parent>
+<child>box::case</child></joint></model>"""
+    made, _ = take(models.write_hexa(tmp_path, ("</model></sdf>", f"{nested}</sdf>")), tmp_path)
+    assert made.joints == ["box::hinge"]
 
 
 def test_joints_can_be_welded(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ SAME = 1e-6
 CLOSE = 1e-3
 """m between two rotors that are suspected to be one."""
 NAMED = re.compile(
-    r"(^|[_/ ])(rotor|prop|propeller|thrust|thruster)[_ ]?\d*($|[_/ ])", re.IGNORECASE
+    r"(^|[_/: ])(rotor|prop|propeller|thrust|thruster)[_ ]?\d*($|[_/ ])", re.IGNORECASE
 )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from pathlib import Path
@@ -34,6 +35,7 @@ def parse_xml(text: str, path: Path) -> ET.Element:
         raise InputError(f"{path}: a document type or entity declaration is refused; remove it")
     if "{{" in text or "{%" in text:
         raise InputError(f"{path}: is a template ({{{{ or {{%): render it first")
+    text = _declare_prefixes(text)
     parser: Any = ET.XMLPullParser(["start", "end"])
     depth = count = 0
     root: ET.Element | None = None
@@ -64,6 +66,15 @@ def parse_xml(text: str, path: Path) -> ET.Element:
                 f"xacro {path.name} > {path.stem}.urdf"
             )
     return root
+
+
+def _declare_prefixes(text: str) -> str:
+    """Declare the prefixes that a file uses without a declaration: Gazebo reads such files."""
+    unknown = set(re.findall(r"<([A-Za-z_][\w.-]*):", text))
+    unknown |= set(re.findall(r"\s([A-Za-z_][\w.-]*):[\w.-]+=", text))
+    unknown -= {"xml", "xmlns", *re.findall(r"\bxmlns:([\w.-]+)", text)}
+    names = "".join(f' xmlns:{name}="{name}"' for name in sorted(unknown))
+    return re.sub(r"<[A-Za-z_][\w.-]*", lambda tag: tag[0] + names, text, count=1)
 
 
 def read_numbers(text: str | None, n: int, what: str, default: Sequence[float]) -> list[float]:
