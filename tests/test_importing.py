@@ -17,6 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import imported_models as models
+import skywright
 from skywright import cli
 from skywright.core.rotations import rot_x, rot_y, rot_z
 from skywright.description.robot.limbs import list_joints, list_servos
@@ -343,7 +344,7 @@ def test_a_joint_with_equal_limits_is_locked_there(tmp_path: Path, kind: str) ->
         compute_body(build_body_model(turned), q),
         strict=True,
     ):
-        np.testing.assert_allclose(mine, other, atol=1e-9)
+        np.testing.assert_allclose(np.asarray(mine), np.asarray(other), atol=1e-9)
 
 
 @pytest.mark.parametrize("kind", ["urdf", "sdf"])
@@ -535,3 +536,13 @@ def test_the_written_file_is_xml_free_and_sourced(tmp_path: Path) -> None:
     made, robot = take(file, tmp_path)
     assert robot.control.rate_hz == 500.0
     assert made.counts["imported"] > 15
+
+
+def test_an_imported_robot_flies(tmp_path: Path) -> None:
+    file, arm = models.write_quad(tmp_path), models.urdf_arm(tmp_path)
+    made, _ = take(file, tmp_path, arm=arm, mount="0.05,0,-0.05,180,0,0")
+    points = [{"x_m": 0.5, "y_m": 0.0, "z_m": 1.2, "hold_s": 1.0}]
+    sets = {"mission.timestep_ms": 2, "mission.task.points": points}
+    description = skywright.load("waypoints", robot=str(made.path), sets=sets)
+    result = skywright.run(description, report=False, out=tmp_path / "run")
+    assert result.outcome == "succeeded", result.metrics
