@@ -4,7 +4,8 @@
   sites of two heights, torque in `gear`, limits in `ctrlrange`.
 - `write_one_site`: MJCF; one thrust and moments at one site, so no rotors.
 - `write_hexa`: SDF; links and plug-ins of the motors, base in an included file, tilted rotor links.
-- `write_urdf_quad`: URDF; rotors as continuous joints by name, the root link with a mass.
+- `write_urdf_quad`: URDF; rotors as continuous joints by name, the root link with a mass, a
+  transmission for a joint.
 - `urdf_arm`: URDF; four hinges, products of inertia, package:// meshes, a gripper of two fingers with
   mimic, placeholder efforts.
 - `mjcf_arm`: MJCF; six joints, names with a prefix, inertias turned by quaternions, fingers that an
@@ -32,7 +33,7 @@ def write_quad(folder: Path) -> Path:
         f'<motor site="s{i}" gear="0 0 1 0 0 {sign * 0.02}" ctrlrange="0.1 12"/>'
         for i, sign in enumerate((-1, 1, -1, 1))
     )
-    return _write(
+    return write(
         folder / "quad.xml",
         f"""
 <mujoco model="quad"><compiler autolimits="true"/>
@@ -55,7 +56,7 @@ def write_one_site(folder: Path) -> Path:
         f'<motor site="at" gear="0 0 0 {gear}" ctrlrange="-1e-5 1e-5"/>'
         for gear in ("-1 0 0", "0 -1 0", "0 0 -1")
     )
-    return _write(
+    return write(
         folder / "tiny.xml",
         f"""
 <mujoco model="tiny"><compiler inertiafromgeom="false" autolimits="true"/>
@@ -116,8 +117,8 @@ def write_hexa(folder: Path, change: tuple[str, str] = ("", "")) -> Path:
     top = f"""
 <sdf version="1.9"><model name="hexa"><include merge="true"><uri>model://hexa_base</uri></include>
 {"".join(plugins)}</model></sdf>"""
-    _write(folder / "hexa_base" / "model.sdf", base)
-    return _write(folder / "hexa" / "model.sdf", top.replace(*change) if change[0] else top)
+    write(folder / "hexa_base" / "model.sdf", base)
+    return write(folder / "hexa" / "model.sdf", top.replace(*change) if change[0] else top)
 
 
 def write_urdf_quad(folder: Path) -> Path:
@@ -130,7 +131,7 @@ def write_urdf_quad(folder: Path) -> Path:
         for i, (x, y, axis) in enumerate([(0.2, 0.2, 1), (-0.2, 0.2, -1), (-0.2, -0.2, 1),
                                           (0.2, -0.2, -1)], start=1)
     )  # fmt: skip
-    return _write(
+    return write(
         folder / "flyer.urdf",
         f"""
 <robot name="flyer"><link name="main_body">{inertial("urdf", 0.55, "0.01 0.02 0", BODY)}</link>
@@ -145,6 +146,9 @@ def write_urdf_quad(folder: Path) -> Path:
 <link name="slider">{inertial("urdf", 0.05, "0 0 -0.03", SMALL)}</link>
 <joint name="end" type="fixed"><parent link="slider"/><child link="tool0"/>
 <origin xyz="0.02 0.01 -0.08" rpy="0 0 0"/></joint><link name="tool0"/>
+<transmission name="drive"><type>transmission_interface/SimpleTransmission</type>
+<joint name="shoulder"><hardwareInterface>EffortJointInterface</hardwareInterface></joint>
+<actuator name="m"><mechanicalReduction>1</mechanicalReduction></actuator></transmission>
 </robot>""",
     )
 
@@ -174,7 +178,7 @@ def urdf_arm(folder: Path, mass: str = "0.09") -> Path:
     text += """
 <joint name="ee" type="fixed"><parent link="link5"/><child link="end_effector_link"/>
 <origin xyz="0.126 0 0"/></joint><link name="end_effector_link"/></robot>"""
-    return _write(folder / "arm.urdf", text)
+    return write(folder / "arm.urdf", text)
 
 
 def mjcf_arm(folder: Path) -> Path:
@@ -195,7 +199,7 @@ def mjcf_arm(folder: Path) -> Path:
 <body name="vx/right" pos="0.07 0 0">{finger}
 <joint name="right" axis="0 1 0" type="slide" range="-0.04 -0.015"/></body>"""
     drives = "".join(f'<position joint="j{i}" kp="50" forcerange="-30 30"/>' for i in range(6))
-    return _write(
+    return write(
         folder / "arm.xml",
         f"""
 <mujoco model="vx"><compiler angle="radian" meshdir="assets" autolimits="true"/>
@@ -210,7 +214,7 @@ def mjcf_arm(folder: Path) -> Path:
     )
 
 
-def _write(path: Path, text: str) -> Path:
+def write(path: Path, text: str) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text.strip() + "\n", encoding="utf-8")
     return path

@@ -17,8 +17,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import imported_models as models
+import skywright
 from skywright import cli
-from skywright.core.rotations import rot_x, rot_z
+from skywright.core.rotations import rot_x, rot_y, rot_z
 from skywright.description.robot.limbs import list_joints, list_servos
 from skywright.description.robot.loader import load_robot
 from skywright.errors import InputError
@@ -93,9 +94,11 @@ def test_urdf_keeps_the_mass_of_its_root(tmp_path: Path) -> None:
     Pinocchio, which reads the URDF by itself, has the same mass and centre at other postures.
     """
     file = models.write_urdf_quad(tmp_path)
-    spins = {"robot.rotors.spin": ["ccw", "cw", "ccw", "cw"]}
-    made, robot = take(file, tmp_path, answers=spins)
+    made, robot = take(file, tmp_path)
     assert made.joints == ["shoulder", "rail"]
+    assert robot.rotors.spin == ["ccw", "cw", "ccw", "cw"]
+    assert load_robot(made.path)[1]["robot.rotors.spin"].kind == "assumed"
+    check_can_fly(robot)
     own = build_body_model(robot)
     other = pin.buildModelFromXML(file.read_text(), pin.JointModelFreeFlyer())
     data = other.createData()
@@ -113,6 +116,18 @@ def test_urdf_keeps_the_mass_of_its_root(tmp_path: Path) -> None:
     rail = list_joints(robot)[1].link
     assert (rail.joint, *rail.reach) == ("slide", 0.0, 0.12)
     assert [s.stall_torque_nm for _, s in list_servos(robot)] == [1.2, 30.0]
+    assert [s.no_load_speed_rad_s for _, s in list_servos(robot)] == [5.0, 0.2]
+
+
+def test_assumed_senses_alternate_around_the_platform(tmp_path: Path) -> None:
+    """PX4's order of rotors is crosswise: in it, neighbours would turn the same way."""
+    file = models.write_urdf_quad(tmp_path)
+    text = file.read_text()
+    first, second = '"0.2 0.2 0.03"', '"-0.2 0.2 0.03"'
+    file.write_text(text.replace(first, "%").replace(second, first).replace("%", second))
+    made, robot = take(file, tmp_path)
+    assert robot.rotors.spin == ["cw", "ccw", "ccw", "cw"]
+    assert not any("does not fly" in note for note in made.notes)
 
 
 @pytest.mark.parametrize("kind", ["urdf", "mjcf"])
@@ -148,9 +163,13 @@ def test_what_is_missing_is_asked_or_listed(tmp_path: Path) -> None:
         take(file, tmp_path, assume=False)
     asked = []
 
-    def answer(question: Any) -> Any:
+    def answer(question: Any, check: Any) -> Any:
         asked.append(question.key)
-        return question.guess
+        with pytest.raises(InputError, match=r"is -1|is the text"):
+            check(-1 if len(asked) > 1 else "wide")
+        given = question.guess if len(asked) > 1 else 0.11
+        check(given)
+        return given
 
     answers = {"robot.battery.energy_wh": 80.0, "robot.platform.gear_height_m": 0.3}
     made = import_robot(Request(file, answers=answers), tmp_path / "asked", answer)
@@ -158,8 +177,23 @@ def test_what_is_missing_is_asked_or_listed(tmp_path: Path) -> None:
         "propeller_radius_m", "thrust_coefficient_n_per_rad2s2", "time_constant_s")]  # fmt: skip
     robot, sources = load_robot(made.path)
     assert (robot.battery.energy_wh, robot.platform.gear_height_m) == (80.0, 0.3)
-    kinds = {sources[key].kind for key in (*answers, *asked)}
-    assert kinds == {"asked"}
+    kinds = [sources[key].kind for key in (*answers, *asked)]
+    assert kinds == ["asked"] * 3 + ["assumed"] * 2, "an accepted guess remains a guess"
+    assert sources["robot.rotors.time_constant_s"].range == (0.015, 0.06)
+
+
+def test_a_wrong_answer_on_the_terminal_is_asked_for_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, out = models.write_quad(tmp_path), tmp_path / "one"
+    monkeypatch.setattr("click.testing._NamedTextIOWrapper.isatty", lambda _: True, raising=False)
+    result = CliRunner().invoke(
+        cli.main, ["import", str(file), "--out", str(out)], input="wide\n-1\n0.12\n\n[1]\n\n\n"
+    )
+    assert result.exit_code == 0, result.output
+    assert result.output.count("Error: robot.rotors.propeller_radius_m is") == 2
+    assert result.output.count("Error: robot.rotors.time_constant_s is a list of 1") == 1
+    assert load_robot(out / "robot.toml")[0].rotors.propeller_radius_m == 0.12
 
 
 def test_the_command_writes_once_and_says_what_it_did(tmp_path: Path) -> None:
@@ -237,6 +271,7 @@ def test_bad_files_give_one_line(tmp_path: Path, name: str) -> None:
     ("given", "says"),
     [
         ({"mount": "1,2"}, "--mount"),
+        ({"mount": "1,2,3", "arm": None}, "--mount 1,2,3: only with --arm"),
         ({"mount": "1,2,nan"}, "--mount"),
         ({"tip": "elbow"}, "neither a body"),
         ({"weld": ("nothing",)}, "is no joint"),
@@ -246,13 +281,26 @@ def test_bad_files_give_one_line(tmp_path: Path, name: str) -> None:
         ({"answers": {"platform.mass_kg": 1.0}}, "keys of the robot file"),
         ({"answers": {"robot.platform.mass_kg": 9.0}}, "deviates .* in mass"),
         ({"answers": {"robot.platform.mass_kg": -9.0}}, "greater than 0"),
+        ({"answers": {"robot.rotors.time_constant_s": "abc"}}, "is the text 'abc'"),
+        ({"answers": {"robot.rotors.time_constant_s": [1, 2]}}, "is a list of 2"),
+        ({"answers": {"robot.rotors.time_constant_s": 10**400}}, "robot.rotors.time_constant_s"),
+        ({"answers": {"robot.platform": 1}}, "robot.platform"),
+        ({"answers": {"robot.": 1}}, "unknown key"),
     ],
 )
 def test_wrong_options_are_refused(tmp_path: Path, given: dict[str, Any], says: str) -> None:
     arm = models.urdf_arm(tmp_path)
     with pytest.raises(InputError, match=says):
-        take(models.write_quad(tmp_path), tmp_path, arm=arm, **given)
+        take(models.write_quad(tmp_path), tmp_path, **({"arm": arm} | given))
     assert not (tmp_path / "made").exists()
+
+
+def test_a_refused_robot_file_is_named_as_asked_for(tmp_path: Path) -> None:
+    """Not as the scratch file that the command had written."""
+    file = models.write_quad(tmp_path)
+    file.write_text(file.read_text().replace('mass=".4"', 'mass="4e6"'))
+    with pytest.raises(InputError, match=r"quad.xml as .*made/robot.toml: robot.platform.mass_kg"):
+        take(file, tmp_path)
 
 
 def test_rotors_that_differ_are_refused(tmp_path: Path) -> None:
@@ -265,6 +313,169 @@ def test_rotors_that_differ_are_refused(tmp_path: Path) -> None:
     wrong = models.write_hexa(tmp_path, ("<linkName>rotor_3<", "<linkName>rotor_9<"))
     with pytest.raises(InputError, match="no such link or joint"):
         take(wrong, tmp_path)
+
+
+def write_limits(tmp_path: Path, kind: str, low: float, high: float) -> Path:
+    """A robot with other limits of the joint `shoulder`, in URDF or SDF."""
+    if kind == "urdf":
+        file = models.write_urdf_quad(tmp_path)
+        new = f'lower="{low}" upper="{high}"'
+        file.write_text(file.read_text().replace('lower="-1" upper="1.5"', new))
+        return file
+    joint = f"""<link name="upper"><pose>0.1 0 -0.1 0 0 0</pose>
+{models.inertial("sdf", 0.1, "0.05 0 0", models.SMALL)}</link><joint name="shoulder" type="revolute">
+<parent>base</parent><child>upper</child><axis><xyz>0 1 0</xyz>
+<limit><lower>{low}</lower><upper>{high}</upper></limit></axis></joint></model>"""
+    return models.write_hexa(tmp_path, ("</model>", joint))
+
+
+@pytest.mark.parametrize("kind", ["urdf", "sdf"])
+def test_a_joint_with_equal_limits_is_locked_there(tmp_path: Path, kind: str) -> None:
+    made, robot = take(write_limits(tmp_path, kind, 0.7, 0.7), tmp_path)
+    assert "shoulder" not in made.joints
+    assert "joint shoulder is frozen: both its limits are 0.7" in made.notes
+    assert not any("MuJoCo" in note for note in made.notes)
+    turned = take(write_limits(tmp_path, kind, -0.7, 0.9), tmp_path, "turned")[1]
+    n = len(list_joints(turned))
+    q = np.zeros(n)
+    q[0] = 0.7
+    for mine, other in zip(
+        compute_body(build_body_model(robot), np.zeros(n - 1)),
+        compute_body(build_body_model(turned), q),
+        strict=True,
+    ):
+        np.testing.assert_allclose(np.asarray(mine), np.asarray(other), atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["urdf", "sdf"])
+def test_reversed_limits_are_refused(tmp_path: Path, kind: str) -> None:
+    file = write_limits(tmp_path, kind, 1.5, -1)
+    with pytest.raises(InputError, match=r"'shoulder': lower limit 1.5 is above upper limit -1"):
+        take(file, tmp_path)
+
+
+def test_a_limit_on_one_side_is_kept(tmp_path: Path) -> None:
+    robot = take(write_limits(tmp_path, "sdf", -1e16, 0.5), tmp_path)[1]
+    link = list_joints(robot)[0].link
+    assert link.joint_min_deg == -360.0
+    assert link.joint_max_deg == pytest.approx(np.degrees(0.5))
+
+
+def test_a_tip_at_the_last_joint_is_refused(tmp_path: Path) -> None:
+    file = models.write_urdf_quad(tmp_path)
+    text = file.read_text().replace('xyz="0 0 -0.03"', 'xyz="0 0 0"')
+    file.write_text(text.replace('xyz="0.02 0.01 -0.08"', 'xyz="0 0 0"'))
+    with pytest.raises(InputError, match=r"at joint 'rail', the last.*--tip.*--weld rail"):
+        take(file, tmp_path)
+    assert take(file, tmp_path, weld=("rail",))[0].joints == ["shoulder"]
+
+
+CHANGES = {
+    "nan": ('mass=".4"', 'mass="nan"', "mass of <geom> is 'nan'"),
+    "thrust": ("0.1 12", "12 0.1", "ctrlrange of actuator '' is 12 0.1"),
+    "include": ("<worldbody>", "<include/><worldbody>", "an <include> without file"),
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_what_mujoco_leaves_out_without_a_word_is_refused(tmp_path: Path, name: str) -> None:
+    old, new, says = CHANGES[name]
+    file = models.write_quad(tmp_path)
+    file.write_text(file.read_text().replace(old, new))
+    with pytest.raises(InputError, match=says):
+        take(file, tmp_path)
+
+
+def test_mujoco_writes_no_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its URDF reader warns of equal limits, on the terminal and in MUJOCO_LOG.TXT."""
+    file = write_limits(tmp_path, "urdf", 0.7, 0.7)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("skywright.models.importing.opening._find_locked", lambda *_: {})
+    made = take(file, tmp_path)[0]
+    assert any("MuJoCo: joint 'shoulder' has equal" in note for note in made.notes)
+    assert not list(tmp_path.glob("MUJOCO*"))
+
+
+@pytest.mark.filterwarnings("error")
+def test_sdf_with_numbers_that_cannot_be(tmp_path: Path) -> None:
+    constant = f"<motorConstant>{models.KF}</motorConstant>"
+    negative = models.write_hexa(tmp_path, (constant, constant.replace(">9", ">-9")))
+    with pytest.raises(InputError, match="motorConstant is -9e-06; valid: 0 or more"):
+        take(negative, tmp_path)
+    empty = models.write_hexa(tmp_path, ("<uri>model://hexa_base</uri>", ""))
+    with pytest.raises(InputError, match="an <include> without <uri>"):
+        take(empty, tmp_path)
+    file = models.write_hexa(tmp_path)
+    base = tmp_path / "hexa_base" / "model.sdf"
+    quaternion = '<pose rotation_format="quat_xyzw">0 0 0 0 0 0 0</pose>'
+    base.write_text(base.read_text().replace("<pose>0 0 0.02 0 0 0.4</pose>", quaternion))
+    with pytest.raises(InputError, match="the quaternion is zero"):
+        take(file, tmp_path)
+
+
+def test_two_rotors_at_one_place_are_told(tmp_path: Path) -> None:
+    file = models.write_urdf_quad(tmp_path)
+    file.write_text(file.read_text().replace('xyz="-0.2 0.2 0.03"', 'xyz="0.2 0.2 0.03"'))
+    made = take(file, tmp_path)[0]
+    assert "rotors 1 and 2 are at one place: is one there twice?" in made.notes
+
+
+PAYLOAD = """<sdf version="{version}"><model name="box"><pose>0 0 0.3 0 0 0</pose>
+<link name="case"><pose>0.1 0 0 0 0 0.5</pose>{inertial}</link>
+<link name="lid"><pose>0.1 0.2 0 0 0 0.6</pose>{inertial}</link>
+<frame name="handle" attached_to="lid"><pose>0 0 0.05 0 0.3 0</pose></frame>
+<joint name="hinge" type="revolute"><parent>case</parent><child>lid</child>
+<axis><xyz>1 0 0</xyz><limit><lower>-1</lower><upper>1</upper></limit></axis></joint></model></sdf>"""
+
+
+@pytest.mark.parametrize("version", ["1.4", "1.9"])
+@pytest.mark.parametrize(
+    ("include", "scope", "origin", "turn"),
+    [
+        ('<include merge="true"><uri>box</uri>', "", [0, 0, 0.3], 0),
+        ('<include merge="true"><uri>box</uri><pose>1 2 3 0 0 0</pose>', "", [1, 2, 3], 0),
+        ('<include><uri>box</uri><name>b</name><pose degrees="true">1 0 0 0 0 90</pose>',
+         "b::", [1, 0, 0], 90),
+        ('<include><uri>box</uri><pose relative_to="base">0 0 1 0 0 0</pose>',
+         "box::", None, None),
+        ('<include merge="true"><uri>box</uri><placement_frame>handle</placement_frame>'
+         "<pose>0.1 0.2 0.05 0 0.3 0.6</pose>", "", [0, 0, 0], 0),
+    ],
+)  # fmt: skip
+def test_sdf_includes_have_poses_and_names(
+    tmp_path: Path, version: str, include: str, scope: str, origin: Any, turn: Any
+) -> None:
+    """Where the parts of an included model are, by hand from the file."""
+    inertial = models.inertial("sdf", 0.1, "0.03 0 0", models.SMALL)
+    text = PAYLOAD.format(version=version, inertial=inertial)
+    models.write(tmp_path / "box" / "model.sdf", text)
+    joint = f"""{include}</include><joint name="mount" type="fixed"><parent>base</parent>
+<child>{scope}case</child></joint></model>"""
+    file = models.write_hexa(tmp_path, ("</model>", joint))
+    made, robot = take(file, tmp_path)
+    # B is the frame of the link `base`, which is at (0, 0, 0.24 + 0.02) in the model, yaw 0.4
+    R_B, p_B = rot_z(0.4), np.array([0.0, 0.0, 0.26])
+    if origin is None:
+        R, p = R_B, p_B + np.array([0.0, 0.0, 1.0])
+    else:
+        R, p = rot_z(np.radians(turn)), np.array(origin)
+    assert made.joints == [f"{scope}hinge"]
+    link = list_joints(robot)[0].link
+    place = R_B.T @ (p + R @ np.array([0.1, 0.2, 0.0]) - p_B)
+    np.testing.assert_allclose(np.array([link.x_m, link.y_m, link.z_m]), place, atol=1e-9)
+    axis = R_B.T @ R @ (np.eye(3) if version == "1.4" else rot_z(0.6))[:, 0]
+    roll, pitch, yaw = np.radians([link.roll_deg, link.pitch_deg, link.yaw_deg])
+    frame = rot_z(yaw) @ rot_y(pitch) @ rot_x(roll)
+    np.testing.assert_allclose(frame[:, "xyz".index(link.axis)], axis, atol=1e-9)
+
+
+def test_sdf_with_a_nested_model_and_an_undeclared_prefix(tmp_path: Path) -> None:
+    inertial = models.inertial("sdf", 0.1, "0.03 0 0", models.SMALL)
+    box = PAYLOAD.format(version="1.9", inertial=inertial).partition(">")[2].removesuffix("</sdf>")
+    nested = f"""{box}<joint name="mount" type="fixed" gz:kind="clamp"><parent>base</parent>
+<child>box::case</child></joint></model>"""
+    made, _ = take(models.write_hexa(tmp_path, ("</model></sdf>", f"{nested}</sdf>")), tmp_path)
+    assert made.joints == ["box::hinge"]
 
 
 def test_joints_can_be_welded(tmp_path: Path) -> None:
@@ -325,3 +536,13 @@ def test_the_written_file_is_xml_free_and_sourced(tmp_path: Path) -> None:
     made, robot = take(file, tmp_path)
     assert robot.control.rate_hz == 500.0
     assert made.counts["imported"] > 15
+
+
+def test_an_imported_robot_flies(tmp_path: Path) -> None:
+    file, arm = models.write_quad(tmp_path), models.urdf_arm(tmp_path)
+    made, _ = take(file, tmp_path, arm=arm, mount="0.05,0,-0.05,180,0,0")
+    points = [{"x_m": 0.5, "y_m": 0.0, "z_m": 1.2, "hold_s": 1.0}]
+    sets = {"mission.timestep_ms": 2, "mission.task.points": points}
+    description = skywright.load("waypoints", robot=str(made.path), sets=sets)
+    result = skywright.run(description, report=False, out=tmp_path / "run")
+    assert result.outcome == "succeeded", result.metrics

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     help="File of an arm, which is welded to the robot.",
 )  # fmt: skip
 @click.option(
-    "--mount", metavar="X,Y,Z[,R,P,Y]", default="0,0,0",
+    "--mount", metavar="X,Y,Z[,R,P,Y]",
     help="Place (m) and roll, pitch, yaw (deg) of the arm's root.  [default: 0,0,0]",
 )  # fmt: skip
 @click.option("--body", metavar="NAME", help="Body that flies.  [default: first free body]")
@@ -47,7 +48,7 @@ if TYPE_CHECKING:
 )  # fmt: skip
 @as_json_option
 def import_(
-    file: Path, arm: Path | None, mount: str, body: str | None, tip: str | None,
+    file: Path, arm: Path | None, mount: str | None, body: str | None, tip: str | None,
     weld: tuple[str, ...], rotors: tuple[str, ...], sets: tuple[str, ...], assume: bool,
     out: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
@@ -86,8 +87,17 @@ def _describe(made: Imported) -> dict[str, Any]:
     return made._asdict() | {"path": str(made.path), "deviations": made.deviations._asdict()}
 
 
-def _ask(question: Question) -> Any:
-    """Ask on the terminal; the guess is the default."""
+def _ask(question: Question, check: Callable[[Any], None]) -> Any:
+    """Ask on the terminal until the answer can be; the guess is the default."""
     from skywright.core.toml_files import parse_value
+    from skywright.errors import InputError
 
-    return parse_value(click.prompt(question.text, default=str(question.guess)))
+    def read(text: str) -> Any:
+        value = parse_value(text)
+        try:
+            check(value)
+        except InputError as error:
+            raise click.UsageError(str(error).removeprefix("--set: ")) from None
+        return value
+
+    return click.prompt(question.text, default=str(question.guess), value_proc=read)

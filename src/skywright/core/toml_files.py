@@ -125,7 +125,7 @@ def _read_source(wrapper: Mapping[str, Any], key: str, label: str) -> Source:
         raise InputError(f"{label}: {key}.note must be text, found {describe_value(note)}")
     bounds = wrapper.get("range")
     if bounds is None:
-        if kind == "assumed":
+        if kind == "assumed" and any(True for _ in iterate_numbers(wrapper["value"])):
             raise InputError(
                 f"{label}: {key} is assumed and requires a plausible range, e.g. range = [0.5, 1.5]"
             )

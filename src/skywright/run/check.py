@@ -166,11 +166,11 @@ def list_guesses(spec: Spec, root: str, sources: dict[str, Source]) -> list[str]
     bare = 0
     for key, value in iterate_leaves(spec, root):
         source = sources.get(key)
-        if source is not None and source.kind == "assumed" and source.range is not None:
-            low, high = source.range
+        if source is not None and source.kind == "assumed":
+            span = f" (range {source.range[0]:g} to {source.range[1]:g})" if source.range else ""
             shown = f"{value:g}" if isinstance(value, int | float) else str(value)
             note = f": {source.note}" if source.note else ""
-            lines.append(f"assumed {key} = {shown} (range {low:g} to {high:g}){note}")
+            lines.append(f"assumed {key} = {shown}{span}{note}")
         elif source is None and isinstance(value, int | float) and not isinstance(value, bool):
             bare += 1
     if bare and root == "robot":

@@ -72,15 +72,19 @@ def load_robot_layers(
 
 
 def load_robot(
-    name: str | os.PathLike[str], assignments: Sequence[tuple[str, object]] = ()
+    name: str | os.PathLike[str],
+    assignments: Sequence[tuple[str, object]] = (),
+    label: str | None = None,
 ) -> tuple[Robot, dict[str, Source]]:
     """Load a robot alone: (robot, sources by dotted key `robot...`).
 
-    `assignments` are (dotted key `robot...`, value) pairs laid over the file.
+    `assignments` are (dotted key `robot...`, value) pairs laid over the file; `label` is what
+    messages call it.
 
     Raises InputError on an unknown name or anything wrong in the file.
     """
     found = find_robot(name)
+    found = found._replace(label=label or found.label)
     layers = load_robot_layers(found)
     kinds, others = take_kinds(list(assignments), "--set")
     layers += [kinds] if kinds is not None else []

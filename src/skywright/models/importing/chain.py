@@ -6,6 +6,7 @@ at the end of their range that is nearest to it; what hangs on them becomes part
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import mujoco
@@ -16,6 +17,8 @@ from skywright.core.types import MAX_JOINTS
 from skywright.errors import InputError
 
 TINY = 1e-9
+SHORTEST = 1e-5
+"""m of the last link."""
 TIP_NAMES = ("tcp", "tip", "tool", "ee", "end_effector", "end_link", "pinch", "grasp", "gripper")
 
 
@@ -45,8 +48,11 @@ class Chain(NamedTuple):
     frozen: list[str]  # names of joints, with why
 
 
-def freeze(model: mujoco.MjModel, root: int) -> mujoco.MjData:
-    """Return data with the root body at the origin of W and every joint at or next to zero."""
+def freeze(model: mujoco.MjModel, root: int, locked: Mapping[str, float]) -> mujoco.MjData:
+    """Return data with the root body at the origin of W and every joint at or next to zero.
+
+    `locked` joints are where they are held (rad or m).
+    """
     data = mujoco.MjData(model)
     for j in range(model.njnt):
         at, kind = int(model.jnt_qposadr[j]), model.jnt_type[j]
@@ -56,7 +62,7 @@ def freeze(model: mujoco.MjModel, root: int) -> mujoco.MjData:
             raise InputError(f"joint {model.joint(j).name!r} is a ball joint; valid: hinge, slide")
         else:
             low, high = model.jnt_range[j] if model.jnt_limited[j] else (-np.inf, np.inf)
-            data.qpos[at] = min(max(0.0, low), high)
+            data.qpos[at] = locked.get(model.joint(j).name, min(max(0.0, low), high))
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
     if np.linalg.norm(data.xpos[root]) > TINY:
@@ -86,10 +92,14 @@ def find_chain(
     data: mujoco.MjData,
     root: int,
     rotor_joints: set[str],
+    locked: Mapping[str, float],
     weld: set[str],
     tip: str | None,
 ) -> Chain:
-    """Return platform and arm. `weld` names joints to freeze, "*" all; raises InputError."""
+    """Return platform and arm. `weld` names joints to freeze, "*" all; raises InputError.
+
+    `locked` joints, whose limits are equal, are frozen too.
+    """
     known = {model.joint(j).name for j in range(model.njnt)}
     unknown = sorted(weld - known - {"*"})
     if unknown:
@@ -101,6 +111,8 @@ def find_chain(
             continue
         if name in rotor_joints:
             frozen[j] = ""
+        elif name in locked:
+            frozen[j] = f"both its limits are {locked[name]:g}"
         elif name in weld or "*" in weld:
             frozen[j] = "as asked"
         elif model.body_jntnum[body] > 1:
@@ -128,6 +140,12 @@ def find_chain(
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
     R, p = data.xmat[carrier].reshape(3, 3), data.xpos[carrier]
+    if joints and np.linalg.norm(p + R @ place - data.xanchor[joints[-1]]) < SHORTEST:
+        last = model.joint(joints[-1]).name
+        raise InputError(
+            f"the tip ({tip_name}) is at joint {last!r}, the last: choose a link or site beyond it "
+            f"with --tip, or freeze the joint with --weld {last}"
+        )
     notes = [f"joint {model.joint(j).name} is frozen: {why}" for j, why in frozen.items() if why]
     parts = _collect(model, data, root, joints)
     return Chain(parts, p + R @ place, tip_name, carrier, qpos, joints, notes)

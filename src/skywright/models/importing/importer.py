@@ -5,22 +5,26 @@ from __future__ import annotations
 import json
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 
+from skywright.core.catalog import Found
+from skywright.core.keys import apply_assignments
 from skywright.core.rotations import quat_from_rot, rot_x, rot_y, rot_z
-from skywright.description.robot.loader import load_robot
+from skywright.core.spec import Source
+from skywright.description.robot.loader import load_robot, load_robot_layers
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError, SkywrightError
 from skywright.models.allocation import build_allocator
 from skywright.models.capability import check_can_fly
 from skywright.models.importing.chain import find_chain, find_root, freeze
 from skywright.models.importing.comparing import TOLERANCE, Deviations, compare
-from skywright.models.importing.opening import Opened, compile_spec, open_file
+from skywright.models.importing.opening import Opened, compile_spec, hear_mujoco, open_file
 from skywright.models.importing.rotors import find_rotors, parse_rotor
 from skywright.models.importing.tables import Question, Tables, Value, build_tables
 from skywright.models.importing.xml_input import read_numbers
@@ -35,7 +39,7 @@ class Request(NamedTuple):
 
     file: Path
     arm: Path | None = None
-    mount: str = "0,0,0"  # m, and roll, pitch, yaw in deg, of the arm's root in B
+    mount: str | None = None  # m, and roll, pitch, yaw in deg, of the arm's root in B
     body: str | None = None
     tip: str | None = None
     weld: tuple[str, ...] = ()  # joints to freeze; "*": all
@@ -43,6 +47,9 @@ class Request(NamedTuple):
     name: str | None = None
     answers: Mapping[str, Any] = {}  # dotted key -> value
     assume: bool = False  # take guesses for what is missing
+
+
+Ask = Callable[[Question, Callable[[Any], None]], Any]
 
 
 class Imported(NamedTuple):
@@ -59,18 +66,26 @@ class Imported(NamedTuple):
     notes: list[str]
 
 
-def import_robot(
-    request: Request, folder: Path, ask: Callable[[Question], Any] | None = None
-) -> Imported:
+def import_robot(request: Request, folder: Path, ask: Ask | None = None) -> Imported:
     """Write FOLDER/robot.toml for a file of another tool.
 
-    `ask` answers what neither the file nor `request.answers` say; without it, and without
+    `ask` answers what neither the file nor `request.answers` say, and is given a check that raises
+    InputError for an answer that cannot be; without it, and without
     `request.assume`, this raises InputError with the keys. Raises InputError too where the file
     cannot be read, does not describe a multirotor that a robot file can describe, or where the
     robot file deviates from MuJoCo's model of the file by more than 1e-6; nothing is written then.
     """
     if folder.exists():
         raise InputError(f"{folder}: exists; remove it, or give another --out")
+    if request.mount is not None and request.arm is None:
+        raise InputError(f"--mount {request.mount}: only with --arm FILE")
+    heard: list[str] = []
+    with hear_mujoco(heard):
+        made = _import(request, folder, ask)
+    return made._replace(notes=[*dict.fromkeys(heard), *made.notes])
+
+
+def _import(request: Request, folder: Path, ask: Ask | None) -> Imported:
     opened = open_file(request.file)
     arm = None if request.arm is None else open_file(request.arm)
     if arm is not None:
@@ -80,10 +95,13 @@ def import_robot(
     if arm is not None:
         _check_mass(model, arm, ARM)
     root = find_root(model, request.body)
-    data = freeze(model, root)
+    locked = dict(opened.locked)
+    if arm is not None:
+        locked |= {ARM + name: at for name, at in arm.locked.items()}
+    data = freeze(model, root, locked)
     rotors = find_rotors(opened, model, data, root, [parse_rotor(t) for t in request.rotors])
     turning = {rotor.joint for rotor in rotors.rotors if rotor.joint}
-    chain = find_chain(model, data, root, turning, set(request.weld), request.tip)
+    chain = find_chain(model, data, root, turning, locked, set(request.weld), request.tip)
     _check_rotors(model, root, chain.joints, turning, request)
     origin = request.file.name + ("" if request.arm is None else f" and {request.arm.name}")
     limits = _read_limits(opened, "", model) | (
@@ -91,15 +109,13 @@ def import_robot(
     )
     name = request.name or folder.name
     tables = build_tables(name, f"{origin} ({opened.kind})", chain, rotors, limits)
-    values = _answer(tables, request, ask)
     notes = [*opened.notes, *([] if arm is None else arm.notes), *rotors.notes, *chain.frozen]
     notes.append("shapes: capsules along the links, a hub and propeller discs; meshes are not used")
-    text = write_toml(values, origin)
     scratch = Path(tempfile.mkdtemp())
     try:
-        file = scratch / "robot.toml"
-        file.write_text(text, encoding="utf-8")
-        robot, sources = load_robot(file)
+        draft = _Draft(scratch / "robot.toml", f"{request.file} as {folder / 'robot.toml'}", origin)
+        _answer(draft, tables, request, ask)
+        robot, sources = draft.load()
         deviations = compare(model, root, chain, robot)
         what, worst = deviations.worst()
         if not worst <= TOLERANCE:
@@ -109,7 +125,7 @@ def import_robot(
             )
         notes += _find_weakness(robot)
         folder.mkdir(parents=True)
-        shutil.copyfile(file, folder / "robot.toml")
+        shutil.copyfile(draft.file, folder / "robot.toml")
     finally:
         shutil.rmtree(scratch)
     counts: dict[str, int] = {}
@@ -134,8 +150,8 @@ def _find_weakness(robot: Robot) -> list[str]:
 
 def _attach(opened: Opened, arm: Opened, request: Request) -> None:
     """Weld the first tree of `arm` to the body that flies."""
-    where = f"--mount {request.mount}"
-    parts = request.mount.split(",")
+    mount = request.mount or "0,0,0"
+    where, parts = f"--mount {mount}", mount.split(",")
     if len(parts) not in (3, 6):
         raise InputError(f"{where}: valid: X,Y,Z or X,Y,Z,ROLL,PITCH,YAW (m, deg)")
     numbers = read_numbers(" ".join(parts), len(parts), where, [])
@@ -224,7 +240,7 @@ def _read_limits(
                 most = float(model.actuator_forcerange[a, 1]) * abs(model.actuator_gear[a, 0])
                 out[model.joint(j).name] = (float(most) if limited else None, None)
         return out
-    for joint in opened.root.iter("joint"):
+    for joint in opened.root.findall("joint"):
         limit = joint.find("limit")
         name, where = joint.get("name", ""), f"{opened.path}: limit of {joint.get('name')!r}"
         if limit is not None:
@@ -236,39 +252,72 @@ def _read_limits(
     return out
 
 
-def _answer(
-    tables: Tables, request: Request, ask: Callable[[Question], Any] | None
-) -> dict[str, Value]:
-    """Return all values: the file's, the answers, the guesses."""
-    values, open_questions = dict(tables.values), []
-    for question in tables.questions:
-        if question.key in request.answers:
-            continue
-        if ask is not None:
-            values[question.key] = Value(ask(question), "asked", question.text)
-        elif request.assume:
-            note = f"no source: {question.text}"
-            values[question.key] = Value(question.guess, "assumed", note, question.range)
+class _Draft:
+    """The robot file under way, written where nobody looks for it."""
+
+    def __init__(self, file: Path, label: str, origin: str) -> None:
+        self.file, self.label, self.origin = file, label, origin
+        self.values: dict[str, Value] = {}
+
+    def load(self) -> tuple[Robot, dict[str, Source]]:
+        """Read the file as any other; raises InputError."""
+        self.file.write_text(write_toml(self.values, self.origin), encoding="utf-8")
+        return load_robot(self.file, label=self.label)
+
+    def check(self, key: str, answer: Any) -> None:
+        """Raise InputError for an answer that the robot file cannot hold."""
+        load_robot(self.file, [(key, answer)], label=self.label)
+
+    def set(self, answers: Mapping[str, Any], label: str) -> None:
+        """Put answers in place, lists and tables included; raises InputError for a wrong one."""
+        given = list(answers.items())
+        load_robot(self.file, given, label=self.label)
+        tree = load_robot_layers(Found(self.file, self.label))[0].tree
+        layer = apply_assignments(tree, given, {"robot": Robot})
+        for key, value in _flatten(layer.tree):
+            self.values[key] = Value(value, "asked", label)
+        self.load()
+
+
+def _flatten(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in tree.items():
+        if isinstance(value, dict):
+            yield from _flatten(value, f"{prefix}{name}.")
         else:
-            open_questions.append(question)
-    if open_questions:
-        wanted = "; ".join(f"--set {q.key}=... ({q.text})" for q in open_questions)
-        raise InputError(f"{request.file} lacks values: give {wanted}, or --assume")
-    for key, answer in request.answers.items():
+            yield prefix + name, value
+
+
+def _answer(draft: _Draft, tables: Tables, request: Request, ask: Ask | None) -> None:
+    """Fill the draft: the file's values, the answers, the guesses; raises InputError."""
+    guesses = {
+        q.key: Value(q.guess, "assumed", f"no source: {q.text}", q.range) for q in tables.questions
+    }
+    draft.values = tables.values | guesses
+    draft.load()
+    for key in request.answers:
         if not key.startswith("robot."):
             raise InputError(f"--set {key}: valid: keys of the robot file, robot...")
-        values[key] = Value(answer, "asked", "--set")
-    lag = float(values["robot.rotors.time_constant_s"].value)
-    if "robot.control.attitude_bandwidth_rad_s" not in values:
+    draft.set(request.answers, "--set")
+    missing = [q for q in tables.questions if q.key not in request.answers]
+    if missing and ask is None and not request.assume:
+        wanted = "; ".join(f"--set {q.key}=... ({q.text})" for q in missing)
+        raise InputError(f"{request.file} lacks values: give {wanted}, or --assume")
+    for question in missing:
+        if ask is None:
+            break
+        answer = ask(question, partial(draft.check, question.key))
+        if answer != question.guess:
+            draft.set({question.key: answer}, question.text)
+    lag = draft.load()[0].rotors.time_constant_s
+    if "robot.control.attitude_bandwidth_rad_s" not in draft.values:
         fast = round(min(max(0.3 / max(lag, 1e-4), 3.0), 12.0), 2)
-        values["robot.control.attitude_bandwidth_rad_s"] = Value(
+        draft.values["robot.control.attitude_bandwidth_rad_s"] = Value(
             fast, "derived", "0.3 over the lag of the rotors, 3 to 12 rad/s"
         )
-        values.setdefault(
+        draft.values.setdefault(
             "robot.control.position_bandwidth_rad_s",
             Value(round(fast / 4.5, 2), "derived", "the attitude loop's over 4.5"),
         )
-    return values
 
 
 def write_toml(values: Mapping[str, Value], origin: str) -> str:

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,7 +19,7 @@ import numpy as np
 
 from skywright.errors import InputError
 from skywright.models.importing.sdf import read_sdf
-from skywright.models.importing.xml_input import check_includes, read_numbers, read_xml
+from skywright.models.importing.xml_input import check_includes, check_span, read_numbers, read_xml
 
 MAX_BODIES = 500
 _GEOM = mujoco.mjtGeom
@@ -31,6 +33,7 @@ class Opened(NamedTuple):
     spec: mujoco.MjSpec
     root: ET.Element  # XML of the file; of SDF its model with includes
     notes: list[str]
+    locked: Mapping[str, float] = {}  # joints whose limits are equal, and where (rad or m)
 
 
 def open_file(path: Path) -> Opened:
@@ -40,11 +43,12 @@ def open_file(path: Path) -> Opened:
         check_includes(path, root)
         return Opened(path, "MJCF", _open_mjcf(path), root, [])
     if root.tag == "robot":
-        return Opened(path, "URDF", _open_urdf(path, root), root, [])
+        locked = _find_locked(path, root)
+        return Opened(path, "URDF", _open_urdf(path, root, locked), root, [], locked)
     if root.tag == "sdf":
-        model, spec, notes = read_sdf(path, root)
-        _check_size(path, spec)
-        return Opened(path, "SDF", spec, model, notes)
+        sdf = read_sdf(path, root)
+        _check_size(path, sdf.spec)
+        return Opened(path, "SDF", sdf.spec, sdf.model, sdf.notes, sdf.locked)
     raise InputError(
         f"{path}: the root element is <{root.tag[:40]}>; valid: <mujoco> (MJCF), <robot> (URDF), "
         "<sdf>"
@@ -64,6 +68,7 @@ def _open_mjcf(path: Path) -> mujoco.MjSpec:
     except ValueError as error:
         raise InputError(f"{path}: {' '.join(str(error).split())}") from None
     _check_size(path, spec)
+    _check_ranges(path, spec)
     for things in (spec.keys, spec.sensors, spec.skins):
         for thing in list(things):
             spec.delete(thing)
@@ -95,6 +100,34 @@ def _open_mjcf(path: Path) -> mujoco.MjSpec:
     return spec
 
 
+def _check_ranges(path: Path, spec: mujoco.MjSpec) -> None:
+    """Refuse ranges that MuJoCo leaves out without a word."""
+    ranges = [(f"range of joint {joint.name!r}", joint.range) for joint in spec.joints]
+    for actuator in spec.actuators:
+        ranges.append((f"ctrlrange of actuator {actuator.name!r}", actuator.ctrlrange))
+        ranges.append((f"forcerange of actuator {actuator.name!r}", actuator.forcerange))
+    for what, (low, high) in ranges:
+        if low >= high and (low or high):
+            raise InputError(f"{path}: {what} is {low:g} {high:g}; valid: lower below upper")
+
+
+def _find_locked(path: Path, root: ET.Element) -> dict[str, float]:
+    """Joints of a URDF file whose limits are equal; InputError where they are reversed."""
+    out = {}
+    for joint in root.findall("joint"):
+        name, limit = joint.get("name", ""), joint.find("limit")
+        if limit is None or joint.get("type") not in ("revolute", "prismatic"):
+            continue
+        texts, where = (limit.get("lower"), limit.get("upper")), f"{path}: joint {name!r}"
+        if texts == (None, None):
+            continue
+        low, high = (read_numbers(text, 1, where, [0.0])[0] for text in texts)
+        check_span(low, high, where)
+        if low == high:
+            out[name] = low
+    return out
+
+
 def _is_weighed(spec: mujoco.MjSpec, body: mujoco.MjsBody, geom: mujoco.MjsGeom) -> bool:
     """Whether the body's inertia depends on this geom."""
     from_geoms = int(spec.compiler.inertiafromgeom)  # 0 false, 1 true, 2 where none is given
@@ -103,14 +136,16 @@ def _is_weighed(spec: mujoco.MjSpec, body: mujoco.MjsBody, geom: mujoco.MjsGeom)
     return geom.density != 0.0 if math.isnan(geom.mass) else geom.mass != 0.0
 
 
-def _open_urdf(path: Path, root: ET.Element) -> mujoco.MjSpec:
+def _open_urdf(path: Path, root: ET.Element, locked: Collection[str]) -> mujoco.MjSpec:
     """Read links and joints; shapes do not count for the inertia of a URDF link."""
     copy = ET.Element("robot", name=root.get("name") or path.stem)
     for element in root:
         if element.tag not in ("link", "joint"):
             continue
         kept = ET.SubElement(copy, element.tag, element.attrib)
-        kept.extend(child for child in element if child.tag not in ("visual", "collision"))
+        unread = ["visual", "collision"]
+        unread += ["limit"] if element.tag == "joint" and element.get("name") in locked else []
+        kept.extend(child for child in element if child.tag not in unread)
         mass = element.find("inertial/mass")
         if mass is not None:
             where = f"{path}: mass of link {element.get('name')!r}"
@@ -132,6 +167,17 @@ def _open_urdf(path: Path, root: ET.Element) -> mujoco.MjSpec:
         raise InputError(f"{path}: holds no link")
     body.add_freejoint(name="free root")
     return spec
+
+
+@contextmanager
+def hear_mujoco(notes: list[str]) -> Iterator[None]:
+    """Take what MuJoCo warns of as notes: by itself it prints and writes MUJOCO_LOG.TXT."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda text: notes.append(f"MuJoCo: {' '.join(text.split())}"))
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
 
 
 def compile_spec(path: Path, spec: mujoco.MjSpec) -> mujoco.MjModel:

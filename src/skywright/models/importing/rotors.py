@@ -21,8 +21,10 @@ from skywright.models.importing.xml_input import read_numbers
 
 SAME = 1e-6
 """Relative difference of two rotors' constants that counts as none."""
+CLOSE = 1e-3
+"""m between two rotors that are suspected to be one."""
 NAMED = re.compile(
-    r"(^|[_/ ])(rotor|prop|propeller|thrust|thruster)[_ ]?\d*($|[_/ ])", re.IGNORECASE
+    r"(^|[_/: ])(rotor|prop|propeller|thrust|thruster)[_ ]?\d*($|[_/ ])", re.IGNORECASE
 )
 
 
@@ -67,6 +69,10 @@ def find_rotors(
             f"{opened.path}: {len(rotors)} rotors found (actuators at sites, motor plug-ins, links "
             "named rotor or prop); give at least 3 as --rotor X,Y,Z,ccw|cw[,AX,AY,AZ] in m"
         )
+    for i, rotor in enumerate(rotors):
+        for k, other in enumerate(rotors[:i]):
+            if np.linalg.norm(rotor.p - other.p) < CLOSE:
+                notes.append(f"rotors {k + 1} and {i + 1} are at one place: is one there twice?")
     return FoundRotors(rotors, origin, _common(opened, rotors), notes)
 
 
@@ -137,6 +143,9 @@ def _of_plugins(
             for tag in ("motorConstant", "momentConstant", "maxRotVelocity", "timeConstantUp",
                         "timeConstantDown", "rotorDragCoefficient", "rollingMomentCoefficient")
         }  # fmt: skip
+        for tag, value in number.items():
+            if value < 0.0 and tag != "momentConstant":
+                raise InputError(f"{where}: {tag} is {value:g}; valid: 0 or more")
         k, fastest = number["motorConstant"], number["maxRotVelocity"]
         constants = {
             "thrust_coefficient_n_per_rad2s2": k, "thrust_max_n": k * fastest**2,

@@ -20,10 +20,18 @@ import numpy as np
 from skywright.core.arrays import Array
 from skywright.core.rotations import quat_from_rot, rot_from_quat, rot_x, rot_y, rot_z
 from skywright.errors import InputError
-from skywright.models.importing.xml_input import MAX_INCLUDES, read_numbers, read_xml
+from skywright.models.importing.xml_input import (
+    MAX_ELEMENTS,
+    MAX_INCLUDES,
+    check_span,
+    read_numbers,
+    read_xml,
+)
 from skywright.models.part_masses import set_inertia
 
 TYPES = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "fixed": "fixed"}
+TURN, FAR = 2.0 * math.pi, 100.0
+"""rad and m: limits beyond are none; SDF writes 1e16."""
 RESOURCES = ("GZ_SIM_RESOURCE_PATH", "SDF_PATH", "GAZEBO_MODEL_PATH")
 
 
@@ -57,40 +65,108 @@ class SdfJoint(NamedTuple):
     span: tuple[float, float] | None
 
 
-def read_sdf(path: Path, root: ET.Element) -> tuple[ET.Element, mujoco.MjSpec, list[str]]:
-    """Return the model's element (includes in it), its specification and notes.
+class Sdf(NamedTuple):
+    """A robot described in SDF."""
+
+    model: ET.Element  # with its includes
+    spec: mujoco.MjSpec
+    notes: list[str]
+    locked: dict[str, float]  # joints whose limits are equal, and where (rad or m)
+
+
+def read_sdf(path: Path, root: ET.Element) -> Sdf:
+    """Return the model of a file.
 
     Raises InputError on what cannot be read as one robot.
     """
+    model = _read_model(path, root, (path.resolve(),))
+    builder = _Builder(path, model)
+    return Sdf(model, builder.build(), builder.notes, builder.locked)
+
+
+def _read_model(path: Path, root: ET.Element, above: tuple[Path, ...]) -> ET.Element:
+    """Return the model of a file, the models in it and those that it includes merged into it."""
+    if len(above) > MAX_INCLUDES:
+        raise InputError(f"{path}: more than {MAX_INCLUDES} nested includes")
     models = root.findall("model")
     if len(models) != 1:
         raise InputError(f"{path}: {len(models)} models; an SDF file with one <model> is required")
-    model = models[0]
-    merge_includes(path, model, (path.resolve(),))
-    if model.find("model") is not None:
-        raise InputError(f"{path}: nested models; include them with merge='true'")
     version = read_numbers(root.get("version"), 1, f"{path}: version", [1.9])[0]
-    return model, *_Builder(path, model, old=version < 1.45).build()
+    _merge(path, models[0], version < 1.45, above)
+    return models[0]
 
 
-def merge_includes(path: Path, model: ET.Element, above: tuple[Path, ...]) -> None:
-    """Put the contents of included models into `model`, poses unchanged."""
-    if len(above) > MAX_INCLUDES:
-        raise InputError(f"{path}: more than {MAX_INCLUDES} nested includes")
-    for include in model.findall("include"):
-        uri = (include.findtext("uri") or "").strip()
-        pose = read_numbers(include.findtext("pose"), 6, f"{path}: pose of {uri}", [0.0] * 6)
-        if any(pose) or include.findtext("placement_frame"):
-            raise InputError(f"{path}: include of {uri!r} with a pose is not supported: merge it")
-        other = _find_model(path, uri)
-        if other.resolve() in above:
-            raise InputError(f"{path}: includes itself by way of {uri!r}")
-        inner = read_xml(other).find("model")
-        if inner is None:
-            raise InputError(f"{other}: holds no <model>")
-        merge_includes(other, inner, (*above, other.resolve()))
-        model.remove(include)
-        model.extend(child for child in inner if child.tag not in ("pose", "static"))
+def _merge(path: Path, model: ET.Element, old: bool, above: tuple[Path, ...]) -> None:
+    """Put the parts of included and of nested models into `model`."""
+    for axis in model.iterfind("joint/axis"):
+        if old or (axis.findtext("use_parent_model_frame") or "0") in ("1", "true"):
+            xyz = axis.find("xyz")
+            xyz = ET.SubElement(axis, "xyz") if xyz is None else xyz
+            if not xyz.get("expressed_in"):
+                xyz.set("expressed_in", "__model__")
+    for element in model.findall("*"):
+        if element.tag == "include":
+            uri = (element.findtext("uri") or "").strip()
+            if not uri:
+                raise InputError(f"{path}: an <include> without <uri>")
+            other = _find_model(path, uri).resolve()
+            if other in above:
+                raise InputError(f"{path}: includes itself by way of {uri!r}")
+            inner = _read_model(other, read_xml(other), (*above, other))
+            name = (element.findtext("name") or inner.get("name") or "").strip()
+            merged = element.get("merge") in ("1", "true")
+        elif element.tag == "model":
+            other, inner, name, merged = path, element, element.get("name", ""), False
+            _merge(path, inner, old, above)
+        else:
+            continue
+        pose = element.find("pose")
+        pose = inner.find("pose") if pose is None else pose
+        at = read_pose(pose, f"{path}: pose of {name!r}")
+        first = (element.findtext("placement_frame") or inner.get("placement_frame") or "").strip()
+        if first:  # the frame of the included model that the pose tells of
+            at = at.then(_Builder(other, inner).pose_of(first, ()).inverse())
+        frame = ET.Element("frame", name=f"_merged__{name}__model__" if merged else name)
+        written = ET.SubElement(frame, "pose", rotation_format="quat_xyzw")
+        w, *xyz_turn = (float(x) for x in quat_from_rot(at.R))
+        written.text = " ".join(map(repr, [*at.p.tolist(), *xyz_turn, w]))
+        if pose is not None and pose.get("relative_to"):
+            written.set("relative_to", pose.get("relative_to", ""))
+        model.remove(element)
+        model.append(frame)
+        model.extend(_rename(inner, frame.get("name", ""), "" if merged else f"{name}::"))
+        if len(model) > MAX_ELEMENTS:
+            raise InputError(f"{path}: more than {MAX_ELEMENTS} elements; a robot has fewer")
+
+
+def _rename(inner: ET.Element, frame: str, scope: str) -> list[ET.Element]:
+    """Return the parts of a model under the names that they have in the model around it.
+
+    `frame` is the inner model's own frame there; `scope` stands before its names.
+    """
+
+    def full(name: str) -> str:
+        name = name.strip()
+        return frame if name == "__model__" else name if name in ("", "world") else scope + name
+
+    parts = [child for child in inner if child.tag in ("link", "joint", "frame", "plugin")]
+    for part in parts:
+        for element in part.iter():
+            for key in ("relative_to", "attached_to", "expressed_in"):
+                if key in element.attrib:
+                    element.set(key, full(element.get(key, "")))
+            if element.tag in ("parent", "child", "linkName", "jointName"):
+                element.text = full(element.text or "")
+        if part.tag != "plugin":
+            part.set("name", full(part.get("name", "")))
+        if part.tag == "frame" and not part.get("attached_to"):
+            part.set("attached_to", frame)
+        if part.tag == "link":
+            pose = part.find("pose")
+            pose = ET.SubElement(part, "pose") if pose is None else pose
+            if not pose.get("relative_to"):
+                pose.set("relative_to", frame)
+    return parts
 
 
 def _find_model(path: Path, uri: str) -> Path:
@@ -107,11 +183,27 @@ def _find_model(path: Path, uri: str) -> Path:
     )
 
 
+def read_pose(element: ET.Element | None, where: str) -> Pose:
+    """Return the pose of an element, none: the identity; InputError names `where`."""
+    if element is None:
+        return IDENTITY
+    if element.get("rotation_format") == "quat_xyzw":
+        x, y, z, *q = read_numbers(element.text, 7, where, [0.0] * 6 + [1.0])
+        quat = np.array([q[3], *q[:3]])
+        if np.linalg.norm(quat) < 1e-9:
+            raise InputError(f"{where}: the quaternion is zero; valid: x y z w of length 1")
+        return Pose(np.array([x, y, z]), rot_from_quat(quat / np.linalg.norm(quat)))
+    values = read_numbers(element.text, 6, where, [0.0] * 6)
+    scale = math.pi / 180.0 if element.get("degrees") in ("true", "1") else 1.0
+    roll, pitch, yaw = (scale * x for x in values[3:])
+    return Pose(np.array(values[:3]), rot_z(yaw) @ rot_y(pitch) @ rot_x(roll))
+
+
 class _Builder:
     """One model under way."""
 
-    def __init__(self, path: Path, model: ET.Element, old: bool) -> None:
-        self.path, self.model, self.old = path, model, old
+    def __init__(self, path: Path, model: ET.Element) -> None:
+        self.path, self.model = path, model
         self.frames: dict[str, ET.Element] = {}
         for tag in ("link", "joint", "frame"):
             for element in model.findall(tag):
@@ -121,9 +213,10 @@ class _Builder:
                 self.frames[name] = element
         self.known: dict[str, Pose] = {"__model__": IDENTITY, "": IDENTITY}
         self.notes: list[str] = []
+        self.locked: dict[str, float] = {}
 
-    def build(self) -> tuple[mujoco.MjSpec, list[str]]:
-        """Return the specification, the root link free to move, and notes."""
+    def build(self) -> mujoco.MjSpec:
+        """Return the specification, the root link free to move."""
         path = self.path
         links = {e.get("name", ""): e for e in self.model.findall("link")}
         joints = [j for e in self.model.findall("joint") if (j := self._joint(e)).parent != "world"]
@@ -159,7 +252,7 @@ class _Builder:
             elif above[name].kind != "fixed":
                 self._add_joint(body, above[name], X_ML)
             todo += [(j.child, body, X_ML) for j in below.get(name, [])]
-        return spec, self.notes
+        return spec
 
     def pose_of(self, name: str, above: tuple[str, ...]) -> Pose:
         """Return a frame of the model in the model's frame."""
@@ -175,22 +268,11 @@ class _Builder:
             base = (element.findtext("child") or "").strip()
         if not base and element.tag == "frame":
             base = element.get("attached_to", "")
-        at = self.pose_of(base, (*above, name)).then(self._pose(pose, name))
+        at = self.pose_of(base, (*above, name)).then(
+            read_pose(pose, f"{self.path}: pose of {name!r}")
+        )
         self.known[name] = at
         return at
-
-    def _pose(self, element: ET.Element | None, what: str) -> Pose:
-        if element is None:
-            return IDENTITY
-        where = f"{self.path}: pose of {what!r}"
-        if element.get("rotation_format") == "quat_xyzw":
-            x, y, z, *q = read_numbers(element.text, 7, where, [0.0] * 6 + [1.0])
-            quat = np.array([q[3], *q[:3]])
-            return Pose(np.array([x, y, z]), rot_from_quat(quat / np.linalg.norm(quat)))
-        values = read_numbers(element.text, 6, where, [0.0] * 6)
-        scale = math.pi / 180.0 if element.get("degrees") in ("true", "1") else 1.0
-        roll, pitch, yaw = (scale * x for x in values[3:])
-        return Pose(np.array(values[:3]), rot_z(yaw) @ rot_y(pitch) @ rot_x(roll))
 
     def _joint(self, element: ET.Element) -> SdfJoint:
         name = element.get("name", "")
@@ -212,15 +294,19 @@ class _Builder:
         if np.linalg.norm(way) < 1e-9:
             raise InputError(f"{where}: the axis has no direction")
         frame = "" if xyz is None else xyz.get("expressed_in", "")
-        if frame:
-            way = self.pose_of(frame, ()).R @ way
-        elif not self.old and (axis.findtext("use_parent_model_frame") or "0") not in ("1", "true"):
-            way = at.R @ way
+        way = (self.pose_of(frame, ()).R if frame else at.R) @ way
         low, high = (
             read_numbers(axis.findtext(f"limit/{end}"), 1, f"{where}: {end}", [default])[0]
             for end, default in (("lower", -1e16), ("upper", 1e16))
         )
-        span = (low, high) if low < high and max(abs(low), abs(high)) < 1e3 else None
+        if element.get("type") == "continuous":
+            low, high = -1e16, 1e16
+        check_span(low, high, where)
+        if low == high:
+            self.locked[name] = low
+        far = TURN if kind == "hinge" else FAR
+        free = low == high or (low < -far and high > far)
+        span = None if free else (max(low, -far), min(high, far))
         return SdfJoint(name, kind, parent, child, at.p, way / np.linalg.norm(way), span)
 
     def _add_joint(self, body: mujoco.MjsBody, joint: SdfJoint, X_ML: Pose) -> None:
@@ -254,6 +340,6 @@ class _Builder:
             text = inertial.findtext(f"inertia/i{term}")
             terms[term] = read_numbers(text, 1, f"{where}: i{term}", [default])[0]
         tensor = np.array([[terms["".join(sorted(a + b))] for b in "xyz"] for a in "xyz"])
-        at = self._pose(inertial.find("pose"), f"{name} inertial")
+        at = read_pose(inertial.find("pose"), f"{where}: pose of <inertial>")
         body.ipos = at.p
         set_inertia(body, at.R @ tensor @ at.R.T)

@@ -139,10 +139,11 @@ def _build_rotors(found: FoundRotors, weight: float, questions: list[Question]) 
     if all(spins):
         out["spin"] = _imported(spins, note)
     else:
-        questions.append(
-            Question("robot.rotors.spin", "sense of each propeller seen from above, a list",
-                     [("ccw", "cw")[i % 2] for i in range(n)], None)
-        )  # fmt: skip
+        senses = ["ccw"] * n  # neighbours around the platform turn against each other
+        for i, rotor in enumerate(np.lexsort((p[:, 2], np.round(azimuth, 3)))):
+            senses[rotor] = ("ccw", "cw")[i % 2]
+        text = "sense of each propeller seen from above, a list"
+        questions.append(Question("robot.rotors.spin", text, senses, None))
     gap = min(float(np.linalg.norm(p[i] - p[j])) for i in range(n) for j in range(i))
     R = round(0.45 * gap if gap > 1e-3 else 0.1, 4)
     most = known.get("thrust_max_n", round(2.0 * weight / n, 3))

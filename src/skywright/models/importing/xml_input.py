@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from pathlib import Path
@@ -34,6 +35,7 @@ def parse_xml(text: str, path: Path) -> ET.Element:
         raise InputError(f"{path}: a document type or entity declaration is refused; remove it")
     if "{{" in text or "{%" in text:
         raise InputError(f"{path}: is a template ({{{{ or {{%): render it first")
+    text = _declare_prefixes(text)
     parser: Any = ET.XMLPullParser(["start", "end"])
     depth = count = 0
     root: ET.Element | None = None
@@ -55,12 +57,24 @@ def parse_xml(text: str, path: Path) -> ET.Element:
     if root is None:
         raise InputError(f"{path}: empty")
     for element in root.iter():
+        for key, text in element.attrib.items():
+            if key != "name" and "nan" in text.lower().split():
+                raise InputError(f"{path}: {key} of <{element.tag}> is {text[:80]!r}; not a number")
         if "xacro" in element.tag or any("${" in v or "$(" in v for v in element.attrib.values()):
             raise InputError(
                 f"{path}: holds xacro; expand it first, with the packages that it names: "
                 f"xacro {path.name} > {path.stem}.urdf"
             )
     return root
+
+
+def _declare_prefixes(text: str) -> str:
+    """Declare the prefixes that a file uses without a declaration: Gazebo reads such files."""
+    unknown = set(re.findall(r"<([A-Za-z_][\w.-]*):", text))
+    unknown |= set(re.findall(r"\s([A-Za-z_][\w.-]*):[\w.-]+=", text))
+    unknown -= {"xml", "xmlns", *re.findall(r"\bxmlns:([\w.-]+)", text)}
+    names = "".join(f' xmlns:{name}="{name}"' for name in sorted(unknown))
+    return re.sub(r"<[A-Za-z_][\w.-]*", lambda tag: tag[0] + names, text, count=1)
 
 
 def read_numbers(text: str | None, n: int, what: str, default: Sequence[float]) -> list[float]:
@@ -76,12 +90,23 @@ def read_numbers(text: str | None, n: int, what: str, default: Sequence[float]) 
     return values
 
 
+def check_span(low: float, high: float, what: str) -> None:
+    """Raise InputError where the limits of a joint are reversed."""
+    if low > high:
+        raise InputError(
+            f"{what}: lower limit {low:g} is above upper limit {high:g}; valid: lower <= upper "
+            "(equal: locked)"
+        )
+
+
 def check_includes(path: Path, root: ET.Element, above: tuple[Path, ...] = ()) -> None:
     """Read the files that an MJCF file includes; InputError where one is missing or circular."""
     chain = (*above, path.resolve())
     if len(chain) > MAX_INCLUDES:
         raise InputError(f"{path}: more than {MAX_INCLUDES} nested includes")
     for element in root.iter("include"):
+        if not element.get("file"):
+            raise InputError(f"{path}: an <include> without file='...'")
         other = (chain[0].parent / element.get("file", "")).resolve()
         if other in chain:
             raise InputError(f"{path}: includes itself by way of {element.get('file')!r}")
