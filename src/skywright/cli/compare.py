@@ -155,8 +155,8 @@ def laws(
         raise InputError(f"--runs {count}: at least 1 is needed")
     if workers is not None and workers < 1:
         raise InputError(f"--workers {workers}: at least 1 is needed")
-    folder = check_folder(out.with_suffix(""))
     with _page(out) as page:
+        folder = check_folder(page.with_suffix(""))
         found = compare_laws(
             names.split(","), mission, robot=robot, world=world, sets=sets, vary=vary, cases=cases,
             runs=count, seed=seed, out=folder, workers=workers, ray=ray,
