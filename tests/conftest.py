@@ -11,6 +11,7 @@ import gc
 import os
 import shutil
 from collections.abc import Generator, Iterator
+from importlib.util import find_spec
 from pathlib import Path
 
 os.environ.setdefault("MPLBACKEND", "Agg")
@@ -47,6 +48,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         without.append("px4")
     if not os.environ.get("SKYWRIGHT_CUDA"):
         without.append("cuda")
+    if find_spec("stable_baselines3") is None:
+        without.append("learn")
     if "betaflight" not in config.getoption("markexpr"):
         without.append("betaflight")
     left_out = [
