@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from skywright.analysis.campaign import local
-from skywright.analysis.compare_laws.cases import choose_cases, list_cases
+from skywright.analysis.compare_laws.cases import choose_cases, list_cases, list_law_sets
 from skywright.analysis.compare_laws.check import check_law
 from skywright.analysis.compare_laws.compare import Flown, LawComparison, compare_laws
 from skywright.analysis.compare_laws.cost import measure_cost
@@ -81,6 +81,17 @@ def test_cases_are_named_or_defined_and_the_nominal_one_is_always_there() -> Non
         choose_cases(base, ["masses"])
     with pytest.raises(InputError, match="a name other than"):
         choose_cases(base, [":world.wind.mean_mps=1"])
+
+
+def test_a_law_may_have_options() -> None:
+    assert list_law_sets("cascade") == ["mission.law=cascade"]
+    assert list_law_sets("a/b.py:Mine:q=2e4:r.x=1") == [
+        "mission.law=a/b.py:Mine", "mission.law.q=2e4", "mission.law.r.x=1",
+    ]  # fmt: skip
+    fed = list_law_sets("push_and_slide:moment_feed_forward=friction")
+    law = load_description("pipe-weld-scan", sets=fed).law
+    assert law is not None and law.kind == "push_and_slide"
+    assert law.model_dump()["moment_feed_forward"] == "friction"
 
 
 def test_laws_fly_the_same_seeds_and_a_law_that_cannot_is_told(
@@ -153,6 +164,7 @@ def test_a_refusal_counts_for_its_own_case(tmp_path: Path) -> None:
         (["cascade"], "two or more"),
         (["cascade,cascade"], "two or more different laws, A,B; found: cascade, cascade"),
         ([","], "found: none"),
+        (["cascade,cascade:nosuch=1"], "mission.law.nosuch"),
         (["cascade,nosuch"], "control law 'nosuch' is unknown"),
         (["cascade,thrust_vectoring", "--set", "mission.law=cascade"], "leave it out"),
         (["cascade,thrust_vectoring", "--case", "x:mission.law=cascade"], "leave it out"),

@@ -16,7 +16,13 @@ import numpy as np
 from skywright.analysis.campaign.campaign import run_campaign
 from skywright.analysis.campaign.local import keep_workers
 from skywright.analysis.campaign.spec import Campaign, build_campaign
-from skywright.analysis.compare_laws.cases import NOMINAL, Case, choose_cases, list_cases
+from skywright.analysis.compare_laws.cases import (
+    NOMINAL,
+    Case,
+    choose_cases,
+    list_cases,
+    list_law_sets,
+)
 from skywright.analysis.compare_laws.check import check_law
 from skywright.analysis.compare_laws.cost import measure_cost
 from skywright.analysis.compare_laws.paired import (
@@ -161,7 +167,8 @@ def compare_laws(
 ) -> LawComparison:
     """Fly `runs` flights of each law in each case; all laws fly the same seeds and conditions.
 
-    A law is the name of a built-in one or FILE.py:CLASS. `cases` as `choose_cases` reads them.
+    A law is the name of a built-in one or FILE.py:CLASS, and :KEY=VALUE for each key of
+    [mission.law] that it changes. `cases` as `choose_cases` reads them.
     The campaigns are kept in `out`/LAW/CASE, where the same call continues them. A law that a robot
     or a case refuses is told, not left out. Raises InputError on a wrong name or key, for a law
     whose file is wrong, before anything flies, and where every law is refused.
@@ -180,7 +187,7 @@ def compare_laws(
     planned: list[tuple[str, Case, Campaign | str]] = []
     for case in chosen:
         for law in names:
-            assignments = (*sets, *case.sets, f"mission.law={law}")
+            assignments = (*sets, *case.sets, *list_law_sets(law))
             try:
                 planned.append((law, case, build_campaign(
                     mission, vary, robot=robot, world=world, seed=base.mission.seed,
@@ -265,7 +272,7 @@ def _measure(
 ) -> float:  # fmt: skip
     try:
         return measure_cost(
-            load_description(mission, robot, world, [*sets, f"mission.law={law}"], seed)
+            load_description(mission, robot, world, [*sets, *list_law_sets(law)], seed)
         )
     except Exception:  # a law of the user's may raise; its flights say so
         return math.nan
