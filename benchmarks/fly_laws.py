@@ -18,6 +18,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from skywright.analysis.compare_laws.cases import list_law_sets
 from skywright.analysis.compare_laws.compare import compare_laws
 from skywright.analysis.compare_laws.report import tell_step, write_laws_page
 from skywright.core.find import list_kinds
@@ -67,7 +68,7 @@ def refuse(name: str) -> str:
 
 def find_refusal(c: dict[str, Any], law: str) -> str:
     """Return why the mission of a comparison is refused with a law before take-off, or ""."""
-    sets = [*c.get("sets", ()), f"mission.law={law}"]
+    sets = [*c.get("sets", ()), *list_law_sets(law)]
     try:
         plan = plan_mission(load_description(c["mission"], c.get("robot"), None, sets, 1))
     except InputError as error:

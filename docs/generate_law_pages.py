@@ -37,7 +37,7 @@ def list_requirements(cls: Any) -> list[str]:
         out.append("a fully actuated platform")
     if cls.commands_torque:
         out.append('servos with `mode = "torque"`')
-    if cls.controls_force:
+    if cls.presses_with_arm:
         out.append("for force control with the arm: a probe that measures its force")
     return out
 

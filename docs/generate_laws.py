@@ -1,7 +1,8 @@
 """Write the tables of docs/reference/laws.md: `python docs/generate_laws.py`.
 
 Rows come from benchmarks/laws: laws.toml says what is flown, NAME.json how it went. The matrix at
-the top has a column a mission and robot, and counts the flights of the case `nominal`.
+the top has a column a mission and robot, and counts the flights of the case `nominal` of the newest
+comparison that flew or refused a law; the table below it says which.
 """
 
 from __future__ import annotations
@@ -51,33 +52,54 @@ def name_column(one: dict[str, Any]) -> str:
     return f"`{one['mission']}`, `{one['robot']}`"
 
 
+def choose_cells(found: Iterable[dict[str, Any]]) -> dict[tuple[str, str], tuple[Any, Any]]:
+    """Return (comparison, what flew in its case `nominal`) by (law, column): the newest that flew.
+
+    Of comparisons of one day that with more runs, then the later of laws.toml.
+    """
+    cells: dict[tuple[str, str], tuple[Any, Any]] = {}
+    for one in found:
+        for f in (f for f in one["flown"] if f["case"] == "nominal" and not one["changed"]):
+            key = f["law"], name_column(one)
+            kept = cells.setdefault(key, (one, f))
+            ranks = [
+                (bool(x["runs"] or x["refused"]), c["when"], x["runs"]) for c, x in (kept, (one, f))
+            ]
+            if ranks[1] >= ranks[0]:
+                cells[key] = one, f
+    return cells
+
+
 def build_matrix(found: Iterable[dict[str, Any]], refusals: Refusals) -> str:
     """Return which law flew which mission: runs of the case `nominal` that met all requirements."""
-    cells: dict[tuple[str, str], dict[str, Any]] = {}
     found = list(found)
+    cells = choose_cells(found)
     columns = [name_column(one) for one in found if one["laws"] == ALL]
-    for one in found:
-        column = name_column(one)
-        if column not in columns or one["changed"]:
-            continue
-        for f in (f for f in one["flown"] if f["case"] == "nominal"):
-            kept = cells.setdefault((f["law"], column), f)
-            if f["runs"] > kept["runs"]:
-                cells[f["law"], column] = f
     lines = ["| law | " + " | ".join(columns) + " |", "|---|" + "---|" * len(columns)]
-    for law in sorted({law for law, _ in cells}):
+    sources: dict[tuple[str, str], list[str]] = {}
+    for law in sorted({law for law, column in cells if column in columns}):
         row = []
         for column in columns:
-            f = cells.get((law, column))
+            one, f = cells.get((law, column), (None, None))
             if f is None:
                 row.append("–")
-            elif not f["runs"] and not f["refused"]:
-                row.append("not flown")
-            elif f["refused"]:
+                continue
+            sources.setdefault((column, one["name"]), []).append(law)
+            if f["refused"]:
                 row.append(f"refused ({refusals.mark(law, f['refused'])})")
+            elif not f["runs"]:
+                row.append("not flown")
             else:
                 row.append(f"{f['succeeded']} of {f['runs']}")
         lines.append(f"| `{law}` | " + " | ".join(row) + " |")
+    by = {one["name"]: one for one in found}
+    lines += ["", "| mission, robot | comparison | commit | date | laws |", "|---|---|---|---|---|"]
+    for column in columns:
+        mine = {name: laws for (c, name), laws in sources.items() if c == column}
+        for name, laws in mine.items():
+            told = "all" if len(mine) == 1 else ", ".join(f"`{law}`" for law in laws)
+            one = by[name]
+            lines.append(f"| {column} | `{name}` | `{one['commit']}` | {one['when']} | {told} |")
     return "\n".join(lines)
 
 
@@ -96,15 +118,20 @@ def build_table(name: str, asked: dict[str, Any], refusals: Refusals) -> str:
         f"Mission `{found['mission']}`, robot `{found['robot']}`, commit `{found['commit']}`, "
         f"{found['when']}: `python benchmarks/fly_laws.py {name}{few}`.",
         "",
-        "| law | case | succeeded | " + " | ".join(f"`{m}`" for m in shown) + " |",
-        "|---|---|---|" + "---|" * len(shown),
+        "| law | case | succeeded | " + " | ".join(f"`{m}`" for m in shown) + " | a step (µs) |",
+        "|---|---|---|" + "---|" * (len(shown) + 1),
     ]
+    lost = []
     for law in dict.fromkeys(f["law"] for f in found["flown"]):
         for f in (f for f in found["flown"] if f["law"] == law):
             if f["refused"]:
                 mark = refusals.mark(law, f["refused"])
-                lines.append(f"| `{law}` | {f['case']} | refused ({mark}) |" + " – |" * len(shown))
+                lines.append(
+                    f"| `{law}` | {f['case']} | refused ({mark}) |" + " – |" * (len(shown) + 1)
+                )
                 continue
+            if why := f.get("reason"):
+                lost.append(f"- `{law}`, {f['case']}: {why}")
             cells = [
                 ("**{}**" if (law, f["case"], m) in beyond else "{}").format(
                     tell_number(f["medians"].get(m))
@@ -112,7 +139,10 @@ def build_table(name: str, asked: dict[str, Any], refusals: Refusals) -> str:
                 for m in shown
             ]
             done = f"{f['succeeded']} of {f['runs']}"
+            cells.append(tell_number(found["cost_us"].get(law)))
             lines.append(f"| `{law}` | {f['case']} | {done} | {' | '.join(cells)} |")
+    if lost:
+        lines += ["", "Most frequent reason of the runs that did not succeed:", "", *lost]
     return "\n".join(lines)
 
 
@@ -123,7 +153,11 @@ def build_page(text: str) -> str:
     flown = [name for name in asked if (KEPT / f"{name}.json").is_file()]
     results = [json.loads((KEPT / f"{n}.json").read_text(encoding="utf-8")) for n in flown]
     for name, result in zip(flown, results, strict=True):
-        result |= {"laws": asked[name]["laws"], "changed": asked[name].get("sets", [])}
+        result |= {
+            "name": name,
+            "laws": asked[name]["laws"],
+            "changed": asked[name].get("sets", []),
+        }
     refusals = Refusals()
     matrix = build_matrix(results, refusals)
     tables = [table for n in flown if (table := build_table(n, asked[n], refusals))]

@@ -11,6 +11,7 @@ import gc
 import os
 import shutil
 from collections.abc import Callable, Generator, Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -56,6 +57,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         without.append("px4")
     if not os.environ.get("SKYWRIGHT_CUDA"):
         without.append("cuda")
+    if find_spec("stable_baselines3") is None:
+        without.append("learn")
     asked = config.getoption("markexpr")
     without += [mark for mark in ("betaflight", "docs") if mark not in asked]
     left_out = [

@@ -109,7 +109,11 @@ def test_in_wind_the_robot_leans_less_before_it_docks() -> None:
 @pytest.mark.parametrize(
     ("sets", "told"),
     [
-        ({"mission.law": "push_and_slide"}, "backstepping"),
+        ({"mission.law": "push_and_slide"}, "valid: backstepping$"),
+        (
+            {"mission.law": "direct_force"},
+            "controls the measured force with the joints of the arm; mission.law is 'direct_force'",
+        ),
         ({"mission.task.spots": [{"x_m": 9.0}]}, "beside the structure"),
         ({"world.structure.facing": "side"}, "dock=false"),
     ],

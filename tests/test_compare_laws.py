@@ -11,8 +11,9 @@ import pytest
 from click.testing import CliRunner
 
 from skywright.analysis.campaign import local
-from skywright.analysis.compare_laws.cases import choose_cases, list_cases
-from skywright.analysis.compare_laws.compare import LawComparison, compare_laws
+from skywright.analysis.compare_laws.cases import choose_cases, list_cases, list_law_sets
+from skywright.analysis.compare_laws.check import check_law
+from skywright.analysis.compare_laws.compare import Flown, LawComparison, compare_laws
 from skywright.analysis.compare_laws.cost import measure_cost
 from skywright.analysis.compare_laws.paired import (
     compare_metric,
@@ -80,6 +81,17 @@ def test_cases_are_named_or_defined_and_the_nominal_one_is_always_there() -> Non
         choose_cases(base, ["masses"])
     with pytest.raises(InputError, match="a name other than"):
         choose_cases(base, [":world.wind.mean_mps=1"])
+
+
+def test_a_law_may_have_options() -> None:
+    assert list_law_sets("cascade") == ["mission.law=cascade"]
+    assert list_law_sets("a/b.py:Mine:q=2e4:r.x=1") == [
+        "mission.law=a/b.py:Mine", "mission.law.q=2e4", "mission.law.r.x=1",
+    ]  # fmt: skip
+    fed = list_law_sets("push_and_slide:moment_feed_forward=friction")
+    law = load_description("pipe-weld-scan", sets=fed).law
+    assert law is not None and law.kind == "push_and_slide"
+    assert law.model_dump()["moment_feed_forward"] == "friction"
 
 
 def test_laws_fly_the_same_seeds_and_a_law_that_cannot_is_told(
@@ -150,7 +162,9 @@ def test_a_refusal_counts_for_its_own_case(tmp_path: Path) -> None:
     ("words", "says"),
     [
         (["cascade"], "two or more"),
-        (["cascade,cascade"], "two or more"),
+        (["cascade,cascade"], "two or more different laws, A,B; found: cascade, cascade"),
+        ([","], "found: none"),
+        (["cascade,cascade:nosuch=1"], "mission.law.nosuch"),
         (["cascade,nosuch"], "control law 'nosuch' is unknown"),
         (["cascade,thrust_vectoring", "--set", "mission.law=cascade"], "leave it out"),
         (["cascade,thrust_vectoring", "--case", "x:mission.law=cascade"], "leave it out"),
@@ -160,6 +174,7 @@ def test_a_refusal_counts_for_its_own_case(tmp_path: Path) -> None:
         (["cascade,thrust_vectoring", "--case", "storm"], "no such case"),
         (["cascade,thrust_vectoring", "--case", "x:robot.nothing=1"], "robot.nothing"),
         (["cascade,thrust_vectoring", "--out", "laws.txt"], "unknown format"),
+        (["cascade,thrust_vectoring", "--out", "."], "unknown format"),
     ],
 )
 def test_wrong_input_is_one_line_and_leaves_no_page(
@@ -172,6 +187,86 @@ def test_wrong_input_is_one_line_and_leaves_no_page(
     assert found.exit_code == 2, found.output
     assert says in found.stderr and found.stderr.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+LAW = """
+from skywright.core.record import Record
+from skywright.errors import InputError
+from skywright.vehicle.bus import Reference, WrenchCommand
+from skywright.vehicle.component import Law, Out
+
+
+class Mine(Law):
+    compiled = False
+
+    class Me(Record):
+        x: float
+
+    def build(self, me, table, context):
+        {build}
+
+    @staticmethod
+    def {step}(me: Me, ref: Reference, cmd: Out[WrenchCommand]) -> None:
+        {body}
+"""
+
+
+@pytest.mark.parametrize(
+    ("parts", "says"),
+    [
+        ({"build": "raise RuntimeError('boom')"}, "RuntimeError: boom (line 15 of mine.py)"),
+        ({"step": "walk"}, "has no static method 'step'"),
+        ({"body": "cmd.f_B[0] = 'a' + 1", "compiled": "True"}, "does not compile"),
+    ],
+)
+def test_a_wrong_file_is_told_before_anything_flies(
+    parts: dict[str, str], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither a folder nor a page is left, and the law before it has not flown."""
+    monkeypatch.chdir(tmp_path)
+    text = LAW.format(**{"build": "pass", "step": "step", "body": "pass"} | parts)
+    if "compiled" in parts:
+        text = text.replace("compiled = False", "compiled = True")
+    Path("mine.py").write_text(text)
+    found = CliRunner().invoke(
+        main, ["compare", "laws", "cascade,mine.py:Mine", "--mission", "waypoints", "--runs", "1"],
+        prog_name="skywright",
+    )  # fmt: skip
+    assert found.exit_code == 2, found.output
+    assert says in found.stderr and "mine.py" in found.stderr and found.stderr.count("\n") == 1
+    assert [p.name for p in tmp_path.iterdir() if p.name != "__pycache__"] == ["mine.py"]
+
+
+def test_what_a_law_itself_refuses_is_no_wrong_file(tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(LAW.format(build="raise InputError('no')", step="step", body="pass"))
+    check_law(load_description("waypoints", sets=[f"mission.law={file}:Mine"]))
+
+
+def test_the_most_frequent_reason_of_lost_runs_is_told() -> None:
+    """Reasons that differ in their times alone count as one."""
+
+    def lose(reason: str, requirement: str = "aborted") -> Row:
+        outcome = "aborted" if reason else "failed"
+        return build_row(0)._replace(outcome=outcome, reason=reason, requirement=requirement)
+
+    rows = [
+        build_row(0), lose("", "position.rms_m"), lose("raised at t = 3.1 s"),
+        lose("raised at t = 4.27 s"),
+    ]  # fmt: skip
+    assert Flown("a", "nominal", rows, "").reason == "2 of 4: raised at t = 3.1 s"
+    assert Flown("a", "nominal", rows[:2], "").reason == "1 of 2: position.rms_m not met"
+    assert Flown("a", "nominal", rows[:1], "").reason == ""
+
+
+def test_that_no_law_can_fly_is_told_for_each(tmp_path: Path) -> None:
+    out = tmp_path / "laws"
+    with pytest.raises(InputError, match=r"backstepping: .*lateral.*; whole_body_qp: .*lateral"):
+        compare_laws(
+            ["backstepping", "whole_body_qp"], "waypoints", robot="hexarotor",
+            cases=["nominal"], runs=1, out=out, workers=1,
+        )  # fmt: skip
+    assert not out.exists()
 
 
 def test_the_cost_of_a_law_in_python_is_that_of_the_interpreter(tmp_path: Path) -> None:

@@ -266,8 +266,10 @@ def test_a_closed_vector_and_wrong_seeds_are_told() -> None:
         (np.zeros(2), r"shape \(2,\); valid: \(1,\)"),
         (np.array([np.nan]), "not finite"),
         (np.array([np.inf]), "not finite"),
-        ("push", r"shape"),
-        (None, r"shape"),
+        (np.array([0.5 + 1j]), "valid: real numbers"),
+        ("push", "valid: real numbers"),
+        (None, "valid: real numbers"),
+        ([[0.1], [0.1, 0.2]], "valid: real numbers"),
     ],
 )
 def test_wrong_actions_are_refused_and_never_flown(action: Any, says: str) -> None:
@@ -280,3 +282,16 @@ def test_wrong_actions_are_refused_and_never_flown(action: Any, says: str) -> No
     env.step(np.array([5.0]))  # cut to 1
     with pytest.raises(InputError, match="valid: 0 to 0"):
         env.reset(options={"condition": 3})
+    with pytest.raises(InputError, match=r"options = \[1\]; valid: a dict"):
+        env.reset(options=[1])  # type: ignore[arg-type]
+
+
+def test_a_closed_environment_flies_no_more() -> None:
+    env = envs.make("WeldPress", sets=QUICK["WeldPress"], states=1)
+    env.reset(seed=1)
+    env.close()
+    env.close()
+    with pytest.raises(InputError, match="no episode runs: it was closed"):
+        env.step(np.zeros(1, np.float32))
+    with pytest.raises(InputError, match="was closed: make another"):
+        env.reset()

@@ -533,6 +533,14 @@ def test_a_users_law_that_raises_in_the_air_is_named(tmp_path):
     result = fly_and_evaluate(load_description("waypoints", "othex", sets=sets))
     check_fallen(result, 5.0)
     assert "component law (Mine.step" in result.reason and "no idea" in result.reason
+    assert (result.outcome, result.exit_code) == ("aborted", 1)
+
+
+def test_a_users_law_that_raises_on_the_ground_ends_the_run(tmp_path):
+    """Nothing has to land: exit code 3, as docs/howto/your-own-control-law.md has it."""
+    sets = write_law(tmp_path, 'if ref.active < 0.5:\n    raise ValueError("no idea")\n' + HOVER)
+    result = fly_and_evaluate(load_description("waypoints", "othex", sets=sets))
+    assert result.exit_code == 3 and "no idea" in result.reason
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,10 @@
     python examples/learning/train.py judge --policy runs/weld-press/policy.zip \
         --out runs/weld-press/judged.json
 
-One process and one thread; the environment is that of skywright.envs. `train` writes the policy and
-its curve, `judge` flies it and the classical laws, 100 episodes each, in conditions and with noise
-that no training saw. docs/howto/learn-a-policy.md shows what came out of it.
+One process and one thread; the environment is that of skywright.envs. `train` writes the policy,
+its curve and training.json. `judge` flies the policy and the classical laws, 100 episodes each, in
+conditions and with noise that the training did not see; training.json beside the policy says which
+it saw. Loading a policy executes code in it. docs/howto/learn-a-policy.md shows a result.
 """
 
 from __future__ import annotations
@@ -17,13 +18,16 @@ import csv
 import json
 import os
 import platform
+import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from skywright import InputError, envs
+from skywright.cli.options import check_folder, check_writable
 
 HERE = Path(__file__).parent
 GUSTS = str(HERE / "gusts.csv")
@@ -33,23 +37,47 @@ SEED = 1
 """Of the campaign of conditions. Training flies its first ones, judging those that follow."""
 
 
-def parse() -> argparse.Namespace:
-    """Read the command line."""
+CURVE = ("steps", "seconds", "return", "noise")
+"""Columns of curve.csv."""
+
+
+def count(text: str) -> int:
+    """Read a whole number from 1."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}; valid: a whole number from 1")
+    return int(text)
+
+
+def parse(words: Sequence[str] | None = None) -> argparse.Namespace:
+    """Read the command line; what is wrong in it ends the process with exit code 2."""
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     p.add_argument("what", choices=("train", "judge"))
     p.add_argument("--env", default="WeldPress", help="of skywright.envs")
     p.add_argument("--vary", action="append", help="as of `skywright campaign`; default: gusts.csv")
     p.add_argument("--set", dest="sets", action="append", help="KEY=VALUE, may be repeated")
-    p.add_argument("--steps", type=int, default=400_000, help="of the environment")
-    p.add_argument("--envs", type=int, default=8, help="beside each other")
-    p.add_argument("--conditions", type=int, default=3, help="flown for each of them")
-    p.add_argument("--episodes", type=int, default=100, help="to judge")
+    p.add_argument("--steps", type=count, default=400_000, help="of the environment, to train")
+    p.add_argument("--envs", type=count, default=8, help="beside each other, to train")
+    p.add_argument("--conditions", type=count, default=3, help="flown for each of them, to train")
+    p.add_argument("--episodes", type=count, default=100, help="to judge")
     p.add_argument("--error", type=float, default=0.15, help="N, mean, below which one succeeds")
     p.add_argument("--laws", default="push_and_slide,direct_force", help="to compare with")
     p.add_argument("--policy", type=Path, help="to judge")
     p.add_argument("--seed", type=int, default=1)
     p.add_argument("--out", type=Path, required=True)
-    return p.parse_args()
+    asked = p.parse_args(words)
+    asked.vary, asked.sets = asked.vary or [GUSTS], asked.sets or []
+    return asked
+
+
+def import_learner() -> Any:
+    """Return stable_baselines3, on one thread; raises InputError where it is not installed."""
+    try:
+        import stable_baselines3
+        import torch
+    except ImportError as error:
+        raise InputError(f'{error}: install the extra, pip install "skywright[learn]"') from None
+    torch.set_num_threads(1)
+    return stable_baselines3
 
 
 def describe_machine() -> dict[str, Any]:
@@ -68,13 +96,11 @@ def describe_task(asked: argparse.Namespace) -> dict[str, Any]:
 
 def train(asked: argparse.Namespace) -> None:
     """Train, and write policy.zip, curve.csv and training.json."""
-    import torch
-    from stable_baselines3 import PPO
+    learner = import_learner()
     from stable_baselines3.common.callbacks import BaseCallback
     from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
 
-    torch.set_num_threads(1)
-    asked.out.mkdir(parents=True, exist_ok=True)
+    check_folder(asked.out)
     began = time.perf_counter()
 
     def build(i: int) -> Any:
@@ -86,6 +112,7 @@ def train(asked: argparse.Namespace) -> None:
     vector = DummyVecEnv([build(i) for i in range(asked.envs)])
     refused = [r for env in vector.envs for r in env.refused]
     built = time.perf_counter() - began
+    asked.out.mkdir(parents=True, exist_ok=True)  # the input is right
     vector = VecNormalize(VecMonitor(vector), norm_obs=False, norm_reward=True, gamma=0.98)
     rows: list[dict[str, float]] = []
 
@@ -106,17 +133,14 @@ def train(asked: argparse.Namespace) -> None:
                 if len(rows) % 20 == 0:
                     self.model.save(asked.out / "policy.zip")
 
-    model = PPO(
+    model = learner.PPO(
         "MlpPolicy", vector, seed=asked.seed, device="cpu", n_steps=256, batch_size=256, n_epochs=8,
         gamma=0.98, gae_lambda=0.95, learning_rate=3e-4, clip_range=0.2, ent_coef=0.0,
         policy_kwargs={"net_arch": [32, 32], "log_std_init": -1.0},
     )  # fmt: skip
     model.learn(asked.steps, callback=Curve())
     model.save(asked.out / "policy.zip")
-    with (asked.out / "curve.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
+    write_curve(rows, asked.out / "curve.csv")
     told = {
         **describe_task(asked), "steps": model.num_timesteps, "seed": asked.seed,
         "envs": asked.envs, "conditions": asked.envs * asked.conditions - len(refused),
@@ -126,6 +150,31 @@ def train(asked: argparse.Namespace) -> None:
     }  # fmt: skip
     (asked.out / "training.json").write_text(json.dumps(told, indent=1) + "\n")
     print(json.dumps(told))
+
+
+def write_curve(rows: Sequence[dict[str, float]], path: Path) -> None:
+    """Write a row a rollout; there is none where the training ended before an episode did."""
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, CURVE)
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def find_fresh(asked: argparse.Namespace) -> int:
+    """Return the first condition that the training of a policy did not see; raises InputError."""
+    if asked.policy is None or not asked.policy.is_file():
+        raise InputError(f"--policy {asked.policy}: no such file; valid: one that `train` wrote")
+    kept = asked.policy.parent / "training.json"
+    try:
+        told = json.loads(kept.read_text())
+        env, seen = str(told["env"]), int(told["conditions"]) + len(told["refused"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"{kept}: {error!r}; `judge` reads in it which conditions the training saw"
+        ) from None
+    if env != asked.env:
+        raise InputError(f"--env {asked.env}: the policy was trained in {env}")
+    return seen
 
 
 def fly(env: Any, choose: Any, seed: int, condition: int, error: float) -> dict[str, Any]:
@@ -152,14 +201,15 @@ def fly(env: Any, choose: Any, seed: int, condition: int, error: float) -> dict[
 
 def judge(asked: argparse.Namespace) -> None:
     """Fly the policy and the laws in the same fresh conditions; write how each episode went."""
-    import torch
-    from stable_baselines3 import PPO
-
-    torch.set_num_threads(1)
-    if asked.policy is None or not asked.policy.is_file():
-        raise InputError(f"--policy {asked.policy}: no such file; valid: one that `train` wrote")
-    asked.out.parent.mkdir(parents=True, exist_ok=True)
-    model = PPO.load(asked.policy, device="cpu")
+    first = find_fresh(asked)
+    learner = import_learner()
+    try:
+        model = learner.PPO.load(asked.policy, device="cpu")
+    except Exception as error:  # it raises what reading zip, JSON, pickle and tensors raises
+        raise InputError(
+            f"--policy {asked.policy}: {error}; valid: policy.zip that `train` wrote"
+        ) from error
+    check_writable(asked.out, (".json",))
     n = -(-asked.episodes // EACH)
     found: dict[str, Any] = {
         **describe_task(asked), "error_n": asked.error, **describe_machine()
@@ -169,7 +219,7 @@ def judge(asked: argparse.Namespace) -> None:
         env = envs.make(
             asked.env, vary=asked.vary, conditions=n, seed=SEED,
             sets=[*asked.sets, f"mission.law={law}"],
-            first=asked.envs * asked.conditions,
+            first=first,
         )  # fmt: skip
         still = np.zeros(env.action_space.shape, np.float32)
         players = {law: lambda _seen, still=still: still}
@@ -191,15 +241,16 @@ def judge(asked: argparse.Namespace) -> None:
         )
 
 
-def main() -> None:
-    """Do what is asked; wrong input is one line and exit code 2."""
-    asked = parse()
-    asked.vary, asked.sets = asked.vary or [GUSTS], asked.sets or []
+def main(words: Sequence[str] | None = None) -> int:
+    """Do what is asked, return the exit code; wrong input is one line and exit code 2."""
+    asked = parse(words)
     try:
         {"train": train, "judge": judge}[asked.what](asked)
     except InputError as error:
-        raise SystemExit(f"error: {error}") from None
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -145,8 +145,9 @@ def laws(
 ) -> None:  # fmt: skip
     """Fly control laws on the same seeds and conditions, and compare them in pairs.
 
-    The first law is the reference. The flights are campaigns in a folder beside the page; the same
-    command continues an interrupted comparison.
+    A law is a name or FILE.py:CLASS; :KEY=VALUE behind it sets a key of [mission.law]. The first
+    law is the reference. The flights are campaigns in a folder beside the page; the same command
+    continues an interrupted comparison.
     """
     from skywright.analysis.compare_laws.compare import compare_laws
     from skywright.analysis.compare_laws.report import print_laws, tell_step, write_laws_page
@@ -155,8 +156,8 @@ def laws(
         raise InputError(f"--runs {count}: at least 1 is needed")
     if workers is not None and workers < 1:
         raise InputError(f"--workers {workers}: at least 1 is needed")
-    folder = check_folder(out.with_suffix(""))
     with _page(out) as page:
+        folder = check_folder(page.with_suffix(""))
         found = compare_laws(
             names.split(","), mission, robot=robot, world=world, sets=sets, vary=vary, cases=cases,
             runs=count, seed=seed, out=folder, workers=workers, ray=ray,

@@ -307,8 +307,8 @@ class Law(Component):
     group, slot = "law", "control"
     needs_full_actuation: ClassVar[bool] = False
     """Whether it asks for force in any direction, whatever the attitude."""
-    controls_force: ClassVar[bool] = False
-    """Whether it follows the block Press of the reference (vehicle/follower.py)."""
+    presses_with_arm: ClassVar[bool] = False
+    """Whether its arm controls the force of the block Press (vehicle/follower.py)."""
     knows_modes: ClassVar[bool] = False
     """Whether it follows `Reference.mode`."""
     commands_torque: ClassVar[bool] = False

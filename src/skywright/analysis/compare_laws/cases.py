@@ -21,6 +21,12 @@ class Case(NamedTuple):
     sets: tuple[str, ...]  # assignments, KEY=VALUE
 
 
+def list_law_sets(law: str) -> list[str]:
+    """Return the assignments that choose a law: NAME or FILE.py:CLASS, then any :KEY=VALUE."""
+    kind, *options = re.split(r":(?=\w+(?:\.\w+)*=)", law)
+    return [f"mission.law={kind}", *(f"mission.law.{option}" for option in options)]
+
+
 def list_cases(base: Description[Any]) -> list[Case]:
     """List the built-in cases of a mission: nominal, mass, delay, wind, gusts, friction."""
     cases = [

@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import math
 import re
+import shutil
+from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,7 +16,14 @@ import numpy as np
 from skywright.analysis.campaign.campaign import run_campaign
 from skywright.analysis.campaign.local import keep_workers
 from skywright.analysis.campaign.spec import Campaign, build_campaign
-from skywright.analysis.compare_laws.cases import NOMINAL, Case, choose_cases, list_cases
+from skywright.analysis.compare_laws.cases import (
+    NOMINAL,
+    Case,
+    choose_cases,
+    list_cases,
+    list_law_sets,
+)
+from skywright.analysis.compare_laws.check import check_law
 from skywright.analysis.compare_laws.cost import measure_cost
 from skywright.analysis.compare_laws.paired import (
     Difference,
@@ -52,6 +61,19 @@ class Flown(NamedTuple):
     def succeeded(self) -> int:
         """Runs that met every requirement."""
         return sum(r.succeeded for r in self.rows)
+
+    @property
+    def reason(self) -> str:
+        """Most frequent reason of the runs that did not meet every requirement, with their number.
+
+        Reasons that differ in numbers alone, such as the time, count as one; "": there is no run.
+        """
+        lost = [r.reason or f"{r.requirement} not met" for r in self.rows if not r.succeeded]
+        if not lost:
+            return ""
+        plain = [re.sub(r"[\d.]+", "0", text) for text in lost]
+        most, count = Counter(plain).most_common(1)[0]
+        return f"{count} of {len(self.rows)}: {lost[plain.index(most)]}"
 
     def compute_median(self, metric: str) -> float:
         """Return the median over the runs that have the metric, NaN where none has."""
@@ -110,6 +132,7 @@ class LawComparison(NamedTuple):
                 {
                     "law": f.law, "case": f.case, "runs": len(f.rows), "succeeded": f.succeeded,
                     "refused": f.refused or None,
+                    "reason": None if f.refused else f.reason or None,
                     "medians": {m: number(f.compute_median(m)) for m in self.metrics},
                 }
                 for f in self.flown
@@ -144,14 +167,17 @@ def compare_laws(
 ) -> LawComparison:
     """Fly `runs` flights of each law in each case; all laws fly the same seeds and conditions.
 
-    A law is the name of a built-in one or FILE.py:CLASS. `cases` as `choose_cases` reads them.
+    A law is the name of a built-in one or FILE.py:CLASS, and :KEY=VALUE for each key of
+    [mission.law] that it changes. `cases` as `choose_cases` reads them.
     The campaigns are kept in `out`/LAW/CASE, where the same call continues them. A law that a robot
-    or a case refuses is told, not left out. Raises InputError on a wrong name or key, and where
-    every law is refused.
+    or a case refuses is told, not left out. Raises InputError on a wrong name or key, for a law
+    whose file is wrong, before anything flies, and where every law is refused.
     """
-    names = list(dict.fromkeys(law.strip() for law in laws if law.strip()))
+    given = [law.strip() for law in laws if law.strip()]
+    names = list(dict.fromkeys(given))
     if len(names) < 2:
-        raise InputError(f"{len(names)} law given: compare laws needs two or more, A,B")
+        told = ", ".join(given) or "none"
+        raise InputError(f"compare laws requires two or more different laws, A,B; found: {told}")
     base = load_description(mission, robot, world, sets, seed)
     chosen = choose_cases(base, cases)
     for text in (*sets, *(text for case in chosen for text in case.sets)):
@@ -161,7 +187,7 @@ def compare_laws(
     planned: list[tuple[str, Case, Campaign | str]] = []
     for case in chosen:
         for law in names:
-            assignments = (*sets, *case.sets, f"mission.law={law}")
+            assignments = (*sets, *case.sets, *list_law_sets(law))
             try:
                 planned.append((law, case, build_campaign(
                     mission, vary, robot=robot, world=world, seed=base.mission.seed,
@@ -171,7 +197,10 @@ def compare_laws(
                 if case.name == NOMINAL or case not in known or vary:  # what was asked is wrong
                     raise
                 planned.append((law, case, str(error)))
-    flown = []
+    for _, case, campaign in planned:
+        if case.name == NOMINAL and isinstance(campaign, Campaign):
+            check_law(campaign.base)
+    flown, new = [], not out.exists()
     with keep_workers():
         for law, case, campaign in planned:
             if isinstance(campaign, str):
@@ -188,7 +217,10 @@ def compare_laws(
             rows = [r for r in found.rows if r.run < runs]  # the folder may hold more
             flown.append(Flown(law, case.name, rows, _find_refusal(rows)))
     if all(f.refused for f in flown):
-        raise InputError(f"no law can fly {mission}: {flown[0].refused}")
+        if new:
+            shutil.rmtree(out, ignore_errors=True)  # only refusals are in it
+        reasons = "; ".join(f"{f.law}: {f.refused}" for f in flown if f.case == NOMINAL)
+        raise InputError(f"no law can fly {mission}: {reasons}")
     required = load_kind(base.mission.kind).requirements(Setup(base), None)
     measures = dict(list_measures(base.mission.kind))
     seen = {name for f in flown for r in f.rows for name in r.metrics}
@@ -240,7 +272,7 @@ def _measure(
 ) -> float:  # fmt: skip
     try:
         return measure_cost(
-            load_description(mission, robot, world, [*sets, f"mission.law={law}"], seed)
+            load_description(mission, robot, world, [*sets, *list_law_sets(law)], seed)
         )
     except Exception:  # a law of the user's may raise; its flights say so
         return math.nan

@@ -64,8 +64,8 @@ def print_laws(c: LawComparison, page: Path) -> None:
         )  # fmt: skip
     console.print(table)
     for f in c.flown:
-        if f.refused:
-            console.print(f"{f.law}, {f.case}: {f.refused}", markup=False)
+        if f.refused or f.reason:
+            console.print(f"{f.law}, {f.case}: {f.refused or f.reason}", markup=False)
     if c.runs < FEWEST:
         console.print(f"--runs {c.runs}: no interval and no test below {FEWEST} runs")
     console.print(f"page: {page}", markup=False)

@@ -157,6 +157,10 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
         `options` may choose {"condition": i} among `starts`. Equal seeds and actions give equal
         episodes, bit for bit.
         """
+        if options is not None and not isinstance(options, dict):
+            raise InputError(f"options = {options!r}; valid: a dict, {{'condition': NUMBER}}")
+        if not self.starts:
+            raise InputError("the environment was closed: make another")
         super().reset(seed=seed)
         rng = self.np_random
         chosen = None if options is None else options.get("condition")
@@ -211,14 +215,21 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
         self._running = not (terminated or truncated)
         return self._seen.astype(np.float32), reward, terminated, truncated, info
 
+    def close(self) -> None:
+        """Let go of the vehicles; nothing can be flown afterwards."""
+        self._running, self.starts, self._places = False, [], []
+
     def _take(self, action: Any) -> None:
         """Write an action into the vehicle; raises InputError."""
         if not self._running:
-            raise InputError("no episode runs: call reset() first, and after an episode has ended")
+            why = "call reset() first, and after an episode has ended"
+            raise InputError(f"no episode runs: {why if self.starts else 'it was closed'}")
         try:
-            given = np.asarray(action, float)
-        except (TypeError, ValueError):
-            given = np.zeros(0)
+            given = np.asarray(action)
+        except ValueError:  # lists of different lengths
+            given = np.array(None)
+        if given.dtype.kind not in "fiub":
+            raise InputError(f"action: {action!r}; valid: real numbers from -1 to 1")
         if given.shape != self._action.shape:
             names = ", ".join(s.name for s in self.act.signals)
             raise InputError(

@@ -1,4 +1,4 @@
-"""Environments: a step over the bare vehicle tick, a reset, and processes over bare processes."""
+"""Environments: steps over the bare vehicle tick and a second, a reset, and processes."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ TICKS = 50
 STEP_LIMIT, RESET_LIMIT, SHARE_LIMIT = 1.1, 1.0, 0.95
 VECTOR, EACH = "WeldPress", 8
 """What flies over processes, and environments a process."""
+COARSE_MS = 2
+"""Of the physics: `mission.timestep_ms` of the second rate."""
 LONG = 5
 """Ticks of a longer step: a message is shared by as many."""
 
@@ -29,16 +31,23 @@ def measure(session: Session) -> list[Row]:
     rows, rounds = [], session.pick(3, 20, 60)
     for name in session.pick([VECTOR], list(PLACES), list(PLACES)):
         env = make(name, states=2)
+        coarse = make(name, states=2, sets=[f"mission.timestep_ms={COARSE_MS}"])
         still = np.zeros(env.action_space.shape or (), np.float32)
-        times = interleave(
-            {"tick": partial(_tick, env), "step": partial(_step, env, still)}, rounds
-        )
+        cases = {
+            "tick": partial(_tick, env), "step": partial(_step, env, still),
+            "coarse": partial(_step, coarse, still),
+        }  # fmt: skip
+        times = interleave(cases, rounds)
         rows.append(
             build_row(
                 f"{name}.step_over_tick", compute_ratios(times["step"], times["tick"]),
                 limit=STEP_LIMIT, note="a step with observation and reward over vehicle.tick()",
             )
         )  # fmt: skip
+        for case, physics_ms in (("step", 1), ("coarse", COARSE_MS)):
+            note = f"steps of 20 ms a second on one core, physics of {physics_ms} ms"
+            rates = [TICKS / t for t in times[case]]
+            rows.append(build_row(f"{name}.steps_{physics_ms}_ms", rates, "1/s", note=note))
         spent = [1e3 * _reset(env) for _ in range(rounds)]
         rows.append(
             build_row(f"{name}.reset_ms", spent, "ms", limit=RESET_LIMIT, note="a restored state")

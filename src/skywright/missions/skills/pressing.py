@@ -7,8 +7,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from skywright.core.arrays import Array, Table
-from skywright.core.find import find
+from skywright.core.find import find, list_kinds
 from skywright.description.mission.spec import Mission
+from skywright.description.robot.limbs import takes_torque
 from skywright.description.robot.spec import Robot
 from skywright.description.world.structure import Structure, build_surface, find_place
 from skywright.errors import InputError
@@ -42,17 +43,26 @@ class Profile(Protocol):
 
 
 def check_can_press(robot: Robot, mission: Mission) -> None:
-    """Raise InputError when robot or law cannot control the force of a probe."""
+    """Raise InputError when robot or law cannot control the force of a probe with the arm.
+
+    A press holds the platform (in flight, on its feet, on the bench) and names a force in the block
+    Press; no row of it lies inside the surface. A law that presses with the platform, by a tip
+    reference behind the surface, has nothing to push on there.
+    """
     if robot.probe is None or robot.force_sensor is None:
         raise InputError(
             f"robot {robot.name!r} does not measure the force of a probe: it requires "
             "[robot.probe] and [robot.force_sensor]"
         )
     law = mission.law.kind if mission.law is not None else robot.control.law
-    if law is None or not find("law", law).cls.controls_force:
+    if law is None or not find("law", law).cls.presses_with_arm:
+        laws = {name: find("law", name).cls for name in list_kinds("law")}
+        torque = takes_torque(robot)
+        fit = [k for k, c in laws.items() if c.presses_with_arm and c.commands_torque == torque]
         raise InputError(
-            f"mission {mission.name!r} requires a law with force control, mission.law = "
-            f"'backstepping'; found {law!r}"
+            f"mission {mission.name!r} presses with the arm while the platform keeps its place: "
+            "it requires a law that controls the measured force with the joints of the arm; "
+            f"mission.law is {law!r}, whose arm follows joint angles; valid: {', '.join(fit)}"
         )
 
 

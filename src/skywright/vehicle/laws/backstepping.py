@@ -70,7 +70,7 @@ SHIFT_MAX = 0.05  # m
 class Backstepping(Law):
     """Fills f_B, t_B and qd."""
 
-    needs_full_actuation = controls_force = knows_modes = True
+    needs_full_actuation = presses_with_arm = knows_modes = True
     follows_bandwidths: ClassVar[bool] = True
     """Whether the platform's position loop is the PID of the table's bandwidths, as here."""
     Table = LoopsTable

@@ -1,0 +1,140 @@
+"""examples/learning/train.py: wrong input, one episode, fresh conditions, a short training."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from skywright import envs
+
+FILE = Path(__file__).parent.parent / "examples" / "learning" / "train.py"
+SETS = (
+    "mission.task.survey=false", *(f"plant.map_error_{x}=0" for x in ("m", "deg", "size_m")),
+)  # fmt: skip
+MASS = "plant.mass_error=uniform(0, 0.01)"
+CALM = [word for text in SETS for word in ("--set", text)]
+
+
+def load_example() -> Any:
+    spec = importlib.util.spec_from_file_location("train_example", FILE)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+train = load_example()
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["train", "--envs", "0"], "--envs: '0'; valid: a whole number from 1"),
+        (["train", "--steps", "-5"], "--steps"),
+        (["train", "--conditions", "x"], "--conditions: 'x'; valid"),
+        (["judge", "--episodes", "0"], "--episodes: '0'; valid"),
+        (["fly"], "invalid choice"),
+    ],
+)
+def test_wrong_words_end_with_exit_code_2(
+    words: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        train.main([*words, "--out", str(tmp_path / "out")])
+    assert ended.value.code == 2 and says in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def write_training(folder: Path, **told: Any) -> list[str]:
+    """Write what `train` writes of a policy that is none; returns the words that judge it."""
+    (folder / "policy.zip").write_bytes(b"no zip")
+    if told:
+        (folder / "training.json").write_text(json.dumps(told))
+    return ["judge", "--policy", str(folder / "policy.zip"), "--out", str(folder / "judged.json")]
+
+
+@pytest.mark.parametrize(
+    ("told", "more", "says"),
+    [
+        ({}, [], "training.json"),
+        ({"env": "WeldPress"}, [], "KeyError('conditions')"),
+        ({"env": "WeldPress", "conditions": 24, "refused": []}, ["--env", "WallSlide"],
+         "--env WallSlide: the policy was trained in WeldPress"),
+        ({}, ["--policy", "nowhere.zip"], "--policy nowhere.zip: no such file"),
+    ],
+)  # fmt: skip
+def test_a_policy_without_its_training_is_refused(
+    told: dict[str, Any], more: list[str], says: str, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    assert train.main([*write_training(tmp_path, **told), *more]) == 2
+    error = capsys.readouterr().err
+    assert says in error and error.startswith("error: ") and error.count("\n") == 1
+    assert not (tmp_path / "judged.json").exists()
+
+
+def test_judging_begins_after_the_conditions_of_the_training(tmp_path: Path) -> None:
+    """Whatever --envs and --conditions say now, and refused conditions counted."""
+    words = write_training(tmp_path, env="WeldPress", conditions=22, refused=["a", "b"])
+    assert train.find_fresh(train.parse([*words, "--envs", "1", "--conditions", "1"])) == 24
+
+
+def test_a_missing_extra_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("torch", "stable_baselines3"):
+        monkeypatch.setitem(sys.modules, name, None)  # an import of it fails
+    assert train.main(["train", "--out", str(tmp_path / "out")]) == 2
+    assert 'pip install "skywright[learn]"' in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_training_without_a_finished_episode_has_an_empty_curve(tmp_path: Path) -> None:
+    train.write_curve([], tmp_path / "curve.csv")
+    assert (tmp_path / "curve.csv").read_text().split() == ["steps,seconds,return,noise"]
+
+
+def test_an_episode_is_judged_by_the_true_force() -> None:
+    """A bound on the mean error decides, unless the episode ends early."""
+    env = envs.make("WeldPress", sets=SETS, states=1, episode_s=0.4)
+    still = np.zeros(env.action_space.shape, np.float32)
+    good, bad = (train.fly(env, lambda _: still, 3, 0, error) for error in (1.0, 0.0))
+    assert good["success"] and not bad["success"]
+    assert good["seconds"] == pytest.approx(0.4) and 1.0 < good["force_mean_n"] < 3.0
+    assert good["force_error_n"] == bad["force_error_n"]
+
+
+@pytest.mark.learn
+def test_a_short_training_is_judged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Less than an episode long: no curve, yet a policy that flies in conditions of its own."""
+    out = tmp_path / "out"
+    words = [*CALM, "--vary", MASS, "--envs", "1", "--conditions", "1"]
+    assert train.main(["train", *words, "--steps", "20", "--out", str(out)]) == 0
+    told = json.loads((out / "training.json").read_text())
+    assert told["conditions"] == 1 and told["steps"] == 256
+    judged = out / "judged.json"
+    words = [
+        "judge",
+        *CALM,
+        "--vary",
+        MASS,
+        "--episodes",
+        "2",
+        "--laws",
+        "push_and_slide",
+        "--out",
+        str(judged),
+    ]
+    assert train.main([*words, "--policy", str(out / "policy.zip")]) == 0
+    rows = json.loads(judged.read_text())["episodes"]
+    assert [r["player"] for r in rows] == ["push_and_slide"] * 2 + ["learned"] * 2
+    assert {r["condition"] for r in rows} == {1}  # 0 is the training's
+    (out / "policy.zip").write_bytes(b"no zip")
+    assert train.main([*words, "--policy", str(out / "policy.zip")]) == 2
+    assert "policy.zip that `train` wrote" in capsys.readouterr().err
