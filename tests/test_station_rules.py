@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import struct
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -169,6 +172,27 @@ def test_the_logbook_survives_a_damaged_line(tmp_path: Path) -> None:
         file.write('{"mission": \n[1]\n')
     book.add({"mission": "b"})
     assert [e["mission"] for e in Logbook(tmp_path / "runs").entries] == ["a", "b"]
+
+
+def test_a_flight_that_outlived_its_station_is_written_down_by_the_next(tmp_path: Path) -> None:
+    """Not while it flies, and not twice; a note that is no note is left alone."""
+    ended = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"],
+                           capture_output=True, text=True, check=True)  # fmt: skip
+    gone, runs = int(ended.stdout), tmp_path / "runs"
+    (runs / "waypoints-1").mkdir(parents=True)
+    result = {"outcome": "aborted", "reason": "the operator is silent", "seed": 3}
+    (runs / "waypoints-1" / "metrics.json").write_text(json.dumps(result))
+    asked = {**Asked("waypoints")._asdict(), "sets": ["a.b=1"]}
+    note = {"asked": asked, "out": str(runs / "waypoints-1"), "started": 0.0, "pid": os.getppid()}
+    file = runs / f".flying-{gone}.json"
+    file.write_text(json.dumps(note))
+    (runs / ".flying-x.json").write_text("[")
+    assert Logbook(runs).entries == [] and file.exists()
+    file.write_text(json.dumps({**note, "pid": gone}))
+    for _ in range(2):
+        (entry,) = Logbook(runs).entries
+        assert entry["outcome"] == "aborted" and entry["sets"] == ["a.b=1"] and entry["seed"] == 3
+        assert entry["directory"] == str(runs / "waypoints-1") and not file.exists()
 
 
 def test_other_computers_need_a_certificate_or_a_flag(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import signal
 import socket
 import sys
@@ -19,6 +20,8 @@ from skywright.ground.orders import names_code
 from skywright.links.pair import build_pair
 
 LOGBOOK = "logbook.jsonl"
+UNDER_WAY = ".flying-"
+"""Begins the name of a note about a flight under way; the process of its station ends it."""
 KEPT = 50
 """Entries of the logbook that a page shows."""
 PATIENCE_S = 15.0
@@ -72,6 +75,29 @@ class Logbook:
                     if isinstance(entry, dict):
                         self.entries.append(entry)
 
+        self._note = folder / f"{UNDER_WAY}{os.getpid()}.json"
+        self._adopt(folder)
+
+    def begin(self, process: Process, mission: str) -> None:
+        """Note a flight under way: the next station writes it down where this one is killed."""
+        asked = {**process.asked._asdict(), "mission": mission}
+        note = {"asked": asked, "out": str(process.out), "started": process.started}
+        with suppress(OSError):  # the flight's recording meets the full disk, and says so
+            self._note.write_text(json.dumps({**note, "pid": process.pid}), encoding="utf-8")
+
+    def _adopt(self, folder: Path) -> None:
+        """Write down the flights that ended after their station was killed."""
+        for note in sorted(folder.glob(f"{UNDER_WAY}*.json")):
+            with suppress(OSError, ValueError, KeyError, TypeError, InputError):
+                found = json.loads(read_text(note, LARGEST_LOG))
+                if _is_alive(int(note.stem.removeprefix(UNDER_WAY))) or _is_alive(found["pid"]):
+                    continue
+                asked = Asked(**{**found["asked"], "sets": tuple(found["asked"]["sets"])})
+                process = Process(asked, Path(found["out"]), folder)
+                process.started = float(found["started"])
+                self.add(write_down(process, 0, []))
+                note.unlink()
+
     def add(self, entry: dict[str, Any]) -> None:
         """Write a flight down; a full disk is told by InputError."""
         self.entries = [*self.entries, entry][-KEPT:]
@@ -81,6 +107,8 @@ class Logbook:
                 file.write(json.dumps(entry, allow_nan=False) + "\n")
         except OSError as error:
             raise InputError(f"{self.path}: cannot be written: {error.strerror or error}") from None
+        with suppress(OSError):
+            self._note.unlink(missing_ok=True)
 
 
 class Process:
@@ -130,6 +158,11 @@ class Process:
         starts = [text for text in list_sets() if text.split("=")[0] not in given]
         return starts
 
+    @property
+    def pid(self) -> int:
+        """Of the process, 0 before it is started."""
+        return 0 if self._process is None else self._process.pid
+
     async def wait(self) -> int:
         """Return the exit code when the flight has ended."""
         assert self._process is not None
@@ -167,6 +200,17 @@ class Process:
             if isinstance(found, dict):
                 return {**found, "directory": str(directory)}
         return {}
+
+
+def _is_alive(pid: int) -> bool:
+    """Whether there is a process of that number, other than this one."""
+    try:
+        os.kill(pid, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        return True
+    return pid not in (0, os.getpid())
 
 
 def choose_out(folder: Path, mission: str) -> Path:

@@ -251,6 +251,7 @@ class Station:
         else:
             assert process.end is not None
             self.process = process
+            self.logbook.begin(process, name)
             self._attach(process.end, folder)
             self.note = f"Planning {name} ..."
             self._flown = asyncio.create_task(self._watch(process))
