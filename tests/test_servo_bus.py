@@ -200,7 +200,7 @@ def test_an_overload_switches_torque_off_until_it_is_cleared() -> None:
 @pytest.fixture
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """On a loaded machine the emulator's thread answers late."""
-    monkeypatch.setattr(wire, "ANSWER_S", 0.05)
+    monkeypatch.setattr(wire, "ANSWER_S", 0.25)
 
 
 @pytest.fixture
