@@ -25,6 +25,7 @@ export class Live {
     this.stick = new Stick();
     this.delay = null;
     this.lost = ''; // who took control from this page, or SILENT
+    this.had = this.given = false; // control: at the last message; given back by this page
   }
 
   async start() {

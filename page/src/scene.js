@@ -11,6 +11,7 @@ import { decode } from './frames.js';
 const UP = new Vector3(0, 0, 1);
 const FORCE_SCALE = 0.04; // m an arrow for each N ...
 const FORCE_MOST = 0.8; // ... up to this
+const FELT = 0.2; // N, from which a ring marks the touch: estimates of hands are noisy
 const MEASURED = 0xb3005e, DEMANDED = 0x1b1b1b; // apart in lightness, and demanded ones are thinner
 const TRACE = 20000; // points that are kept
 
@@ -129,11 +130,8 @@ export class View {
     for (const item of data.labels) this.label(new Vector3().fromArray(item.p), item.text);
     this.forces = data.layout.arrows.map((a) => ({
       ...a, arrow: new Arrow(this.world, a.demanded ? DEMANDED : MEASURED, a.demanded),
+      ring: !a.demanded && a.name !== 'platform, felt' ? this.addRing() : null,
     }));
-    this.patch = new Mesh(new RingGeometry(0.012, 0.022, 28),
-      new MeshBasicMaterial({ color: MEASURED, side: DoubleSide, transparent: true, opacity: 0.85 }));
-    this.patch.visible = false;
-    this.world.add(this.patch);
     this.resetTrace();
     const [, position, look] = data.views[0];
     this.camera.position.fromArray(position);
@@ -187,8 +185,8 @@ export class View {
       this.parts[i].position.set(row[k], row[k + 1], row[k + 2]);
       this.parts[i].quaternion.set(row[k + 4], row[k + 5], row[k + 6], row[k + 3]);
     }
-    this.patch.visible = false;
     this.forces.forEach((f, i) => {
+      if (f.ring) f.ring.visible = false;
       const k = layout.arrows + 6 * i;
       const origin = new Vector3(row[k], row[k + 1], row[k + 2]);
       const force = new Vector3(row[k + 3], row[k + 4], row[k + 5]);
@@ -197,15 +195,24 @@ export class View {
       if (!Number.isFinite(size) || size < 1e-6) { f.arrow.group.visible = false; return; }
       const way = force.clone().divideScalar(size);
       f.arrow.set(origin, way, Math.min(FORCE_SCALE * size, FORCE_MOST));
-      if (!f.demanded && f.name === 'tip') { // the ring marks where the surface is touched
-        this.patch.visible = true;
-        this.patch.position.copy(origin);
-        this.patch.quaternion.setFromUnitVectors(UP, way);
+      if (f.ring && size > FELT) {
+        f.ring.visible = true;
+        f.ring.position.copy(origin);
+        f.ring.quaternion.setFromUnitVectors(UP, way);
       }
     });
     for (const [since, mesh] of this.later) mesh.visible = t >= since;
     this.tellForces();
     this.dirty = true;
+  }
+
+  // A ring marks where a tip or hand touches.
+  addRing() {
+    const ring = new Mesh(new RingGeometry(0.012, 0.022, 28),
+      new MeshBasicMaterial({ color: MEASURED, side: DoubleSide, transparent: true, opacity: 0.85 }));
+    ring.visible = false;
+    this.world.add(ring);
+    return ring;
   }
 
   // The forces in words: what is felt, and what was asked for.

@@ -9,6 +9,7 @@ import re
 from collections.abc import Container, Iterator
 from typing import Any, NamedTuple
 
+from skywright.core.keys import parse_assignment
 from skywright.core.toml_files import parse_value
 from skywright.ground.disturb import DISTURBANCES
 from skywright.ground.feed import SPEED_FASTEST, SPEEDS
@@ -115,9 +116,10 @@ def _read_start(found: dict[str, Any]) -> dict[str, Any] | None:
 def names_code(text: str) -> bool:
     """Whether a `--set` would load a file of Python: a page must not.
 
-    Judged is the value as the loader reads it: TOML writes a letter in more than one way.
+    Judged is the value as the loader reads it: TOML writes a letter in more than one way. Raises
+    InputError where it is no KEY=VALUE.
     """
-    read = parse_value(text.partition("=")[2].strip())
+    read = parse_value(parse_assignment(text)[1])
     return any(".py" in word.lower() for word in (text, *_list_texts(read)))
 
 

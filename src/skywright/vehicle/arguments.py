@@ -14,14 +14,16 @@ Array = NDArray[np.float64]
 LARGEST = 1000.0  # m, as in world files, m/s, N
 
 
-def check_number(name: str, value: Any) -> float:
-    """Return a finite number; raises InputError naming the argument."""
+def check_number(name: str, value: Any, most: float = math.inf) -> float:
+    """Return a finite number of size up to `most`; raises InputError naming the argument."""
     try:
         out = float(value)
     except (TypeError, ValueError):
         out = math.nan
     if not math.isfinite(out):
         raise InputError(f"{name} = {value!r}; valid: a finite number")
+    if abs(out) > most:
+        raise InputError(f"{name} = {out:g}; valid: within +-{most:g}")
     return out
 
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from skywright.errors import InputError
 from skywright.models.rigid_body import joint_names
-from skywright.vehicle.arguments import check_bounded, check_number, check_vector
+from skywright.vehicle.arguments import LARGEST, check_bounded, check_number, check_vector
 from skywright.vehicle.arm_commands import ArmCommand
 from skywright.vehicle.attitude_drive import AttitudeDrive, check_attitude
 from skywright.vehicle.commanded import Commanded
@@ -59,7 +59,7 @@ class Uav(Commanded):
 
         Raises InputError if a swinging link would not hang free at this height.
         """
-        height = check_number("height", height)
+        height = check_number("height", height, LARGEST)
         p = np.array(self.backend.estimate["p_WB"])
         low = float(p[2]) + LEAST_RISE
         if self.state in LANDED and height < low:
@@ -67,7 +67,6 @@ class Uav(Commanded):
                 Command.TAKE_OFF, f"height = {height:g} m; valid: {low:.2f} m or more, above here"
             )
         p[2] = height
-        check_bounded("height", p)
         if self.backend.arc is not None and height < self.backend.arc.top:
             raise InputError(
                 f"height = {height:g} m is too low: the link hangs freely only above "
@@ -120,8 +119,7 @@ class Uav(Commanded):
         """
         ground = self._ground
         if ground_height is not None:
-            ground = check_number("ground_height", ground_height)
-            check_bounded("ground_height", [0.0, 0.0, ground])
+            ground = check_number("ground_height", ground_height, LARGEST)
         return self._start(
             Command.LAND, lambda: self._fly.rest_then(lambda: self._fly.land(ground, here)), wait
         )
@@ -194,12 +192,15 @@ class Uav(Commanded):
 
     def find_beyond(self, q: Array) -> str:
         """Return which of the joints q (n_joints,) rad lies outside its range, "" where none."""
-        b, first = self.backend, int(self.backend.robot.pendulum is not None)  # it has no servo
-        for j, name in list(enumerate(joint_names(b.robot)))[first:]:
-            low, high = float(b.model[0]["q_min"][j]), float(b.model[0]["q_max"][j])
-            if not low - IN_RANGE <= q[j] <= high + IN_RANGE:
-                return f"q[{j}] = {q[j]:g} rad; {name} turns from {low:.3g} to {high:.3g} rad"
-        return ""
+        robot, n = self.backend.robot, self.backend.n_joints
+        low, high = (self.backend.model[0][name][:n] for name in ("q_min", "q_max"))
+        beyond = (q < low - IN_RANGE) | (q > high + IN_RANGE)
+        beyond[: int(robot.pendulum is not None)] = False  # it has no servo
+        if not beyond.any():
+            return ""
+        j = int(np.argmax(beyond))
+        name = joint_names(robot)[j]
+        return f"q[{j}] = {q[j]:g} rad; {name} turns from {low[j]:.3g} to {high[j]:.3g} rad"
 
     def start_arms(
         self, command: ArmCommand, fly: Callable[[], Motion], wait: bool | None

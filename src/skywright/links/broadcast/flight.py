@@ -211,8 +211,10 @@ class LiveFlight:
             return
         try:
             told = self._commands.call(str(message.get("name")), args)
-        except Exception as error:  # whatever a stranger sends: the flight goes on
+        except InputError as error:
             told = Told(Result(False, str(error)))
+        except Exception as error:  # whatever a stranger sends: the flight goes on
+            told = Told(Result(False, f"{type(error).__name__}: {error}"))
         if told.handle is not None and args.get("blocking") is True and number:
             self._under_way.append((number, told.handle))
             return
