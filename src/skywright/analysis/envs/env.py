@@ -120,7 +120,7 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
         self.starts, self.refused = build_starts(campaign, wanted, numbers, states)
         """The conditions that came to the phase, and what was said of the others."""
         self._places = [self._find(start) for start in self.starts]
-        self._running = False
+        self.running = False
 
     @classmethod
     def _build_parts(cls) -> list[Any]:
@@ -177,7 +177,7 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
         vehicle.restore(start.states[k], noise)  # its first tick draws, as every 50th one does
         self._action, self._seen, self._judged = self._places[i]
         self._action[:] = 0.0
-        self._step, self._running = 0, True
+        self._step, self.running, self.broken = 0, True, ""
         return self._seen.astype(np.float32), {
             "condition": start.condition, "state": k, "noise": noise, "varied": dict(start.varied),
         }  # fmt: skip
@@ -191,6 +191,14 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
         runs.
         """
         self._take(action)
+        self.fly()
+        return self.conclude()
+
+    def fly(self) -> None:
+        """Fly a step with the action that the vehicle has by now; `conclude` says what became of it.
+
+        A vector writes and reads the vehicles of all environments at once.
+        """
         judged = self._judged
         judged[:] = 0.0
         self._step += 1
@@ -200,10 +208,15 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
                 if judged[2] or judged[3]:  # ended, success
                     break
         except SimulationError as error:
-            self._running = False
+            self.broken = str(error)
+
+    def conclude(self) -> tuple[Numbers, float, bool, bool, dict[str, Any]]:
+        """Return what `step` does, of the step that was flown."""
+        if self.broken:
+            self.running = False
             seen = np.clip(np.nan_to_num(self._seen), -LIMIT, LIMIT).astype(np.float32)
-            return seen, -self.penalty, True, False, {"reason": DIVERGED, "why": str(error)}
-        ticks, reward, ended, success, *sums = judged.tolist()
+            return seen, -self.penalty, True, False, {"reason": DIVERGED, "why": self.broken}
+        ticks, reward, ended, success, *sums = self._judged.tolist()
         info: dict[str, Any] = {v.name: x / ticks for v, x in zip(self.values, sums, strict=False)}
         reward /= ticks
         terminated = False
@@ -212,16 +225,21 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
             reward += self.bonus if success and not ended else -self.penalty
             info["success"] = bool(success and not ended)
         truncated = self._step >= self.steps_max
-        self._running = not (terminated or truncated)
+        self.running = not (terminated or truncated)
         return self._seen.astype(np.float32), reward, terminated, truncated, info
+
+    @property
+    def places(self) -> tuple[Any, Any, Any]:
+        """Arrays of action, observation and judgement in the vehicle that flies now."""
+        return self._action, self._seen, self._judged
 
     def close(self) -> None:
         """Let go of the vehicles; nothing can be flown afterwards."""
-        self._running, self.starts, self._places = False, [], []
+        self.running, self.starts, self._places = False, [], []
 
     def _take(self, action: Any) -> None:
         """Write an action into the vehicle; raises InputError."""
-        if not self._running:
+        if not self.running:
             why = "call reset() first, and after an episode has ended"
             raise InputError(f"no episode runs: {why if self.starts else 'it was closed'}")
         try:
