@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.compiled import table, words
-from skywright.core.record import Integers, Record, Vec3, fill
+from skywright.core.record import Integers, Record, Vec3
 from skywright.core.rotations import orthonormalise
 from skywright.core.types import HOLD, HOLD_END, LINEAR, REFERENCE, ROTATION
 from skywright.vehicle.bus import Clock, Reference
@@ -116,7 +116,7 @@ class Follower(Component):
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Find the records that rows are told to."""
-        self._me, self._records = me, context.records
+        self._me = me
         rules = list_rules(context.records)
         me.width, me.n_rules = REFERENCE.itemsize // 8, len(rules)
         me.rules[: len(rules)] = rules
@@ -133,10 +133,9 @@ class Follower(Component):
         assert rows.flags.c_contiguous
         self._rows, me = rows, self._me
         me.rows, me.n, me.t0, me.cursor = rows.ctypes.data, len(rows), t, 0
-        for (record, _), view in self._records.items():
-            if _is_told(record):
-                for name in record.dtype.names:
-                    view[name] = rows[0][name]
+        first = rows[0]
+        for name, field in self.fields.items():
+            field[...] = first[name]
 
     def delay(self, seconds: float) -> None:
         """Let the rows come later by a time (s)."""
@@ -150,9 +149,8 @@ class Follower(Component):
     def read_row(self) -> Any:
         """Return a REFERENCE row of what is referred to now."""
         row = self.first.copy()
-        for (record, _), view in self._records.items():
-            if _is_told(record):
-                fill(row, view[0])
+        for name, field in self.fields.items():
+            row[name] = field[0]
         return row
 
     def save(self) -> Any:

@@ -195,7 +195,7 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
         return self.conclude()
 
     def fly(self) -> None:
-        """Fly a step with the action that the vehicle has by now; `conclude` says what became of it.
+        """Fly a step with the action that the vehicle has by now; `conclude` tells the outcome.
 
         A vector writes and reads the vehicles of all environments at once.
         """

@@ -20,7 +20,7 @@ from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.core.types import TASK_FORCE_POSITION, TASK_JOINTS
 from skywright.missions.skills.moves import set_rest
-from skywright.missions.skills.tool_handling import Grip, Weight, measure_tool
+from skywright.missions.skills.tool_handling import Grip, Weight, find_marker, measure_tool
 from skywright.models.arm_inverse_kinematics import ArmChain, compute_arm_ik
 from skywright.models.bimanual import Bar, compute_bar, compute_bar_hands
 from skywright.run.supervisor import Supervisor
@@ -60,7 +60,8 @@ class BarLeader:
         self._felt, self._load = Weight(s, weight), weight
         self.correct = True  # by the marker
         here = self._bar_of_hands()
-        p, R = measure_tool(s)
+        self._marker = find_marker(s.vehicle.world)
+        p, R = measure_tool(s, self._marker)
         handle = p + R @ grip.handle
         self._dp, self._dn, self._pitch = handle - here.p, R[:, 1] - here.n, _find_pitch(R)
         self._error, self._turn, self._p_handle = np.zeros(3), np.zeros(3), handle
@@ -95,7 +96,7 @@ class BarLeader:
         """Return the bar's pose by (29), (30), corrected."""
         bar = self._bar_of_hands()
         if self.correct:
-            p, R = measure_tool(self.s)
+            p, R = measure_tool(self.s, self._marker)
             share = MISSION_TICK / CORRECT_S
             self._dp += share * (p + R @ self.grip.handle - bar.p - self._dp)
             self._dn += share * (R[:, 1] - bar.n - self._dn)
@@ -207,7 +208,7 @@ class BarLeader:
     @property
     def lost(self) -> bool:
         """Whether the bar, as the marker says, is no longer where the hands would hold it."""
-        p, R = measure_tool(self.s)
+        p, R = measure_tool(self.s, self._marker)
         away = float(np.linalg.norm(p + R @ self.grip.handle - self._bar_of_hands().p))
         return away > LOST_M or abs(float(R[2, 1])) > math.sin(LOST_ANGLE)
 
@@ -227,15 +228,15 @@ class BarLeader:
 
 def _find_pitch(R: Array) -> float:
     """Angle (rad) by which a bar R (3, 3) has turned about its own axis, from hanging level."""
-    level = np.cross(R[:, 1], [0.0, 0.0, 1.0])
-    return math.atan2(-float(R[2, 0]), float(R[:, 0] @ level) / float(np.linalg.norm(level)))
+    (x0, n0, _), (x1, n1, _), (x2, _, _) = R.tolist()
+    return math.atan2(-x2, (x0 * n1 - x1 * n0) / math.hypot(n0, n1))
 
 
 def build_attitude(n: Array, pitch: float) -> Array:
     """Return R_WO (3, 3) of a bar along n (3,) that is turned about it by `pitch` (rad)."""
-    y = n / np.linalg.norm(n)
-    x = np.cross(y, [0.0, 0.0, 1.0])
-    x /= np.linalg.norm(x)
+    n0, n1, n2 = (n / np.linalg.norm(n)).tolist()
+    across = math.hypot(n0, n1)
+    x0, x1 = n1 / across, -n0 / across  # level: y cross the vertical
     c, s = math.cos(pitch), math.sin(pitch)
-    level = np.column_stack([x, y, np.cross(x, y)])
+    level = np.array([[x0, n0, x1 * n2], [x1, n1, -x0 * n2], [0.0, n2, x0 * n1 - x1 * n0]])
     return np.asarray(level @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]))

@@ -71,9 +71,12 @@ def find_platform(grip: Grip, place: Place) -> Array:
     return np.asarray(place.p_WO + rot_z(place.yaw) @ (grip.handle - middle))
 
 
-def measure_tool(s: Supervisor) -> tuple[Array, Array]:
-    """Return (p_WO, R_WO) of the tool as motion capture sees it now."""
-    marker, seen = find_marker(s.vehicle.world), s.vehicle.read(Marker)
+def measure_tool(s: Supervisor, marker: Frame | None = None) -> tuple[Array, Array]:
+    """Return (p_WO, R_WO) of the tool as motion capture sees it now.
+
+    `marker` is what `find_marker` returns, for who asks in every tick.
+    """
+    marker, seen = marker or find_marker(s.vehicle.world), s.vehicle.read(Marker)
     R = seen.R_WO @ marker.R.T
     return seen.p_WO - R @ marker.p, R
 
