@@ -6,9 +6,8 @@ STAMP := $(VENV)/.installed
 # Each process imports a thousand modules; parsing them anew takes six seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-# Workers of `make test`. Three are quicker on two cores, where nothing else runs: pages are drawn
-# and flown in real time.
-WORKERS := 2
+# Workers of `make test`: three keep two cores busy, since some tests wait in real time.
+WORKERS := 3
 
 .DEFAULT_GOAL := help
 .PHONY: help demo check test durations wheel lint bench docs page lock pictures claims evidence clean
@@ -30,7 +29,7 @@ check: $(STAMP)  ## style, types, import contracts and the quick tests: before e
 	$(BIN)/pytest -n 2 --dist loadfile --quick -q
 
 test: $(STAMP)  ## the whole test suite
-	$(BIN)/pytest -n $(WORKERS) --dist loadfile
+	$(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 durations: $(STAMP)  ## run the suite and list anew which tests `make check` leaves out
 	rm -f .durations

@@ -49,9 +49,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    slow = set[str]()
-    if config.getoption("--quick"):
-        slow = set(SLOW.read_text(encoding="utf-8").splitlines())
+    listed = SLOW.read_text(encoding="utf-8").splitlines()
+    slow = set(listed if config.getoption("--quick") else [])
     without = []  # not a skip: nobody is asked to have an autopilot
     if not os.environ.get("SKYWRIGHT_PX4"):
         without.append("px4")
@@ -66,7 +65,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if i.nodeid.partition("[")[0] in slow or any(i.get_closest_marker(m) for m in without)
     ]  # fmt: skip
     config.hook.pytest_deselected(items=left_out)
-    items[:] = [i for i in items if i not in set(left_out)]
+    files = list(dict.fromkeys(name.partition("::")[0] for name in listed))
+    rank = {name: at for at, name in enumerate(files)}  # the longest first
+    gone = set(left_out)
+    items[:] = sorted(
+        (i for i in items if i not in gone),
+        key=lambda i: rank.get(i.nodeid.partition("::")[0], len(rank)),
+    )
 
 
 def pytest_collection_finish() -> None:
