@@ -121,8 +121,9 @@ def compute_coil_spectrum(coil: Coil, tilt: float) -> tuple[np.ndarray, np.ndarr
     r = coil.inner_radius + half_r * (node + 1)
     r_weight = half_r * node_weight
 
-    n_angle = 16 if tilt else 1
-    phi = (np.arange(n_angle) + 0.5) * math.pi / n_angle
+    # a quarter of the directions: the others give the same or its conjugate, of equal size
+    n_angle = 8 if tilt else 1
+    phi = (np.arange(n_angle) + 0.5) * 0.5 * math.pi / n_angle
     k = -alpha[:, None] * (math.cos(tilt) + 1j * math.sin(tilt) * np.cos(phi))
     radial = np.zeros_like(k)
     for r_i, w_i in zip(r, r_weight, strict=True):
