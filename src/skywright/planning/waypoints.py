@@ -24,7 +24,7 @@ INSIDE = 0.98
 
 
 class WaypointPlan(NamedTuple):
-    """Segments "waypoint 1", "waypoint 2", ... (each ends with its hold), or why there are none."""
+    """Segments "waypoint 1", "waypoint 2", ... (each ends with its rest), or why there are none."""
 
     feasible: bool
     blocked_by: str | None
@@ -43,14 +43,14 @@ def plan_waypoints(
     limits: Limits,
     start: Array,
     poses: Array,
-    holds: Array,
+    rests: Array,
     q_folded: Array,
     scene: PlanningScene,
     rng: np.random.Generator,
     joints: tuple[str, ...] = (),
     passive: str | None = None,
 ) -> WaypointPlan:
-    """Plan flights from `start` (4,) through `poses` (n, 4), holding `holds` (n,) s.
+    """Plan flights from `start` (4,) through `poses` (n, 4), resting `rests` (n,) s at each.
 
     Poses are (x, y, z, yaw). The arm is at `q_folded` at each. The margin in transit applies; a
     way around keeps more where there is room. `passive` names a joint without a motor.
@@ -61,7 +61,7 @@ def plan_waypoints(
     segments: dict[str, NDArray[Any]] = {}
     clearance, margin, duration = math.inf, math.inf, 0.0
     blocked: str | None = None
-    for i, (pose, hold) in enumerate(zip(poses, holds, strict=True)):
+    for i, (pose, rest) in enumerate(zip(poses, rests, strict=True)):
         law = build_transit_law(state, pose, limits)
         edge = plan_free_edge(
             prob, state, pose[:3], rot_z(pose[3]), state.q, law, limits.margin_transit
@@ -84,8 +84,8 @@ def plan_waypoints(
         if failure is not None:
             blocked = f"way-point {i + 1}: {describe_failure(failure, query, joints)}"
             break
-        if hold > 0.0:
-            edges.append(build_rest(edges[-1], -1, hold))
+        if rest > 0.0:
+            edges.append(build_rest(edges[-1], -1, rest))
         rows, trace = join_edges(edges)
         segments[f"waypoint {i + 1}"] = rows
         clearance = min(clearance, float(trace["clearance"].min()))

@@ -7,8 +7,9 @@ from skywright.run.supervisor import Supervisor
 
 def fly(s: Supervisor[Waypoints], way: None) -> Flight:
     for i, (name, table) in enumerate(s.segments.items()):
-        s.follow(name, table)
         hold = s.task.points[i].hold_s if i < len(s.task.points) else 0.0
+        # the plan rests until the hold ends, for who flies its rows alone
+        s.follow(name, table[table["t"] <= table["t"][-1] - hold + 1e-6])
         if hold > 0.0:
             s.begin(f"hold {i + 1}")
             s.hold(hold)

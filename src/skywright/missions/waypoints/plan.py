@@ -19,10 +19,10 @@ def plan(setup: Setup[Waypoints]) -> MissionPlan[None]:
     # the planner moves poses near a pipe; where there is none, any will do
     cylinder = setup.cylinder or Cylinder(np.array([0.0, 0.0, 1.0]), rot_z(0.0), 1.0, 1.0)
     poses = np.array([[w.x_m, w.y_m, w.z_m, math.radians(w.yaw_deg)] for w in points])
-    holds = np.array([w.hold_s for w in points])
+    rests = [w.hold_s + setup.task.settle_s if w.hold_s > 0.0 else 0.0 for w in points]
     found = plan_waypoints(
         setup.model, setup.loads, setup.clearance, cylinder, setup.limits, setup.hover, poses,
-        holds, posture(robot, "folded"), setup.planning_scene,
+        np.array(rests), posture(robot, "folded"), setup.planning_scene,
         build_stream(setup.description.mission.seed, "planner"),
         tuple(joint_names(robot)), "pendulum" if robot.pendulum is not None else None,
     )  # fmt: skip
