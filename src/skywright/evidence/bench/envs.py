@@ -15,7 +15,7 @@ from skywright.evidence.bench.timing import compute_ratios, interleave, read_clo
 TICKS = 50
 """Of a turn: as many as a block of noise lasts, so that each turn draws once."""
 STEP_LIMIT, RESET_LIMIT, SHARE_LIMIT = 1.1, 1.0, 0.95
-VECTOR, EACH = "WeldPress", 8
+VECTOR, FEW, MANY = "WeldPress", 8, 32
 """What flies over processes, and environments a process."""
 COARSE_MS = 2
 """Of the physics: `mission.timestep_ms` of the second rate."""
@@ -83,20 +83,18 @@ def _reset(env: Any) -> float:
 
 def _measure_vector(session: Session) -> list[Row]:
     """Two processes that step against two that tick, by the wall, in turns."""
-    rows = []
-    for ticks in (1, LONG):
-        rows.append(_measure_share(session, ticks))
-    return rows
+    cases = [(FEW, 1), (FEW, LONG), (MANY, 1)]
+    return [_measure_share(session, each, ticks) for each, ticks in cases]
 
 
-def _measure_share(session: Session, ticks: int) -> Row:
+def _measure_share(session: Session, each: int, ticks: int) -> Row:
     import time
 
     from skywright.analysis.campaign.local import count_cores
     from skywright.analysis.envs.vector import VectorEnv
 
     workers = min(count_cores(), 2)
-    vector = VectorEnv(VECTOR, EACH * workers, workers=workers, states=1, ticks=ticks)
+    vector = VectorEnv(VECTOR, each * workers, workers=workers, states=1, ticks=ticks)
     still = np.zeros(vector.action_space.shape or (), np.float32)
     shares = []
     try:
@@ -110,5 +108,6 @@ def _measure_share(session: Session, ticks: int) -> Row:
     finally:
         vector.close()
     name = "share_of_bare_processes" + ("" if ticks == 1 else f"_{ticks}_ticks")
-    note = f"{workers} processes of {EACH} environments, {ticks} ticks a step; idle machine"
+    name += "" if each == FEW else f"_{each}_each"
+    note = f"{workers} processes of {each} environments, {ticks} ticks a step; idle machine"
     return build_row(name, shares, limit=SHARE_LIMIT, sense=">=", note=note)
