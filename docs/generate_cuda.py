@@ -21,11 +21,11 @@ def build_table() -> str:
     steps, major = found["steps"], found["architecture"]
     good = [s for s in steps if not s["why"]]
     lines = [
-        f"Of the {len(steps)} steps of `{found['mission']}`, {len(good)} compile for compute "
-        f"capability {major[0]}.{major[1]} (numba-cuda {found['numba_cuda']}):",
+        f"Of {len(steps)} steps, {len(good)} compile for compute capability {major[0]}.{major[1]} "
+        f"(numba-cuda {found['numba_cuda']}). A step that several missions have is listed once:",
         "",
-        "| step | slot | PTX (kB) | registers a thread | stack (bytes) | spilled (bytes) |",
-        "|---|---|---|---|---|---|",
+        "| mission | step | slot | PTX (kB) | registers | stack (bytes) | spilled (bytes) |",
+        "|---|---|---|---|---|---|---|",
     ]
     for s in steps:
         numbers = (
@@ -34,7 +34,7 @@ def build_table() -> str:
             else "does not compile | – | –"
         )
         size = f"{s['ptx_bytes'] / 1000:.1f}" if not s["why"] else "–"
-        lines.append(f"| `{s['step']}` | {s['slot']} | {size} | {numbers} |")
+        lines.append(f"| {s['mission']} | `{s['step']}` | {s['slot']} | {size} | {numbers} |")
     return "\n".join(lines)
 
 

@@ -28,8 +28,12 @@ class Outer(Record):
 
 
 @pytest.mark.cuda
-def test_law_filter_and_allocation_compile(tmp_path: Path) -> None:
-    out, words = tmp_path / "cuda.json", ["PushAndSlide", "Filter", "RotorAllocation"]
+def test_law_observers_filter_and_allocation_compile(tmp_path: Path) -> None:
+    out = tmp_path / "cuda.json"
+    words = [
+        "PushAndSlide", "Cascade", "Filter", "Observer", "WrenchObserver", "NominalBody",
+        "RotorAllocation",
+    ]  # fmt: skip
     only = [text for word in words for text in ("--only", f"({word}.step")]
     done = subprocess.run(
         [os.environ["SKYWRIGHT_CUDA"], "-m", "skywright.evidence.cuda_steps", *only, "--out", out],
@@ -37,7 +41,7 @@ def test_law_filter_and_allocation_compile(tmp_path: Path) -> None:
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     steps = json.loads(out.read_text())["steps"]
-    assert len(steps) == 3
+    assert len(steps) == len(words)
     for step in steps:
         assert not step["why"] and step["ptx_bytes"] > 10_000, step
         assert 0 < step["registers"] <= 255

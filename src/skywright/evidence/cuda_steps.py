@@ -15,6 +15,7 @@ import re
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -35,12 +36,17 @@ from skywright.vehicle.ports import Step
 
 ARCHITECTURE = (9, 0)
 """Compute capability that is compiled for."""
-MISSION = "pipe-weld-scan"
+FLIGHTS: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("pipe-weld-scan", ()), ("pipe-weld-scan", ("mission.estimator=observer",)),
+    ("sensor-install", ()), ("bridge-contact", ()),
+)  # fmt: skip
+"""Missions, with values that are set, whose steps are compiled: each step once."""
 
 
 class Compiled(NamedTuple):
     """What became of a step."""
 
+    mission: str
     step: str
     slot: str
     ptx_bytes: int  # 0: it does not compile
@@ -143,8 +149,8 @@ def align(kind: np.dtype[Any]) -> np.dtype[Any]:
     return kind
 
 
-def compile_cuda(assembly: Assembly, step: Step) -> Compiled:
-    """Compile a step of a vehicle for its ports."""
+def compile_cuda(mission: str, assembly: Assembly, step: Step) -> Compiled:
+    """Compile a step of a mission's vehicle for its ports."""
     cuda, ports = prepare(), list[Any]()
     for port in step.ports:
         absent = not issubclass(port.record, Draws) and assembly.resolve(step, port) is None
@@ -154,9 +160,12 @@ def compile_cuda(assembly: Assembly, step: Step) -> Compiled:
             step.function, types.void(*ports), device=True, cc=ARCHITECTURE, output="ptx", abi="c",
             abi_info={"abi_name": "step"},
         )  # fmt: skip
+        needs = assemble(ptx)
+    except InputError:
+        raise
     except Exception as error:  # numba and its passes raise what they like
-        return Compiled(step.label, step.slot, 0, 0, 0, 0, _shorten(error))
-    return Compiled(step.label, step.slot, len(ptx), *assemble(ptx), "")
+        return Compiled(mission, step.label, step.slot, 0, 0, 0, 0, _shorten(error))
+    return Compiled(mission, step.label, step.slot, len(ptx), *needs, "")
 
 
 def assemble(ptx: str) -> tuple[int, int, int]:
@@ -174,7 +183,7 @@ def assemble(ptx: str) -> tuple[int, int, int]:
         except FileNotFoundError:
             raise InputError("ptxas is not installed: it comes with the CUDA toolkit") from None
     if done.returncode:
-        raise InputError(f"ptxas: {done.stderr.strip().splitlines()[-1]}")
+        raise RuntimeError(f"ptxas: {done.stderr.strip().splitlines()[0]}")
     said = done.stderr.split("'run'")[-1]
     numbers = [
         int(found.group(1)) if (found := re.search(pattern, said)) else 0
@@ -209,29 +218,34 @@ def _shorten(error: Exception) -> str:
     return " ".join(told[-2:])[:300] or type(error).__name__
 
 
-def compile_all(mission: str, only: list[str]) -> list[Compiled]:
-    """Compile the steps of a mission's vehicle whose label contains one of `only` (all: empty)."""
-    prepare_host = build_vehicle(load_description(mission))  # compiled for the processor first
+def compile_all(flights: Sequence[tuple[str, tuple[str, ...]]], only: list[str]) -> list[Compiled]:
+    """Compile the steps of missions' vehicles whose label contains one of `only` (all: empty)."""
+    vehicles = [  # compiled for the processor before numba-cuda is told what steps use
+        (mission, build_vehicle(load_description(mission, sets=list(sets))))
+        for mission, sets in flights
+    ]
     prepare()
-    steps = [
-        step for step in prepare_host.assembly.steps
-        if not only or any(text in step.label for text in only)
-    ]  # fmt: skip
-    if not steps:
-        labels = ", ".join(step.label for step in prepare_host.assembly.steps)
-        raise InputError(f"--only {', '.join(only)}: no such step; valid parts of: {labels}")
-    return [compile_cuda(prepare_host.assembly, step) for step in steps]
+    steps: dict[str, tuple[str, Assembly, Step]] = {}
+    for mission, vehicle in vehicles:
+        for step in vehicle.assembly.steps:
+            steps.setdefault(step.label, (mission, vehicle.assembly, step))
+    chosen = [k for k in steps if not only or any(text in k for text in only)]
+    if not chosen:
+        raise InputError(
+            f"--only {', '.join(only)}: no such step; valid parts of: {', '.join(steps)}"
+        )
+    return [compile_cuda(*steps[k]) for k in chosen]
 
 
 def main() -> None:
     """Compile, print a line a step, and write the table."""
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    p.add_argument("--mission", default=MISSION)
+    p.add_argument("--mission", action="append", default=[])
     p.add_argument("--only", action="append", default=[], metavar="TEXT", help="part of a label")
     p.add_argument("--out", type=Path, help="JSON")
     asked = p.parse_args()
     try:
-        found = compile_all(asked.mission, asked.only)
+        found = compile_all([(m, ()) for m in asked.mission] or FLIGHTS, asked.only)
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         raise SystemExit(2) from None
@@ -245,8 +259,8 @@ def main() -> None:
         print(f"{one.step}: {told}")
     if asked.out is not None:
         told_ = {
-            "mission": asked.mission, "architecture": list(ARCHITECTURE),
-            "numba_cuda": version("numba-cuda"), "steps": [one._asdict() for one in found],
+            "architecture": list(ARCHITECTURE), "numba_cuda": version("numba-cuda"),
+            "steps": [one._asdict() for one in found],
         }  # fmt: skip
         asked.out.write_text(json.dumps(told_, indent=1) + "\n", encoding="utf-8")
 

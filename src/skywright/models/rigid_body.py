@@ -182,7 +182,7 @@ def _weld(m: Any, i: int, parts: list[tuple[float, Array, Array]]) -> None:
 @njit(cache=True, error_model="numpy")
 def fill_kinematics(m: BodyModel, q: Array, k: Kinematics) -> None:
     """Fill link frames, tip pose p_BT, R_BT and the tip Jacobians (all in B) at joints `q`."""
-    rot, vec = local(3, 3), local(3)
+    rot, base, vec = local(3, 3), local(3, 3), local(3)
     for i in range(m.n_links):
         parent, joint = m.parent[i], m.joint[i]
         if parent < 0:
@@ -202,7 +202,9 @@ def fill_kinematics(m: BodyModel, q: Array, k: Kinematics) -> None:
                     k.p[i, a] += k.R[i, a, axis] * q[joint]
             else:
                 rot_about(axis, q[joint], rot)
-                base = k.R[i].copy()
+                for a in range(3):
+                    for b in range(3):
+                        base[a, b] = k.R[i, a, b]
                 mat_mat(base, rot, k.R[i])
     tip = m.tip_link
     if tip < 0:

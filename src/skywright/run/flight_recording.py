@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,26 @@ from skywright.vehicle.simulated import Recorded
 
 EVERY = 2
 """Samples between transforms of the links: 50 Hz, between which viewers interpolate."""
+
+
+class Pace:
+    """When a recording is written: once a second, of a flight that is quicker every five."""
+
+    SOON_S, LATE_S, WALL_S = 1.0, 5.0, 0.5
+
+    def __init__(self) -> None:
+        self._t, self._wall = 0.0, time.monotonic()
+
+    def is_due(self, t: float) -> bool:
+        """Whether it is to be written at mission time `t` (s)."""
+        since = t - self._t
+        if since < self.SOON_S:
+            return False
+        now = time.monotonic()
+        if since < self.LATE_S and now < self._wall + self.WALL_S:
+            return False
+        self._t, self._wall = t, now
+        return True
 
 
 class FlightRecording(RecordingWriter):

@@ -1,7 +1,8 @@
 """One execution of a mission and its directory.
 
 `run_mission` reads as a table of contents: plan, open the directory, fly, evaluate, write, rename.
-The directory is NAME.partial until it is complete; its recording is readable to the last second.
+The directory is NAME.partial until it is complete; its recording is readable to the last
+seconds.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from skywright.run.backends import PHYSICS, build_for_mission, choose_backend
 from skywright.run.directory import load_run, open_directory, write_json, write_unfinished
 from skywright.run.faults._rule import Acted, Rule
 from skywright.run.flight import Flight, Flown, PhaseRecord
-from skywright.run.flight_recording import FlightRecording
+from skywright.run.flight_recording import FlightRecording, Pace
 from skywright.run.inspected import Inspected
 from skywright.run.kind import P, load_kind
 from skywright.run.metrics import compute_common_metrics
@@ -44,8 +45,6 @@ from skywright.run.versions import collect_versions
 from skywright.run.warm_up import is_compiled, start_warm_up
 from skywright.vehicle.simulated import SimulatedVehicle
 from skywright.vehicle.time_limit import watch
-
-FLUSH_S = 1.0  # simulated seconds between writes of the recording
 
 
 class Observer(Protocol):
@@ -277,7 +276,7 @@ def _fly(
     Without a directory `partial` nothing is recorded.
     """
     description, robot = setup.description, setup.robot
-    written, next_flush, blocks = 0, FLUSH_S, list[NDArray[Any]]()
+    written, pace, blocks = 0, Pace(), list[NDArray[Any]]()
     writer: FlightRecording | None = None
     if partial is not None:
         writer = FlightRecording(partial, robot, vehicle.recorded)
@@ -292,9 +291,7 @@ def _fly(
             written = len(blocks)
 
     def on_tick(t: float, phase: str) -> None:
-        nonlocal next_flush
-        if t >= next_flush:
-            next_flush = t + FLUSH_S
+        if pace.is_due(t):
             flush()
         for observer in observers:
             observer.on_tick(t, phase, vehicle)
