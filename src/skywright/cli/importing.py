@@ -13,7 +13,7 @@ from skywright.cli.options import as_json_option, check_folder, print_json
 
 if TYPE_CHECKING:
     from skywright.models.importing.importer import Imported
-    from skywright.models.importing.tables import Question
+    from skywright.models.importing.values import Question
 
 
 @click.command("import")

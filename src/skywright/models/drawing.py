@@ -47,8 +47,9 @@ class Part(NamedTuple):
     parent: int  # index of the part that carries it; -1: the world
     position: Array  # (3,) m, in the parent's frame with the joint at zero
     quaternion: Array  # (4,) wxyz, likewise
-    motion: str  # free (the platform), hinge, slide, spring (the probe's tip), object or fixed
-    joint: int  # index into the joint angles (of an object: into the world's); -1 without
+    motion: str
+    """free (the platform), hinge, slide, spring (the probe's tip), finger, object or fixed"""
+    joint: int  # index into the joint angles (object: the world's; finger: hands); -1 without
     axis: Array  # (3,) of the motion, in the part's frame
     shapes: tuple[Shape, ...]
 
@@ -93,6 +94,8 @@ def _build_part(scene: Scene, robot: Robot, world: World, body: int) -> Part:
         motion = "free"
     elif name.startswith(OBJECT):
         motion, joint = "object", list_movers(world.things).index(name.removeprefix(OBJECT))
+    elif " finger" in name:  # likewise its gripper's opening
+        motion, joint = "finger", int(name[len("hand")])
     elif name == "slider":  # rigid in the nominal scene; a recording tells its compression
         motion, axis = "spring", np.array([-1.0, 0.0, 0.0])
     elif count:
@@ -112,12 +115,14 @@ def compute_part_poses(
     q: Array,
     spring: Array,
     objects: list[tuple[Array, Array]] | None = None,
+    opening: Array | None = None,
 ) -> list[tuple[Array, Array]]:
     """Poses of the robot's parts in their parents' frames over `n` instants.
 
     p_WB (n, 3) m, q_WB (n, 4) wxyz, q (n, n_joints) rad (or m), spring (n,) m of compression;
     `objects` likewise has positions (n, 3) and quaternions (n, 4) of each movable thing, which
-    otherwise stand where the world puts them.
+    otherwise stand where the world puts them. `opening` (n, hands) m is that of grippers, which
+    otherwise are open.
     Returns one (positions (n, 3), quaternions (n, 4)) a part; those of a fixed part may be views
     that must not be written to.
     """
@@ -139,6 +144,10 @@ def compute_part_poses(
             elif part.motion in ("slide", "spring"):
                 way = spring if part.motion == "spring" else q[:, part.joint]
                 position = position + rotate_vectors(quaternion, way[:, None] * part.axis)
+            elif part.motion == "finger" and opening is not None:
+                away = 0.5 * opening[:, part.joint] + part.shapes[0].size[1]
+                position = np.array(position)
+                position[:, 1] = np.copysign(away, position[:, 1])
             pose = position, quaternion
         out.append(pose)
     return out
@@ -153,6 +162,11 @@ def list_object_poses(samples: NDArray[Any]) -> list[tuple[Array, Array]]:
     """Return (positions (n, 3), quaternions (n, 4)) of the movable things in samples."""
     names = [(f"object{i}_p_WO", f"object{i}_q_WO") for i in range(MAX_OBJECTS)]
     return [(samples[p], samples[q]) for p, q in names if has_columns(samples, p)]
+
+
+def get_opening(samples: NDArray[Any]) -> Array | None:
+    """Return the opening (n, hands) m of grippers in samples, None without."""
+    return np.asarray(samples["opening"]) if has_columns(samples, "opening") else None
 
 
 def multiply_quaternions(a: Array, b: Array) -> Array:

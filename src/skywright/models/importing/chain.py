@@ -2,6 +2,7 @@
 
 Joints that do not lead to the tip (fingers, gimbals, legs, the rotors' own) are frozen at zero, or
 at the end of their range that is nearest to it; what hangs on them becomes part of the link before.
+Two fingers that slide towards each other at the tip are a gripper.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from skywright.core.types import MAX_JOINTS
 from skywright.errors import InputError
 
 TINY = 1e-9
+ALONG = 1.0 - 1e-4
+"""Cosine of axes that are one line."""
 SHORTEST = 1e-5
 """m of the last link."""
 TIP_NAMES = ("tcp", "tip", "tool", "ee", "end_effector", "end_link", "pinch", "grasp", "gripper")
@@ -36,6 +39,17 @@ class Part(NamedTuple):
     span: tuple[float, float] | None  # rad or m
 
 
+class Gripper(NamedTuple):
+    """Two fingers that slide, in the frame of the root body with all joints at zero."""
+
+    joints: tuple[str, str]
+    mass: float  # kg, of both
+    axis: Array  # (3,) along which they move
+    middle: Array  # (3,) m, of their frames
+    com: Array  # (3,) m, of both
+    stroke: float  # m, of both together
+
+
 class Chain(NamedTuple):
     """The platform, then the links that move, in a chain."""
 
@@ -45,6 +59,7 @@ class Chain(NamedTuple):
     carrier: int  # body that carries the tip
     qpos: Array  # of the model with the chain's joints at zero
     joints: list[int]  # of the model, in the order of the parts after the first
+    gripper: Gripper | None
     frozen: list[str]  # names of joints, with why
 
 
@@ -146,9 +161,19 @@ def find_chain(
             f"the tip ({tip_name}) is at joint {last!r}, the last: choose a link or site beyond it "
             f"with --tip, or freeze the joint with --weld {last}"
         )
-    notes = [f"joint {model.joint(j).name} is frozen: {why}" for j, why in frozen.items() if why]
+    gripper = _find_gripper(model, data, fingers, joints)
+    fingers_of = () if gripper is None else gripper.joints
+    notes = [
+        f"joint {name} is frozen: {why}"
+        for name, why in ((model.joint(j).name, why) for j, why in frozen.items())
+        if why and name not in fingers_of
+    ]
+    if gripper is not None:
+        notes.append(
+            f"joints {' and '.join(gripper.joints)}: a gripper of {1e3 * gripper.stroke:.3g} mm"
+        )
     parts = _collect(model, data, root, joints)
-    return Chain(parts, p + R @ place, tip_name, carrier, qpos, joints, notes)
+    return Chain(parts, p + R @ place, tip_name, carrier, qpos, joints, gripper, notes)
 
 
 def _fingers(model: mujoco.MjModel, root: int) -> list[int]:
@@ -166,6 +191,31 @@ def _fingers(model: mujoco.MjModel, root: int) -> list[int]:
     for joints in by_parent.values():
         out |= set(joints) if len(joints) > 1 else set()
     return sorted(j for j in out if model.body_rootid[model.jnt_bodyid[j]] == root)
+
+
+def _find_gripper(
+    model: mujoco.MjModel, data: mujoco.MjData, fingers: list[int], joints: list[int]
+) -> Gripper | None:
+    """Two slides with limits, along one line, that both hang on the last joint of the chain."""
+    if len(fingers) != 2 or not joints:
+        return None
+    moving = dict.fromkeys(range(model.njnt), "")
+    for j in joints:
+        del moving[j]
+    bodies = [int(model.jnt_bodyid[j]) for j in fingers]
+    slides = [model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE for j in fingers]
+    axes, spans = data.xaxis[fingers], np.ptp(model.jnt_range[fingers], axis=1)
+    if (
+        not all(slides)
+        or not all(model.jnt_limited[fingers])
+        or abs(axes[0] @ axes[1]) < ALONG
+        or any(_joints_to(model, b, moving) != joints for b in bodies)
+    ):
+        return None
+    mass, com, _ = combine(model, data, bodies)
+    names = model.joint(fingers[0]).name, model.joint(fingers[1]).name
+    middle = np.mean(data.xpos[bodies], axis=0)
+    return Gripper(names, mass, axes[0].copy(), middle, com, float(np.sum(spans)))
 
 
 def _joints_to(model: mujoco.MjModel, body: int, frozen: dict[int, str]) -> list[int]:
@@ -215,8 +265,10 @@ def _find_tip(
     grip = [b for j in fingers if (b := int(model.jnt_bodyid[j])) in ends]
     if grip:
         palm = int(model.body_parentid[grip[0]])
-        middle = np.mean([data.xpos[b] for b in grip], axis=0) - data.xpos[palm]
-        return palm, data.xmat[palm].reshape(3, 3).T @ middle, "middle of the fingers"
+        origin = np.mean([data.xpos[b] for b in grip], axis=0)
+        com = np.mean([data.xipos[b] for b in grip], axis=0)
+        ends_at = origin + 2.0 * (com - origin) - data.xpos[palm]
+        return palm, data.xmat[palm].reshape(3, 3).T @ ends_at, "middle of the fingers' ends"
     far = max(ends, key=away.__getitem__)
     if away[far] > 1e-3:
         return far, np.zeros(3), model.body(far).name

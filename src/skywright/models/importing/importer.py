@@ -26,7 +26,8 @@ from skywright.models.importing.chain import find_chain, find_root, freeze
 from skywright.models.importing.comparing import TOLERANCE, Deviations, compare
 from skywright.models.importing.opening import Opened, compile_spec, hear_mujoco, open_file
 from skywright.models.importing.rotors import find_rotors, parse_rotor
-from skywright.models.importing.tables import Question, Tables, Value, build_tables
+from skywright.models.importing.tables import Tables, build_tables
+from skywright.models.importing.values import Question, Value
 from skywright.models.importing.xml_input import read_numbers
 from skywright.models.rotors import build_rotors
 
