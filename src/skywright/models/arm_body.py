@@ -109,8 +109,9 @@ def add_arm(
         _add_servos(spec, robot, servos)
         for limb in limbs:
             _add_springs(spec, limb, servos)
-        for side in list_grippers(robot):
-            add_grip_motor(spec, f"hand{SIDES.index(side)}", robot.arm.hand)
+        assert robot.arm is not None
+        for hand in list_grippers(robot):
+            add_grip_motor(spec, f"hand{SIDES.index(hand)}", robot.arm.hand)
 
 
 def _shell_end(robot: Robot, limbs: list[Limb], i: int, is_last: bool) -> Array:

@@ -10,8 +10,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Ints
 from skywright.core.types import MAX_OBJECTS
+from skywright.description.robot.mesh import decode_mesh
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.description.world.things import list_movers
@@ -33,11 +34,12 @@ class Shape(NamedTuple):
     """One solid, in the frame of its part."""
 
     name: str  # as in the scene: hub, propeller0, pipe, ...
-    kind: str  # plane, sphere, capsule, cylinder (both along z), box
+    kind: str  # plane, sphere, capsule, cylinder (both along z), box, mesh
     size: Array  # (3,) m: radius, half length (capsule without caps); box: half edges
     position: Array  # (3,) m
     quaternion: Array  # (4,) wxyz
     rgba: Array  # (4,) in 0..1
+    mesh: tuple[Array, Ints] | None = None  # vertices (n, 3) m and triangles (m, 3) of a mesh
 
 
 class Part(NamedTuple):
@@ -61,15 +63,32 @@ class Drawing(NamedTuple):
     parts: tuple[Part, ...]  # of the robot
 
 
-def build_drawing(robot: Robot, world: World, error: Array | None = None) -> Drawing:
-    """Return the shapes of a robot and a world, from their nominal scene.
+def build_drawing(
+    robot: Robot, world: World, error: Array | None = None, meshes: bool = True
+) -> Drawing:
+    """Return the shapes of a robot and a world, from their nominal scene; or the robot's meshes.
 
     With `error` (6,) m, rad (`Deviation.socket_error`) tracked things stand where they do in truth.
     """
     scene = build_scene(robot, world, error=error)
     model = scene.model
     parts = tuple(_build_part(scene, robot, world, body) for body in range(1, model.nbody))
+    if meshes and robot.meshes:
+        parts = tuple(part._replace(shapes=_dress(part, robot)) for part in parts)
     return Drawing(_collect_shapes(model, 0), parts)
+
+
+def _dress(part: Part, robot: Robot) -> tuple[Shape, ...]:
+    """Return what a part is drawn with: its meshes and propellers, or its shapes without meshes."""
+    mine = {name: mesh for name, mesh in robot.meshes.items() if mesh.on == part.name}
+    if not mine:
+        return part.shapes
+    kept = [shape for shape in part.shapes if shape.name.startswith("propeller")]
+    zero, one = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+    for name, mesh in mine.items():
+        rgba = np.array([*mesh.rgb, 1.0])
+        kept.append(Shape(name, "mesh", zero, zero, one, rgba, decode_mesh(mesh.data)))
+    return tuple(kept)
 
 
 def _collect_shapes(model: mujoco.MjModel, body: int) -> tuple[Shape, ...]:

@@ -149,7 +149,7 @@ class _Writer:
     """The XML tree of a robot under way."""
 
     def __init__(self, robot: Robot) -> None:
-        parts = build_drawing(robot, World(name="nowhere")).parts
+        parts = build_drawing(robot, World(name="nowhere"), meshes=False).parts
         self.shapes = {part.name: part.shapes for part in parts}
         self.root = ET.Element("robot", name=robot.name)
         self.links: dict[str, ET.Element] = {}

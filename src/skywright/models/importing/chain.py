@@ -60,6 +60,7 @@ class Chain(NamedTuple):
     qpos: Array  # of the model with the chain's joints at zero
     joints: list[int]  # of the model, in the order of the parts after the first
     gripper: Gripper | None
+    members: dict[int, int]  # body -> index of its part; without rotors and the gripper's fingers
     frozen: list[str]  # names of joints, with why
 
 
@@ -173,7 +174,13 @@ def find_chain(
             f"joints {' and '.join(gripper.joints)}: a gripper of {1e3 * gripper.stroke:.3g} mm"
         )
     parts = _collect(model, data, root, joints)
-    return Chain(parts, p + R @ place, tip_name, carrier, qpos, joints, gripper, notes)
+    apart = rotor_joints | set(fingers_of)
+    members = {
+        b: part for b, part in _assign(model, root, joints).items()
+        if not apart & {model.joint(j).name for j in _joints_to(model, b, {})}
+    }  # fmt: skip
+    tip_at = p + R @ place
+    return Chain(parts, tip_at, tip_name, carrier, qpos, joints, gripper, members, notes)
 
 
 def _fingers(model: mujoco.MjModel, root: int) -> list[int]:
@@ -275,14 +282,20 @@ def _find_tip(
     return far, 2.0 * model.body_ipos[far], f"twice the centre of mass of {model.body(far).name}"
 
 
-def _collect(
-    model: mujoco.MjModel, data: mujoco.MjData, root: int, joints: list[int]
-) -> list[Part]:
+def _assign(model: mujoco.MjModel, root: int, joints: list[int]) -> dict[int, int]:
+    """Body -> index of the part that it belongs to: 0 the platform, then the joints' in order."""
     movers = {int(model.jnt_bodyid[j]): i + 1 for i, j in enumerate(joints)}
     member: dict[int, int] = {root: 0}
     for b in range(root + 1, model.nbody):
         if model.body_rootid[b] == root:
             member[b] = movers.get(b, member[int(model.body_parentid[b])])
+    return member
+
+
+def _collect(
+    model: mujoco.MjModel, data: mujoco.MjData, root: int, joints: list[int]
+) -> list[Part]:
+    member = _assign(model, root, joints)
     out = []
     for i in range(len(joints) + 1):
         bodies = [b for b, m in member.items() if m == i]

@@ -39,6 +39,7 @@ class Tables(NamedTuple):
     values: dict[str, Value]
     questions: list[Question]
     links: list[str]  # names of the links of the chain's joints
+    frames: list[tuple[Array, Array]]  # (R, p) of platform and links in that of the root body
 
 
 def build_tables(
@@ -54,7 +55,8 @@ def build_tables(
         "robot.description": Value(f"Imported from {origin}"),
     }
     questions: list[Question] = []
-    links, lowest, names = _build_arm(chain, limits, questions)
+    frames = [(np.eye(3), np.zeros(3))]
+    links, lowest, names = _build_arm(chain, limits, questions, frames)
     weight = 9.81 * sum(part.mass for part in chain.parts)
     values |= _build_platform(chain.parts[0], rotors, lowest)
     values |= _build_rotors(rotors, weight, questions)
@@ -62,7 +64,7 @@ def build_tables(
         Question("robot.battery.energy_wh", "energy of the battery, Wh", round(weight * 5.0, 1),
                  (round(weight, 1), round(weight * 20.0, 1)))
     )  # fmt: skip
-    return Tables(values | links, questions, names)
+    return Tables(values | links, questions, names, frames)
 
 
 def _build_platform(part: Part, rotors: FoundRotors, lowest: float) -> dict[str, Value]:
@@ -170,6 +172,7 @@ def _build_arm(
     chain: Chain,
     limits: Mapping[str, tuple[float | None, float | None]],
     questions: list[Question],
+    frames: list[tuple[Array, Array]],
 ) -> tuple[dict[str, Value], float, list[str]]:
     """Tables of links and servos, the lowest point (m) at zero, and the links' names."""
     out: dict[str, Value] = {}
@@ -206,6 +209,7 @@ def _build_arm(
         out |= {f"robot.arm.{name}.{key}": value for key, value in table.items()}
         lowest = min(lowest, part.p[2] - LINK_RADIUS, end[2] - LINK_RADIUS)
         R_parent, p_parent = R, part.p
+        frames.append((R, part.p))
         if tool:
             out |= build_tool(name, R.T @ R_tool, float(np.linalg.norm(at - part.p))) | hand
     for name, part in zip(names, moving, strict=True):
