@@ -97,8 +97,8 @@ def _collect_shapes(model: mujoco.MjModel, body: int) -> tuple[Shape, ...]:
         kind = _KINDS.get(mujoco.mjtGeom(model.geom_type[i]))
         if model.geom_bodyid[i] == body and kind is not None:
             arrays = (model.geom_size, model.geom_pos, model.geom_quat, model.geom_rgba)
-            values = [np.array(a[i], dtype=float) for a in arrays]
-            out.append(Shape(model.geom(i).name, kind, *values))
+            size, place, turn, rgba = (np.array(a[i], dtype=float) for a in arrays)
+            out.append(Shape(model.geom(i).name, kind, size, place, turn, rgba))
     return tuple(out)
 
 

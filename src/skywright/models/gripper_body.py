@@ -21,6 +21,7 @@ MOTOR_TIME = 0.005
 its screw, some kg a finger, carries a side load without giving way."""
 IN_STEP = (0.004, 1.0)
 """solref of the hold between the fingers: two steps of 2 ms."""
+END_STOP = (0.008, 1.0)
 LIMITED = mujoco.mjtLimited.mjLIMITED_TRUE
 
 
@@ -43,6 +44,7 @@ def add_fingers(
             finger.add_joint(
                 name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, -sign, 0.0],
                 limited=LIMITED, range=[0.0, 0.5 * hand.stroke_m], armature=reflected,
+                solref_limit=END_STOP,
             )  # fmt: skip
 
 
