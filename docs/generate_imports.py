@@ -22,7 +22,8 @@ def build_table() -> str:
         "model": "model", "from": "from", "format": "format", "bodies": "bodies",
         "rotors": "rotors", "joints": "joints", "gripper": "gripper",
         "meshes": "meshes in the file",
-        "drawn": "drawn as", "outcome": "outcome", "deviation": "largest deviation",
+        "drawn": "drawn as", "not_read": "mesh files not read", "outcome": "outcome",
+        "deviation": "largest deviation",
     }  # fmt: skip
     lines = ["| " + " | ".join(names.values()) + " |", "|" + "---|" * len(names)]
     lines += ["| " + " | ".join(row[key] for key in names) + " |" for row in rows]

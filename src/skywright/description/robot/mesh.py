@@ -17,7 +17,7 @@ from pydantic import Field, field_validator
 
 from skywright.core.spec import Spec
 
-MAX_TRIANGLES = 12_000
+MAX_TRIANGLES = 24_000
 """Of one table, and of a robot that is imported: a page takes 64 bytes a triangle."""
 MAX_VERTICES = 2**16
 FAR = 20.0  # m, from the origin of the part

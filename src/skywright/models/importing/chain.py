@@ -46,7 +46,6 @@ class Gripper(NamedTuple):
     mass: float  # kg, of both
     axis: Array  # (3,) along which they move
     middle: Array  # (3,) m, of their frames
-    com: Array  # (3,) m, of both
     stroke: float  # m, of both together
 
 
@@ -219,10 +218,10 @@ def _find_gripper(
         or any(_joints_to(model, b, moving) != joints for b in bodies)
     ):
         return None
-    mass, com, _ = combine(model, data, bodies)
+    mass = float(sum(model.body_mass[b] for b in bodies))
     names = model.joint(fingers[0]).name, model.joint(fingers[1]).name
     middle = np.mean(data.xpos[bodies], axis=0)
-    return Gripper(names, mass, axes[0].copy(), middle, com, float(np.sum(spans)))
+    return Gripper(names, mass, axes[0].copy(), middle, float(np.sum(spans)))
 
 
 def _joints_to(model: mujoco.MjModel, body: int, frozen: dict[int, str]) -> list[int]:
@@ -272,9 +271,7 @@ def _find_tip(
     grip = [b for j in fingers if (b := int(model.jnt_bodyid[j])) in ends]
     if grip:
         palm = int(model.body_parentid[grip[0]])
-        origin = np.mean([data.xpos[b] for b in grip], axis=0)
-        com = np.mean([data.xipos[b] for b in grip], axis=0)
-        ends_at = origin + 2.0 * (com - origin) - data.xpos[palm]
+        ends_at = _find_ends(model, data, grip, at) - data.xpos[palm]
         return palm, data.xmat[palm].reshape(3, 3).T @ ends_at, "middle of the fingers' ends"
     far = max(ends, key=away.__getitem__)
     if away[far] > 1e-3:
@@ -290,6 +287,30 @@ def _assign(model: mujoco.MjModel, root: int, joints: list[int]) -> dict[int, in
         if model.body_rootid[b] == root:
             member[b] = movers.get(b, member[int(model.body_parentid[b])])
     return member
+
+
+def _find_ends(
+    model: mujoco.MjModel, data: mujoco.MjData, fingers: list[int], start: Array
+) -> Array:
+    """Return the middle (3,) m of the fingers' ends, as seen from the last joint at `start`.
+
+    They reach as far as their shapes, or twice to their centres of mass where those are farther.
+    """
+    middle = np.mean([data.xpos[b] for b in fingers], axis=0)
+    axis = data.xaxis[model.body_jntadr[fingers[0]]]
+    way = middle - start - ((middle - start) @ axis) * axis
+    size = float(np.linalg.norm(way))
+    if size < SHORTEST:
+        return middle
+    way /= size
+    reach = 2.0 * max(float((data.xipos[b] - middle) @ way) for b in fingers)
+    for g in range(model.ngeom):
+        if int(model.geom_bodyid[g]) in fingers:
+            R = data.geom_xmat[g].reshape(3, 3)
+            centre, half = model.geom_aabb[g, :3], model.geom_aabb[g, 3:]
+            far = (data.geom_xpos[g] + R @ centre - middle) @ way + np.abs(R.T @ way) @ half
+            reach = max(reach, float(far))
+    return np.asarray(middle + max(reach, 0.0) * way)
 
 
 def _collect(

@@ -68,7 +68,7 @@ def build_gripper(
     part, as much of it as leaves a body there.
     """
     note, way = f"joints {' and '.join(gripper.joints)}", float(np.linalg.norm(end - part.p))
-    seen = 2.0 * float((gripper.com - gripper.middle) @ R[:, 0])
+    seen = float((end - gripper.middle) @ R[:, 0])
     length = round(min(seen if seen > 0.005 else FINGER, 0.6 * way), 4)
     R_LH = R @ np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
     for share in (1.0, 0.3, 0.1, 0.03, 0.01):
@@ -87,7 +87,7 @@ def build_gripper(
         "kind": Value("gripper"),
         "stroke_m": imported(gripper.stroke, f"ranges of {note}"),
         "mass_kg": mass,
-        "length_m": Value(length, "assumed", "fingers, twice to their centre", (0.01, 0.2)),
+        "length_m": Value(length, "assumed", "from the fingers' joints to the tip", (0.01, 0.2)),
         "radius_m": Value(FINGER_RADIUS, "assumed", "half the width of a finger", (0.003, 0.05)),
         "friction": Value(0.5, "assumed", "rubber pads on a dry object", (0.2, 1.0)),
     }

@@ -89,9 +89,12 @@ def build_meshes(
 
 
 def _write(pieces: list[Piece], names: Sequence[str]) -> Iterator[tuple[str, Value]]:
-    most = max(MAX_TRIANGLES // max(len(pieces), 1), LEAST_TRIANGLES)
-    for k, piece in enumerate(pieces):
+    left = MAX_TRIANGLES
+    for k, piece in enumerate(sorted(pieces, key=lambda piece: len(piece.faces))):
+        # what small ones do not need is for those that follow
+        most = max(left // (len(pieces) - k), LEAST_TRIANGLES)
         vertices, faces = simplify(piece.vertices, piece.faces, most)
+        left -= len(faces)
         if len(faces) == 0:
             continue
         files = ", ".join(dict.fromkeys(piece.files))
