@@ -6,6 +6,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import skywright
@@ -16,6 +17,7 @@ from skywright.errors import InputError
 from skywright.models.importing.chain import combine
 from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.scene import build_scene
+from skywright.models.urdf import build_urdf
 from skywright.vehicle.actuators.gripper import GripperState
 from skywright.vehicle.commanded_arms import CommandedArms
 from skywright.vehicle.commands import State
@@ -181,6 +183,24 @@ def test_the_model_for_control_has_the_fingers_mass(files: dict[str, Path]) -> N
     np.testing.assert_allclose(own_com, com, atol=1e-12)
     about = inertia + mass * (com @ com * np.eye(3) - np.outer(com, com))
     np.testing.assert_allclose(own_inertia, about, atol=1e-12)
+
+
+def test_a_robot_in_urdf_has_its_fingers(files: dict[str, Path]) -> None:
+    """Pinocchio reads the exported file: mass and centre of mass."""
+    robot = load_robot(files["robot"])[0]
+    other = pin.buildModelFromXML(build_urdf(robot), pin.JointModelFreeFlyer())
+    mass, com, _ = compute_body(build_body_model(robot), np.zeros(0))
+    assert pin.computeTotalMass(other) == pytest.approx(mass)
+    at = pin.centerOfMass(other, other.createData(), pin.neutral(other))
+    np.testing.assert_allclose(at, com, atol=1e-9)
+
+
+def test_a_back_end_without_physics_refuses_to_grasp(files: dict[str, Path]) -> None:
+    vehicle = skywright.fly(files["robot"], backend="kinematic", arrival=NEAR)
+    assert vehicle.take_off(1.0).result
+    for handle in (vehicle.arms.grasp(5.0), vehicle.arms.release()):
+        assert handle.result is not None
+        assert handle.result.reason.endswith("refused: the back end does not move the gripper")
 
 
 def test_a_gripper_without_fingers_is_refused(tmp_path: Path) -> None:

@@ -269,7 +269,7 @@ class Arms:
 
 def check_grippers(b: Backend, names: Iterable[str]) -> None:
     """Raise InputError for a hand that is no gripper."""
-    valid = list_grippers(b.robot) if "gripper" in b.offers else []
+    valid = list_grippers(b.robot)
     for name in names:
         if name not in valid:
             raise InputError(f"gripper {name!r} is unknown; valid: {', '.join(valid) or 'none'}")

@@ -145,7 +145,7 @@ class CommandedArms:
         two points (3,) m in W; hooks hold what hangs on them.
         """
         size = check_positive("force", force)
-        if hand is not None or "gripper" in self._uav.backend.offers:
+        if hand is not None or list_grippers(self._uav.backend.robot):
             if p_left is not None or p_right is not None:
                 raise InputError("p_left and p_right are of hands without fingers; valid: force")
             return self._grip(ArmCommand.GRASP, hand, size, wait)
@@ -165,7 +165,7 @@ class CommandedArms:
         Without fingers: loosen a grasp to 0.1 N over 2 s, then part the hands by 0.1 m each.
         """
         arm = self._uav.backend.robot.arm
-        if hand is not None or "gripper" in self._uav.backend.offers:
+        if hand is not None or list_grippers(self._uav.backend.robot):
             force = 0.0 if arm is None else arm.hand.grip_force_n
             return self._grip(ArmCommand.RELEASE, hand, -force, wait)
 

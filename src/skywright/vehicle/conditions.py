@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.description.mission.safety import Fence
-from skywright.description.robot.limbs import SIDES
+from skywright.description.robot.limbs import SIDES, list_grippers
 from skywright.errors import InputError
 from skywright.vehicle.arms.ports import ArmModel, HandForce, Marker
 from skywright.vehicle.commands import Need
@@ -45,8 +45,8 @@ def find_arms_lack(need: Need, b: Backend, hand: int = 0) -> str:
     """Return why a need of the arms is not met, "" where it is."""
     if need == Need.ARMS:
         return "" if "arms" in b.offers else "the vehicle offers no arms"
-    if need == Need.GRASPING and "gripper" in b.offers:
-        return ""
+    if need == Need.GRASPING and list_grippers(b.robot):
+        return "" if "gripper" in b.offers else "the back end does not move the gripper"
     if "hands" not in b.offers or not b.look(ArmModel).chain:
         return "the vehicle offers no hands: compliant arms with pitch, roll, yaw and elbow"
     sensed = b.look(ArmModel).sensed[: b.n_joints]
