@@ -179,6 +179,43 @@ def test_an_arm_from_a_file_of_its_own(tmp_path: Path, carrier: str, kind: str) 
     assert torque == ({"assumed"} if kind == "urdf" else {"imported"})  # 1000 N m is nobody's
 
 
+def test_sliding_fingers_of_sdf_become_a_gripper(tmp_path: Path) -> None:
+    """Stroke, force and speed are those of the joints; the fingers end at twice their centres."""
+    made, robot = take(models.write_quad(tmp_path), tmp_path, arm=models.sdf_gripper(tmp_path),
+                       mount="0.1,0,-0.05,0,90,0")  # fmt: skip
+    hand, sources = robot.arm.hand, load_robot(made.path)[1]
+    assert made.gripper
+    assert made.joints == ["arm/shoulder"]
+    assert (hand.kind, hand.grip_force_n) == ("gripper", 12.0)
+    assert hand.stroke_m == pytest.approx(0.06)
+    assert hand.grip_speed_mps == pytest.approx(0.16)
+    assert hand.length_m == pytest.approx(0.04)
+    assert sources["robot.arm.hand.stroke_m"].kind == "imported"
+    tip, _ = compute_tip(build_body_model(robot), np.zeros(1))
+    np.testing.assert_allclose(tip, [0.1, 0.0, -0.05 - 0.1 - 0.05 - 0.04], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "change", [{"fingers": 3}, {"fingers": 1}, {"turned": "0 0 1"}], ids=lambda c: next(iter(c))
+)
+def test_other_fingers_are_frozen_or_joints_of_the_arm(
+    tmp_path: Path, change: dict[str, Any]
+) -> None:
+    made, robot = take(models.write_quad(tmp_path), tmp_path,
+                       arm=models.sdf_gripper(tmp_path, **change), mount="0,0,-0.05,0,90,0")  # fmt: skip
+    assert not made.gripper
+    assert robot.arm.hand.kind == "ball"
+
+
+def test_heavy_fingers_leave_a_body_behind(tmp_path: Path) -> None:
+    """Fingers of 0.4 kg on a palm of 50 g: what cannot be taken off the palm stays there."""
+    arm = models.sdf_gripper(tmp_path, mass=0.4)
+    made, robot = take(models.write_quad(tmp_path), tmp_path, arm=arm, mount="0,0,-0.05,0,90,0")
+    source = load_robot(made.path)[1]["robot.arm.hand.mass_kg"]
+    assert robot.arm.hand.mass_kg < 0.8
+    assert (source.kind, "the palm is light" in source.note) == ("derived", True)
+
+
 def test_what_is_missing_is_asked_or_listed(tmp_path: Path) -> None:
     file = models.write_quad(tmp_path)
     with pytest.raises(
