@@ -141,8 +141,9 @@ def _import(request: Request, folder: Path, ask: Ask | None) -> Imported:
     finally:
         shutil.rmtree(scratch)
     counts: dict[str, int] = {}
-    for source in sources.values():
-        counts[source.kind] = counts.get(source.kind, 0) + 1
+    for key, source in sources.items():
+        if not key.startswith("robot.meshes."):
+            counts[source.kind] = counts.get(source.kind, 0) + 1
     joints = [part.joint for part in chain.parts[1:]]
     return Imported(
         folder / "robot.toml", opened.kind, counts, len(rotors.rotors), rotors.origin, joints,
