@@ -8,6 +8,7 @@
   transmission for a joint.
 - `urdf_arm`: URDF; four hinges, products of inertia, package:// meshes, a gripper of two fingers with
   mimic, placeholder efforts.
+- `sdf_gripper`: SDF; one hinge and fingers that slide along one line.
 - `mjcf_arm`: MJCF; six joints, names with a prefix, inertias turned by quaternions, fingers that an
   equality couples, meshes that are not there.
 """
@@ -218,3 +219,25 @@ def write(path: Path, text: str) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text.strip() + "\n", encoding="utf-8")
     return path
+
+
+def sdf_gripper(folder: Path, fingers: int = 2, mass: float = 0.02, turned: str = "") -> Path:
+    """An arm of one joint in SDF with fingers that slide along y; a third one is beside them."""
+    links, joints = "", ""
+    for k in range(fingers):
+        side = (1.0, -1.0, 1.0)[k]
+        links += f"""<link name="finger{k}"><pose relative_to="palm">0.05 {0.001 * side} 0 0 0 0</pose>
+{inertial("sdf", mass, "0.02 0 0", TINY)}</link>"""
+        axis = turned if turned and k == 1 else f"0 {side} 0"
+        joints += f"""<joint name="slide{k}" type="prismatic"><parent>palm</parent>
+<child>finger{k}</child><axis><xyz>{axis}</xyz><limit><lower>0</lower><upper>0.03</upper>
+<effort>12</effort><velocity>0.08</velocity></limit></axis></joint>"""
+    return write(
+        folder / "claw" / "model.sdf",
+        f"""
+<sdf version="1.9"><model name="claw"><link name="base">{inertial("sdf", 0.1, "0 0 0", SMALL)}</link>
+<link name="palm"><pose>0.1 0 0 0 0 0</pose>{inertial("sdf", 0.05, "0.02 0 0", SMALL)}</link>
+<joint name="shoulder" type="revolute"><parent>base</parent><child>palm</child>
+<axis><xyz>0 1 0</xyz><limit><lower>-1.5</lower><upper>1.5</upper><effort>2</effort>
+<velocity>5</velocity></limit></axis></joint>{links}{joints}</model></sdf>""",
+    )

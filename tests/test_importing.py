@@ -22,11 +22,13 @@ from skywright import cli
 from skywright.core.rotations import rot_x, rot_y, rot_z
 from skywright.description.robot.limbs import list_joints, list_servos
 from skywright.description.robot.loader import load_robot
+from skywright.description.world.spec import World
 from skywright.errors import InputError
 from skywright.models.capability import check_can_fly
+from skywright.models.drawing import build_drawing, compute_part_poses, rotate_vectors
 from skywright.models.importing.importer import Imported, Request, import_robot
 from skywright.models.importing.tables import choose_frame
-from skywright.models.rigid_body import build_body_model, compute_body, compute_tip
+from skywright.models.rigid_body import build_body_model, compute_body, compute_tip, posture
 from skywright.models.rotors import build_rotors
 
 
@@ -35,6 +37,15 @@ def take(file: Path, tmp_path: Path, name: str = "made", **given: Any) -> tuple[
     made = import_robot(Request(file, **({"assume": True} | given)), tmp_path / name)
     assert made.deviations.worst()[1] < 1e-9, "the numbers are carried over, not rounded"
     return made, load_robot(made.path)[0]
+
+
+def find_place(parts: Any, poses: Any, k: int) -> Any:
+    """Place (3,) m of a part in W."""
+    p = poses[k][0][0]
+    while parts[k].parent >= 0:
+        k = parts[k].parent
+        p = poses[k][0][0] + rotate_vectors(poses[k][1], p[None])[0]
+    return p
 
 
 def test_mjcf_with_motors_at_sites(tmp_path: Path) -> None:
@@ -140,7 +151,20 @@ def test_an_arm_from_a_file_of_its_own(tmp_path: Path, carrier: str, kind: str) 
     n, mass = (4, 0.09 + 4 * 0.1 + 0.1 + 0.002) if kind == "urdf" else (6, 0.5 + 1.65 + 0.032)
     assert made.joints == [f"arm/{'joint' if kind == 'urdf' else 'j'}{i + (kind == 'urdf')}"
                            for i in range(n)]  # fmt: skip
-    assert sum("a finger of the gripper" in note for note in made.notes) == 2
+    assert any(note.endswith(f"a gripper of {58 if kind == 'urdf' else 50} mm")
+               for note in made.notes)  # fmt: skip
+    hand = robot.arm.hand
+    assert hand.kind == "gripper"
+    assert hand.stroke_m == pytest.approx(0.058 if kind == "urdf" else 0.05)
+    if kind == "urdf":
+        assert hand.grip_force_n == 1.0  # of the finger's joint
+    drawing = build_drawing(robot, World(name="nowhere"))
+    folded = np.array([posture(robot, "folded")])
+    poses = compute_part_poses(drawing, np.zeros((1, 3)), np.eye(4)[:1], folded, np.zeros(1),
+                               opening=np.array([[0.03]]))  # fmt: skip
+    fingers = [k for k, part in enumerate(drawing.parts) if part.motion == "finger"]
+    apart = np.diff([find_place(drawing.parts, poses, k) for k in fingers], axis=0)[0]
+    np.testing.assert_allclose(np.abs(apart), [0.0, 0.03 + 2.0 * hand.radius_m, 0.0], atol=1e-9)
     both, one = (
         compute_body(build_body_model(r), np.zeros(k))[0] for r, k in ((robot, n), (alone, 0))
     )
@@ -153,6 +177,43 @@ def test_an_arm_from_a_file_of_its_own(tmp_path: Path, carrier: str, kind: str) 
     sources = load_robot(made.path)[1]
     torque = {s.kind for key, s in sources.items() if key.endswith("stall_torque_nm")}
     assert torque == ({"assumed"} if kind == "urdf" else {"imported"})  # 1000 N m is nobody's
+
+
+def test_sliding_fingers_of_sdf_become_a_gripper(tmp_path: Path) -> None:
+    """Stroke, force and speed are those of the joints; the fingers end at twice their centres."""
+    made, robot = take(models.write_quad(tmp_path), tmp_path, arm=models.sdf_gripper(tmp_path),
+                       mount="0.1,0,-0.05,0,90,0")  # fmt: skip
+    hand, sources = robot.arm.hand, load_robot(made.path)[1]
+    assert made.gripper
+    assert made.joints == ["arm/shoulder"]
+    assert (hand.kind, hand.grip_force_n) == ("gripper", 12.0)
+    assert hand.stroke_m == pytest.approx(0.06)
+    assert hand.grip_speed_mps == pytest.approx(0.16)
+    assert hand.length_m == pytest.approx(0.04)
+    assert sources["robot.arm.hand.stroke_m"].kind == "imported"
+    tip, _ = compute_tip(build_body_model(robot), np.zeros(1))
+    np.testing.assert_allclose(tip, [0.1, 0.0, -0.05 - 0.1 - 0.05 - 0.04], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "change", [{"fingers": 3}, {"fingers": 1}, {"turned": "0 0 1"}], ids=lambda c: next(iter(c))
+)
+def test_other_fingers_are_frozen_or_joints_of_the_arm(
+    tmp_path: Path, change: dict[str, Any]
+) -> None:
+    made, robot = take(models.write_quad(tmp_path), tmp_path,
+                       arm=models.sdf_gripper(tmp_path, **change), mount="0,0,-0.05,0,90,0")  # fmt: skip
+    assert not made.gripper
+    assert robot.arm.hand.kind == "ball"
+
+
+def test_heavy_fingers_leave_a_body_behind(tmp_path: Path) -> None:
+    """Fingers of 0.4 kg on a palm of 50 g: what cannot be taken off the palm stays there."""
+    arm = models.sdf_gripper(tmp_path, mass=0.4)
+    made, robot = take(models.write_quad(tmp_path), tmp_path, arm=arm, mount="0,0,-0.05,0,90,0")
+    source = load_robot(made.path)[1]["robot.arm.hand.mass_kg"]
+    assert robot.arm.hand.mass_kg < 0.8
+    assert (source.kind, "the palm is light" in source.note) == ("derived", True)
 
 
 def test_what_is_missing_is_asked_or_listed(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from skywright.cli.options import as_json_option, check_folder, print_json
 
 if TYPE_CHECKING:
     from skywright.models.importing.importer import Imported
-    from skywright.models.importing.tables import Question
+    from skywright.models.importing.values import Question
 
 
 @click.command("import")
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 @click.option(
     "--assume", is_flag=True, help="Use assumed values, marked as such, for missing ones."
 )
+@click.option("--no-meshes", is_flag=True, help="Leave out what the robot looks like.")
 @click.option(
     "--out", metavar="NAME", type=click.Path(path_type=Path),
     help="Folder of the robot file.  [default: the name of FILE]",
@@ -50,7 +51,7 @@ if TYPE_CHECKING:
 def import_(
     file: Path, arm: Path | None, mount: str | None, body: str | None, tip: str | None,
     weld: tuple[str, ...], rotors: tuple[str, ...], sets: tuple[str, ...], assume: bool,
-    out: Path | None, as_json: bool,
+    no_meshes: bool, out: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Write a robot file for a robot described in MJCF, URDF or SDF.
 
@@ -64,7 +65,7 @@ def import_(
     folder = check_folder(out or Path(file.stem))
     answers = {key: parse_value(text) for key, text in map(parse_assignment, sets)}
     request = Request(
-        file, arm, mount, body, tip, weld, rotors, folder.name, answers, assume
+        file, arm, mount, body, tip, weld, rotors, folder.name, answers, assume, not no_meshes
     )  # fmt: skip
     by_hand = sys.stdin.isatty() and not assume and not as_json
     made = import_robot(request, folder, _ask if by_hand else None)
@@ -75,7 +76,10 @@ def import_(
         click.echo(line)
     what, worst = made.deviations.worst()
     sources = ", ".join(f"{n} {kind}" for kind, n in sorted(made.counts.items()))
-    click.echo(f"{made.rotors} rotors from {made.rotor_origin}; {len(made.joints)} joints")
+    click.echo(
+        f"{made.rotors} rotors from {made.rotor_origin}; {len(made.joints)} joints; "
+        f"{made.meshes} meshes"
+    )
     click.echo(f"numbers: {sources}")
     postures = made.deviations.postures
     click.echo(f"largest deviation from MuJoCo at {postures} postures: {worst:.1e} ({what})")

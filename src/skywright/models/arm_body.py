@@ -10,17 +10,20 @@ from skywright.core.arrays import Array
 from skywright.core.rotations import quat_from_rot, rot_y
 from skywright.description.robot.arm import Link, Servo
 from skywright.description.robot.limbs import (
+    SIDES,
     Limb,
     end_of,
+    list_grippers,
     list_joints,
     turn_of,
 )
 from skywright.description.robot.spec import Robot
 from skywright.models.deviated_arm import list_true_limbs, list_true_servos
+from skywright.models.gripper_body import add_fingers, add_grip_motor
 from skywright.models.part_masses import (
     SLIDER_INERTIA,
+    build_hand_body,
     build_probe_parts,
-    hand_inertia,
     link_com,
     link_direction,
     link_inertia,
@@ -99,13 +102,16 @@ def add_arm(
     tip = find_tip(robot, limbs)
     for side, i in zip(_sides(limbs), last, strict=True):
         if robot.probe is None or i != tip:
-            _add_hand(bodies[i], side, limbs[i].link, robot, dev, is_tip=i == tip)
+            _add_hand(bodies[i], side, limbs[i].link, robot, dev, plant, is_tip=i == tip)
     if robot.probe is not None:
         _add_probe(spec, bodies[tip], limbs[tip], robot, dev, plant)
     if plant:
         _add_servos(spec, robot, servos)
         for limb in limbs:
             _add_springs(spec, limb, servos)
+        assert robot.arm is not None
+        for hand in list_grippers(robot):
+            add_grip_motor(spec, f"hand{SIDES.index(hand)}", robot.arm.hand)
 
 
 def _shell_end(robot: Robot, limbs: list[Limb], i: int, is_last: bool) -> Array:
@@ -216,9 +222,10 @@ def _set_coefficient(thing: Any, name: str, value: float) -> None:
 
 
 def _add_hand(
-    link_body: mujoco.MjsBody, side: int, link: Link, robot: Robot, dev: Deviation, is_tip: bool
-) -> None:
-    """Ball or hook at the end of an arm: a body of its own, so that its touch is no collision."""
+    link_body: mujoco.MjsBody, side: int, link: Link, robot: Robot, dev: Deviation, plant: bool,
+    is_tip: bool,
+) -> None:  # fmt: skip
+    """What an arm ends in: a body of its own, so that its touch is no collision."""
     assert robot.arm is not None
     hand, way = robot.arm.hand, link_direction(link)
     at = (link.length_m + hand.length_m) * way
@@ -226,22 +233,26 @@ def _add_hand(
     body = link_body
     if hand.mass_kg > 0.0:
         body = link_body.add_body(name=f"hand{side}", pos=at)
-        body.mass = hand.mass_kg * dev.mass_factor
-        body.ipos = np.zeros(3)  # MuJoCo's default is the body's own offset from its parent
-        body.inertia = np.diag(hand_inertia(robot)) * dev.mass_factor
-        body.explicitinertial = True
         touch: dict[str, Any] = {
             "contype": ROBOT | OWN, "conaffinity": WORLD | OWN, "mass": 0.0,
             "rgba": [0.85, 0.2, 0.2, 1],
             "friction": [hand.friction, 0.005, 0.0001], "condim": 4, "priority": 1,
             "solref": [0.008, 0.5], "solimp": [0.9, 0.9, 0.001, 0.5, 2.0],
         }  # fmt: skip
+        if hand.kind == "gripper":
+            body.quat = quat
+            add_fingers(body, hand, dev.mass_factor, plant, touch)
+            quat = np.array([1.0, 0.0, 0.0, 0.0])
+        else:
+            body.mass = hand.mass_kg * dev.mass_factor
+            body.ipos = np.zeros(3)  # MuJoCo's default is the body's own offset from its parent
+            set_inertia(body, build_hand_body(hand)[1] * dev.mass_factor)
         if hand.kind == "ball":
             body.add_geom(
                 name=f"hand{side} ball", type=mujoco.mjtGeom.mjGEOM_SPHERE,
                 size=[hand.radius_m, 0, 0], pos=-hand.radius_m * way, **touch,
             )  # fmt: skip
-        else:
+        elif hand.kind == "hook":
             bars = {"shank": [*(-hand.length_m * way), 0, 0, 0]} if hand.length_m > 0.0 else {}
             bars["bar"] = [0, 0, 0, hand.hook_length_m, 0, 0]
             for name, ends in bars.items():

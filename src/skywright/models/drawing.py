@@ -10,8 +10,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Ints
 from skywright.core.types import MAX_OBJECTS
+from skywright.description.robot.mesh import decode_mesh
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.description.world.things import list_movers
@@ -33,11 +34,12 @@ class Shape(NamedTuple):
     """One solid, in the frame of its part."""
 
     name: str  # as in the scene: hub, propeller0, pipe, ...
-    kind: str  # plane, sphere, capsule, cylinder (both along z), box
+    kind: str  # plane, sphere, capsule, cylinder (both along z), box, mesh
     size: Array  # (3,) m: radius, half length (capsule without caps); box: half edges
     position: Array  # (3,) m
     quaternion: Array  # (4,) wxyz
     rgba: Array  # (4,) in 0..1
+    mesh: tuple[Array, Ints] | None = None  # vertices (n, 3) m and triangles (m, 3) of a mesh
 
 
 class Part(NamedTuple):
@@ -47,8 +49,9 @@ class Part(NamedTuple):
     parent: int  # index of the part that carries it; -1: the world
     position: Array  # (3,) m, in the parent's frame with the joint at zero
     quaternion: Array  # (4,) wxyz, likewise
-    motion: str  # free (the platform), hinge, slide, spring (the probe's tip), object or fixed
-    joint: int  # index into the joint angles (of an object: into the world's); -1 without
+    motion: str
+    """free (the platform), hinge, slide, spring (the probe's tip), finger, object or fixed"""
+    joint: int  # index into the joint angles (object: the world's; finger: hands); -1 without
     axis: Array  # (3,) of the motion, in the part's frame
     shapes: tuple[Shape, ...]
 
@@ -60,15 +63,32 @@ class Drawing(NamedTuple):
     parts: tuple[Part, ...]  # of the robot
 
 
-def build_drawing(robot: Robot, world: World, error: Array | None = None) -> Drawing:
-    """Return the shapes of a robot and a world, from their nominal scene.
+def build_drawing(
+    robot: Robot, world: World, error: Array | None = None, meshes: bool = True
+) -> Drawing:
+    """Return the shapes of a robot and a world, from their nominal scene; or the robot's meshes.
 
     With `error` (6,) m, rad (`Deviation.socket_error`) tracked things stand where they do in truth.
     """
     scene = build_scene(robot, world, error=error)
     model = scene.model
     parts = tuple(_build_part(scene, robot, world, body) for body in range(1, model.nbody))
+    if meshes and robot.meshes:
+        parts = tuple(part._replace(shapes=_dress(part, robot)) for part in parts)
     return Drawing(_collect_shapes(model, 0), parts)
+
+
+def _dress(part: Part, robot: Robot) -> tuple[Shape, ...]:
+    """Return what a part is drawn with: its meshes and propellers, or its shapes without meshes."""
+    mine = {name: mesh for name, mesh in robot.meshes.items() if mesh.on == part.name}
+    if not mine:
+        return part.shapes
+    kept = [shape for shape in part.shapes if shape.name.startswith("propeller")]
+    zero, one = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+    for name, mesh in mine.items():
+        rgba = np.array([*mesh.rgb, 1.0])
+        kept.append(Shape(name, "mesh", zero, zero, one, rgba, decode_mesh(mesh.data)))
+    return tuple(kept)
 
 
 def _collect_shapes(model: mujoco.MjModel, body: int) -> tuple[Shape, ...]:
@@ -77,8 +97,8 @@ def _collect_shapes(model: mujoco.MjModel, body: int) -> tuple[Shape, ...]:
         kind = _KINDS.get(mujoco.mjtGeom(model.geom_type[i]))
         if model.geom_bodyid[i] == body and kind is not None:
             arrays = (model.geom_size, model.geom_pos, model.geom_quat, model.geom_rgba)
-            values = [np.array(a[i], dtype=float) for a in arrays]
-            out.append(Shape(model.geom(i).name, kind, *values))
+            size, place, turn, rgba = (np.array(a[i], dtype=float) for a in arrays)
+            out.append(Shape(model.geom(i).name, kind, size, place, turn, rgba))
     return tuple(out)
 
 
@@ -93,6 +113,8 @@ def _build_part(scene: Scene, robot: Robot, world: World, body: int) -> Part:
         motion = "free"
     elif name.startswith(OBJECT):
         motion, joint = "object", list_movers(world.things).index(name.removeprefix(OBJECT))
+    elif " finger" in name:  # likewise its gripper's opening
+        motion, joint = "finger", int(name[len("hand")])
     elif name == "slider":  # rigid in the nominal scene; a recording tells its compression
         motion, axis = "spring", np.array([-1.0, 0.0, 0.0])
     elif count:
@@ -112,12 +134,14 @@ def compute_part_poses(
     q: Array,
     spring: Array,
     objects: list[tuple[Array, Array]] | None = None,
+    opening: Array | None = None,
 ) -> list[tuple[Array, Array]]:
     """Poses of the robot's parts in their parents' frames over `n` instants.
 
     p_WB (n, 3) m, q_WB (n, 4) wxyz, q (n, n_joints) rad (or m), spring (n,) m of compression;
     `objects` likewise has positions (n, 3) and quaternions (n, 4) of each movable thing, which
-    otherwise stand where the world puts them.
+    otherwise stand where the world puts them. `opening` (n, hands) m is that of grippers, which
+    otherwise are open.
     Returns one (positions (n, 3), quaternions (n, 4)) a part; those of a fixed part may be views
     that must not be written to.
     """
@@ -139,6 +163,10 @@ def compute_part_poses(
             elif part.motion in ("slide", "spring"):
                 way = spring if part.motion == "spring" else q[:, part.joint]
                 position = position + rotate_vectors(quaternion, way[:, None] * part.axis)
+            elif part.motion == "finger" and opening is not None:
+                away = 0.5 * opening[:, part.joint] + part.shapes[0].size[1]
+                position = np.array(position)
+                position[:, 1] = np.copysign(away, position[:, 1])
             pose = position, quaternion
         out.append(pose)
     return out
@@ -153,6 +181,11 @@ def list_object_poses(samples: NDArray[Any]) -> list[tuple[Array, Array]]:
     """Return (positions (n, 3), quaternions (n, 4)) of the movable things in samples."""
     names = [(f"object{i}_p_WO", f"object{i}_q_WO") for i in range(MAX_OBJECTS)]
     return [(samples[p], samples[q]) for p, q in names if has_columns(samples, p)]
+
+
+def get_opening(samples: NDArray[Any]) -> Array | None:
+    """Return the opening (n, hands) m of grippers in samples, None without."""
+    return np.asarray(samples["opening"]) if has_columns(samples, "opening") else None
 
 
 def multiply_quaternions(a: Array, b: Array) -> Array:

@@ -7,11 +7,11 @@ import numpy as np
 
 from skywright.core.arrays import Array
 from skywright.core.rotations import rot_y
-from skywright.description.robot.arm import Link
+from skywright.description.robot.arm import Hand, Link
 from skywright.description.robot.docking import Docking
 from skywright.description.robot.inertia import build_inertia
 from skywright.description.robot.limbs import end_of
-from skywright.description.robot.spec import Platform, Probe, Robot
+from skywright.description.robot.spec import Platform, Probe
 
 SLIDER_INERTIA = 1e-6
 """kg m^2 of the probe's sprung part about its own centre: small, but MuJoCo wants it above zero."""
@@ -107,8 +107,25 @@ def platform_inertia(platform: Platform) -> Array:
     return build_inertia(*platform.inertia_terms)
 
 
-def hand_inertia(robot: Robot) -> Array:
-    """Return the (3, 3) inertia of a hand about its centre: a solid ball."""
-    assert robot.arm is not None
-    hand = robot.arm.hand
-    return 0.4 * hand.mass_kg * hand.radius_m**2 * np.eye(3)
+def build_hand_body(hand: Hand) -> tuple[Array, Array]:
+    """Return centre of mass (3,) m and inertia (3, 3) kg m^2 about it, both in frame H.
+
+    Of a solid ball at the tip, or of a gripper's open fingers.
+    """
+    if hand.kind != "gripper":
+        return np.zeros(3), 0.4 * hand.mass_kg * hand.radius_m**2 * np.eye(3)
+    _, y, z = find_finger(hand)
+    return np.array([0.0, 0.0, z]), 2.0 * finger_inertia(hand) + (
+        hand.mass_kg * y**2 * np.diag([1.0, 0.0, 1.0])
+    )
+
+
+def find_finger(hand: Hand) -> Array:
+    """Return the centre (3,) m in frame H of a gripper's open finger on the side of y."""
+    return np.array([0.0, 0.5 * hand.stroke_m + hand.radius_m, -0.5 * hand.length_m])
+
+
+def finger_inertia(hand: Hand) -> Array:
+    """Return the (3, 3) inertia of one finger about its centre: a rod along z of frame H."""
+    rod = rod_inertia(0.5 * hand.mass_kg, hand.length_m, hand.radius_m)
+    return np.diag(np.diag(rod)[::-1])

@@ -35,8 +35,8 @@ from skywright.models.body_records import MAX_LINKS, Body, BodyModel, Kinematics
 from skywright.models.part_masses import (
     SLIDER_INERTIA,
     build_docking_parts,
+    build_hand_body,
     build_probe_parts,
-    hand_inertia,
     link_com,
     link_direction,
     link_inertia,
@@ -136,7 +136,9 @@ def _set_hands(m: Any, robot: Robot, limbs: list[Limb]) -> None:
         m["hand_offset"][side] = (link.length_m + hand.length_m) * way
         m["hand_rot"][side] = tip_rotation(link)
         if side != carried and hand.mass_kg > 0.0:
-            _weld(m, i, [(hand.mass_kg, m["hand_offset"][side], hand_inertia(robot))])
+            com, inertia = build_hand_body(hand)
+            R = m["hand_rot"][side]
+            _weld(m, i, [(hand.mass_kg, m["hand_offset"][side] + R @ com, R @ inertia @ R.T)])
         if robot.arm.bar is not None:
             mass, inertia = compute_bar_share(robot.arm.bar, robot.arm.separation_m)
             _weld(m, i, [(mass, m["hand_offset"][side], inertia)])

@@ -295,7 +295,7 @@ def _add_contacts(spec: mujoco.MjSpec, robot: Robot, world: World) -> None:
         _add_contact_sensor(spec, "collision pen", "pen", mujoco.mjtObj.mjOBJ_GEOM)
     for side in range(MAX_HANDS):
         if spec.body(f"hand{side}") is not None:
-            _add_contact_sensor(spec, f"touch hand{side}", f"hand{side}", mujoco.mjtObj.mjOBJ_BODY)
+            _add_contact_sensor(spec, f"touch hand{side}", f"hand{side}", mujoco.mjtObj.mjOBJ_XBODY)
     if robot.docking is not None:
         _add_contact_sensor(spec, "docking force", "docking", mujoco.mjtObj.mjOBJ_BODY)
 

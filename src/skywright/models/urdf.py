@@ -29,8 +29,10 @@ from skywright.models.drawing import Shape, build_drawing
 from skywright.models.part_masses import (
     SLIDER_INERTIA,
     build_docking_parts,
+    build_hand_body,
     build_probe_parts,
-    hand_inertia,
+    find_finger,
+    finger_inertia,
     link_com,
     link_direction,
     link_inertia,
@@ -93,9 +95,15 @@ def _add_ends(out: _Writer, robot: Robot, limbs: list[Limb]) -> None:
         link, turn = limbs[i].link, tip_rotation(limbs[i].link)
         place = (link.length_m + hand.length_m) * link_direction(link)
         out.add_fixed(name, limbs[i].name, place, turn)
-        if hand.mass_kg > 0.0:
-            shapes = out.shapes[f"hand{side}"]
-            out.fill_link(name, hand.mass_kg, np.zeros(3), hand_inertia(robot), shapes, turn.T)
+        if hand.kind == "gripper":
+            for k, sign in enumerate((1.0, -1.0)):
+                finger, shapes = f"{name}_finger{k}", out.shapes[f"hand{side} finger{k}"]
+                out.add_fixed(finger, name, find_finger(hand) * [1.0, sign, 1.0], np.eye(3))
+                mass, inertia = 0.5 * hand.mass_kg, finger_inertia(hand)
+                out.fill_link(finger, mass, np.zeros(3), inertia, shapes)
+        elif hand.mass_kg > 0.0:
+            inertia, shapes = build_hand_body(hand)[1], out.shapes[f"hand{side}"]
+            out.fill_link(name, hand.mass_kg, np.zeros(3), inertia, shapes, turn.T)
         if i == tip:
             out.add_fixed("tip", name, np.zeros(3), np.eye(3))
     if robot.probe is None:
@@ -141,7 +149,7 @@ class _Writer:
     """The XML tree of a robot under way."""
 
     def __init__(self, robot: Robot) -> None:
-        parts = build_drawing(robot, World(name="nowhere")).parts
+        parts = build_drawing(robot, World(name="nowhere"), meshes=False).parts
         self.shapes = {part.name: part.shapes for part in parts}
         self.root = ET.Element("robot", name=robot.name)
         self.links: dict[str, ET.Element] = {}

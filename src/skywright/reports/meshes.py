@@ -19,7 +19,10 @@ class Mesh(NamedTuple):
 
 def build_mesh(shape: Shape, segments: int = 28) -> Mesh:
     """Return the mesh of a shape in the frame of its part. Planes have none: draw a grid."""
-    if shape.kind == "box":
+    if shape.mesh is not None:  # each triangle by itself: flat, as machined parts are
+        vertices, faces = shape.mesh
+        mesh = Mesh(vertices[faces].reshape(-1, 3), np.arange(faces.size).reshape(-1, 3))
+    elif shape.kind == "box":
         mesh = _box(shape.size)
     elif shape.kind == "sphere":
         mesh = _revolve(*_arc(shape.size[0], 0.0, 0.0), segments)

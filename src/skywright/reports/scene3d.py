@@ -21,6 +21,7 @@ from skywright.models.drawing import (
     Shape,
     build_drawing,
     compute_part_poses,
+    get_opening,
     list_object_poses,
     multiply_quaternions,
     rotate_vectors,
@@ -83,7 +84,7 @@ class Scene3d:
         q = np.asarray(samples["q"], float)
         found = compute_part_poses(
             self.drawing, samples["p_WB"], samples["q_WB"], q, samples["spring"],
-            list_object_poses(samples),
+            list_object_poses(samples), get_opening(samples),
         )  # fmt: skip
         return [
             self._place_holder(samples) if part.name == "holder" else pose

@@ -14,6 +14,7 @@ from skywright.models.deviation import build_socket_error
 from skywright.models.drawing import (
     build_drawing,
     compute_part_poses,
+    get_opening,
     list_object_poses,
     multiply_quaternions,
     rotate_vectors,
@@ -78,7 +79,13 @@ def _build_items(result: RunResult, row: Any) -> list[Item]:
             items.append(_paint(mesh, shape.rgba[:3]))
     one = row[None]
     poses = compute_part_poses(
-        drawing, one["p_WB"], one["q_WB"], one["q"], one["spring"], list_object_poses(one)
+        drawing,
+        one["p_WB"],
+        one["q_WB"],
+        one["q"],
+        one["spring"],
+        list_object_poses(one),
+        get_opening(one),
     )
     placed: list[tuple[Array, Array]] = []
     for part, (p, q) in zip(drawing.parts, poses, strict=True):

@@ -43,7 +43,7 @@ def check_bounded(name: str, value: ArrayLike) -> Array:
     return out
 
 
-def check_vector(name: str, value: ArrayLike, n: int = 3) -> Array:
+def check_vector(name: str, value: ArrayLike | None, n: int = 3) -> Array:
     """Return n finite numbers (n,); raises InputError naming the argument."""
     try:
         out = np.array(value, dtype=float)

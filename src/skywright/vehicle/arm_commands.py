@@ -54,8 +54,11 @@ ARM_TABLE: dict[ArmCommand, Entry] = {
     A.PUSH: _entry(
         "exert forces until the next command: (25) to (28), with a position (31)", *_FORCE
     ),
-    A.GRASP: _entry("press the hands together until the next command: (31), (32)", *_FORCE),
-    A.RELEASE: _entry("release a grasp, then move the hands apart", *_FORCE),
+    A.GRASP: _entry(
+        "close grippers; without them press the hands together until the next command: (31), (32)",
+        N.GRASPING,
+    ),
+    A.RELEASE: _entry("open grippers; without them part the hands", N.GRASPING),
     A.BAR_TO: _entry("move a bar held by both hands: (29), (30)", *_HANDS),
     A.TORQUES: _entry("control the joints of an arm by torque: (22)", *_FORCE),
     A.TORQUE_OFF: _entry("control the joints of an arm to zero torque: the arm yields", *_FORCE),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from skywright.core.types import (
     TASK_VELOCITY,
     TASK_VISUAL,
 )
-from skywright.description.robot.limbs import SIDES
+from skywright.description.robot.limbs import SIDES, list_grippers
 from skywright.errors import InputError
 from skywright.models.bimanual import Bar, compute_bar_hands
 from skywright.vehicle.arms.ports import ArmModel, Hands, HandState
@@ -148,6 +149,17 @@ class Arms:
             end["f_WH"][h] = [force, 0.0, 0.0]
         self._ramp(end, [0, 1], ramp_s, speed)
 
+    def grip(self, forces: dict[str, float]) -> None:
+        """Close grippers with `forces` (N, by hand; negative: open them) until told otherwise.
+
+        Raises InputError on a hand that is no gripper.
+        """
+        check_grippers(self.backend, forces)
+        row = self._start()
+        for name, force in forces.items():
+            row["grip"][SIDES.index(name)] = force
+        self.backend.track(row[None])
+
     def bar_to(
         self, p: Array, n: Array, width: float, speed: float = LED_SPEED, force: float = 0.0
     ) -> None:
@@ -253,6 +265,14 @@ class Arms:
             grown = np.minimum(t / max(ramp_s, ROW_PERIOD), 1.0)
             table["f_WH"][:, h] *= (f[h] + (1.0 - f[h]) * grown)[:, None]
         self.backend.track(table)
+
+
+def check_grippers(b: Backend, names: Iterable[str]) -> None:
+    """Raise InputError for a hand that is no gripper."""
+    valid = list_grippers(b.robot)
+    for name in names:
+        if name not in valid:
+            raise InputError(f"gripper {name!r} is unknown; valid: {', '.join(valid) or 'none'}")
 
 
 def find_led_joints(b: Backend) -> Array:

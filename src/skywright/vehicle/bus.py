@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Annotated, ClassVar
 
 from skywright.core.record import Array, Mat3, Record, Vec3
-from skywright.core.types import HOLD, HOLD_END, MAX_JOINTS, MAX_ROTORS, ROTATION
+from skywright.core.types import HOLD, HOLD_END, MAX_HANDS, MAX_JOINTS, MAX_ROTORS, ROTATION
 from skywright.models.body_records import Body as Body
 
 
@@ -164,5 +164,11 @@ class ServoDrive(Record):
     motor: Annotated[Array, MAX_JOINTS]
 
 
-DRIVES = (RotorDrive, ServoDrive)
+class GripDrive(Record):
+    """What the grippers are told."""
+
+    force: Annotated[Array, MAX_HANDS]  # N, of each finger; negative: opening
+
+
+DRIVES = (RotorDrive, ServoDrive, GripDrive)
 """What the robot's side tells the plant: all that goes down a link."""

@@ -11,13 +11,14 @@ from collections.abc import Callable, Generator, Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from skywright.description.robot.limbs import SIDES
+from skywright.description.robot.limbs import SIDES, list_grippers
 from skywright.errors import InputError
 from skywright.models.rigid_body import posture
+from skywright.vehicle.actuators.gripper import GripperState
 from skywright.vehicle.arguments import check_bounded, check_number, check_positive, check_vector
 from skywright.vehicle.arm_commands import ArmCommand
 from skywright.vehicle.arms.ports import ArmModel, HandForce, Hands, HandState
-from skywright.vehicle.arms_interface import Arms
+from skywright.vehicle.arms_interface import Arms, check_grippers
 from skywright.vehicle.drives import Drive
 from skywright.vehicle.hand_stream import Told
 from skywright.vehicle.motions import TICK, Motion
@@ -32,6 +33,8 @@ NEAR_M, DWELL_S, PATIENCE_S = 0.02, 0.3, 8.0
 FELT, GRIPPED = 0.8, 0.6  # share of a push that has to be felt; of a grasp, which friction hides
 LOOSE_N, LOOSEN_S = 0.1, 2.0  # N of a grasp before the hands part, and s until then
 APART_M = 0.1
+STILL_M, EMPTY_M = 2e-5, 1e-3
+"""Fingers that move less in a tick stand; grippers that are this near to an end are there."""
 
 
 class PositionSensor:
@@ -133,17 +136,20 @@ class CommandedArms:
         return self._start(ArmCommand.PUSH, fly, wait)
 
     def grasp(
-        self, force: float, p_left: ArrayLike, p_right: ArrayLike, ramp_s: float = 2.0,
-        *, wait: bool | None = None,
+        self, force: float, p_left: ArrayLike | None = None, p_right: ArrayLike | None = None,
+        ramp_s: float = 2.0, *, hand: str | None = None, wait: bool | None = None,
     ) -> Handle:  # fmt: skip
-        """Press the hands towards each other with `force` (N) around two points (3,) m in W.
+        """Hold something by friction with `force` (N) until the next grasp or release.
 
-        The hands have no fingers: they hold by friction, and hooks hold what hangs on them.
+        Grippers close, that of `hand` or all. Hands without fingers press towards each other around
+        two points (3,) m in W; hooks hold what hangs on them.
         """
-        size, left, right = (
-            check_positive("force", force), check_vector("p_left", p_left),
-            check_vector("p_right", p_right),
-        )  # fmt: skip
+        size = check_positive("force", force)
+        if hand is not None or list_grippers(self._uav.backend.robot):
+            if p_left is not None or p_right is not None:
+                raise InputError("p_left and p_right are of hands without fingers; valid: force")
+            return self._grip(ArmCommand.GRASP, hand, size, wait)
+        left, right = check_vector("p_left", p_left), check_vector("p_right", p_right)
         ramp = check_positive("ramp_s", ramp_s)
 
         def fly() -> Motion:
@@ -153,8 +159,15 @@ class CommandedArms:
 
         return self._start(ArmCommand.GRASP, fly, wait)
 
-    def release(self, *, wait: bool | None = None) -> Handle:
-        """Loosen a grasp to 0.1 N over 2 s, then part the hands by 0.1 m each."""
+    def release(self, hand: str | None = None, *, wait: bool | None = None) -> Handle:
+        """Open grippers, that of `hand` or all.
+
+        Without fingers: loosen a grasp to 0.1 N over 2 s, then part the hands by 0.1 m each.
+        """
+        arm = self._uav.backend.robot.arm
+        if hand is not None or list_grippers(self._uav.backend.robot):
+            force = 0.0 if arm is None else arm.hand.grip_force_n
+            return self._grip(ArmCommand.RELEASE, hand, -force, wait)
 
         def fly() -> Motion:
             left, right = (np.array(p) for p in self._uav.backend.look(Hands).p_WH[:2])
@@ -309,6 +322,40 @@ class CommandedArms:
                     False,
                     f"{SIDES[worst]} hand exerts {found[worst] * size:.2f} N of {size:.2f} N",
                 )
+        return Result(True)
+
+    def _grip(
+        self, command: ArmCommand, hand: str | None, force: float, wait: bool | None
+    ) -> Handle:
+        """Close (`force` above 0) or open grippers; ends when their fingers stand."""
+        names = list_grippers(self._uav.backend.robot) if hand is None else [hand]
+        check_grippers(self._uav.backend, names)
+
+        def fly() -> Motion:
+            self.plain.grip(dict.fromkeys(names, force))
+            return self._stand([SIDES.index(name) for name in names], force)
+
+        return self._start(command, fly, wait)
+
+    def _stand(self, hands: list[int], force: float) -> Motion:
+        """Wait until fingers have stood for a while; it fails where they stand at a wrong place."""
+        b, arm = self._uav.backend, self._uav.backend.robot.arm
+        assert arm is not None
+        speed = arm.hand.grip_speed_mps * min(abs(force) / arm.hand.grip_force_n, 1.0)
+        ends = b.t + arm.hand.stroke_m / speed + PATIENCE_S
+        stood, before = 0.0, np.full(len(hands), np.inf)
+        while stood < DWELL_S - 1e-9:
+            yield
+            now = np.array(b.look(GripperState).opening)[hands]
+            stands = (np.abs(now - before) < STILL_M) | (now < EMPTY_M)  # pads on pads tremble
+            stood, before = stood + TICK if stands.all() else 0.0, now
+            if b.t > ends:
+                return Result(False, f"the fingers still move, {1e3 * now[0]:.0f} mm apart")
+        for h, opening in zip(hands, before, strict=True):
+            if force > 0.0 and opening < EMPTY_M:
+                return Result(False, f"the {SIDES[h]} gripper closed on nothing")
+            if force < 0.0 and opening < arm.hand.stroke_m - EMPTY_M:
+                return Result(False, f"the {SIDES[h]} gripper opened by {1e3 * opening:.0f} mm")
         return Result(True)
 
     def _part(self, goals: dict[str, Array]) -> Motion:

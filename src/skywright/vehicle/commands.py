@@ -73,6 +73,7 @@ class Need(StrEnum):
     ARMS = "arms"
     HANDS = "hands"
     FORCE_SENSING = "force_sensing"
+    GRASPING = "grasping"
     MARKER = "marker"
     TOUCH = "touch"
 
@@ -89,6 +90,7 @@ NEEDS: dict[Need, str] = {
     Need.ARMS: "the back end offers arms",
     Need.HANDS: "the back end offers hands: compliant arms with the joints pitch, roll, yaw, elbow",
     Need.FORCE_SENSING: "joints of the arms measure their deflection",
+    Need.GRASPING: "the arms end in grippers, or the hands measure their force",
     Need.MARKER: "the robot sees a marker, by its camera or by motion capture",
     Need.TOUCH: "the hand measures at least 0.3 N",
 }

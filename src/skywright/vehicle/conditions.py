@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.description.mission.safety import Fence
-from skywright.description.robot.limbs import SIDES
+from skywright.description.robot.limbs import SIDES, list_grippers
 from skywright.errors import InputError
 from skywright.vehicle.arms.ports import ArmModel, HandForce, Marker
 from skywright.vehicle.commands import Need
@@ -16,7 +16,9 @@ from skywright.vehicle.interface import Backend
 
 Array = NDArray[np.float64]
 
-ARM_NEEDS = (Need.ARMS, Need.HANDS, Need.FORCE_SENSING, Need.MARKER, Need.TOUCH)
+ARM_NEEDS = (
+    Need.ARMS, Need.HANDS, Need.FORCE_SENSING, Need.GRASPING, Need.MARKER, Need.TOUCH,
+)  # fmt: skip
 FELT_N = 0.3  # N, of a hand that rests on something
 FRESH_S = 0.5  # s, age of the newest fix with which a robot counts as localised
 TILT_MAX, SPEED_SHARE, ROOM = math.radians(40.0), 2.0, 0.2
@@ -43,9 +45,12 @@ def find_arms_lack(need: Need, b: Backend, hand: int = 0) -> str:
     """Return why a need of the arms is not met, "" where it is."""
     if need == Need.ARMS:
         return "" if "arms" in b.offers else "the vehicle offers no arms"
+    if need == Need.GRASPING and list_grippers(b.robot):
+        return "" if "gripper" in b.offers else "the back end does not move the gripper"
     if "hands" not in b.offers or not b.look(ArmModel).chain:
         return "the vehicle offers no hands: compliant arms with pitch, roll, yaw and elbow"
-    if need == Need.FORCE_SENSING and not np.any(b.look(ArmModel).sensed[: b.n_joints]):
+    sensed = b.look(ArmModel).sensed[: b.n_joints]
+    if need in (Need.FORCE_SENSING, Need.GRASPING) and not np.any(sensed):
         return "no joint measures its deflection (deflection_encoder = true)"
     if need == Need.MARKER:
         try:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import quat_to_rot, rot_z
 from skywright.core.types import REFERENCE
+from skywright.description.robot.limbs import list_grippers
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.description.world.thing import Fixture
@@ -64,6 +65,7 @@ def list_offers(robot: Robot) -> frozenset[str]:
         ["uav", "dynamics"]
         + (["arms", "whole_body"] if robot.arm else [])
         + (["hands"] if is_compliant(robot) else [])
+        + (["gripper"] if list_grippers(robot) else [])
         + (["probe"] if robot.probe else [])
     )
 

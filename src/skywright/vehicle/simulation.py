@@ -31,8 +31,8 @@ class Simulation:
         self.data.act[:] = 0.0
         mujoco.mj_forward(scene.model, self.data)
         # servos start where they are: their integrated command equals the motor's angle
-        if scene.model.na:
-            self.data.act[:] = self.data.actuator_length[scene.model.nu - scene.model.na :]
+        address = scene.model.actuator_actadr
+        self.data.act[address[address >= 0]] = self.data.actuator_length[address >= 0]
         d = self.data
         self.qpos, self.qvel, self.ctrl, self.act = d.qpos, d.qvel, d.ctrl, d.act
         self.sensordata, self.xfrc = d.sensordata, d.xfrc_applied

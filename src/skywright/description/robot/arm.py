@@ -166,14 +166,28 @@ class Servo(Spec):
 
 
 class Hand(Spec):
-    """What an arm without a probe ends in: a ball (or pad) at the tip, or a hook."""
+    """What an arm without a probe ends in: a ball (or pad) at the tip, a hook, or a gripper.
 
-    kind: Literal["ball", "hook"] = "ball"
+    A gripper's two fingers reach from the link's end to the tip and move along y of the link, the
+    same way each. Its motor's force falls linearly with its speed: `grip_force_n` stalled, none at
+    `grip_speed_mps`.
+    """
+
+    kind: Literal["ball", "hook", "gripper"] = "ball"
     length_m: float = Field(default=0.0, ge=0, le=100)  # from the link's end to the tip
-    mass_kg: NonNegative = 0.0
-    radius_m: Length = 0.012  # of the ball
+    mass_kg: NonNegative = 0.0  # of a gripper: of both fingers
+    radius_m: Length = 0.012  # of the ball; of a gripper half the width of a finger
     hook_length_m: Length = 0.05  # of the hook's cross bar, forward
     friction: NonNegative = 0.5
+    stroke_m: Length = 0.06  # of a gripper: between its open fingers
+    grip_speed_mps: Positive = 0.1  # at which that distance changes without a load
+    grip_force_n: Positive = 20.0  # of each finger
+
+    @model_validator(mode="after")
+    def _fingers_are_bodies(self) -> Hand:
+        if self.kind == "gripper" and not (self.length_m > 0.0 and self.mass_kg > 0.0):
+            raise ValueError("a gripper has fingers: length_m and mass_kg must be above 0")
+        return self
 
 
 TAKEN = re.compile(

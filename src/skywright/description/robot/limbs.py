@@ -94,6 +94,15 @@ def list_servos(robot: Robot) -> list[tuple[str, Servo]]:
     ]
 
 
+def list_grippers(robot: Robot) -> list[str]:
+    """Return the hands that are grippers: an arm may end in the probe instead."""
+    if robot.arm is None or robot.arm.hand.kind != "gripper":
+        return []
+    ends = {limb.side: limb.name for limb in list_limbs(robot) if limb.side >= 0}
+    probed = None if robot.probe is None else robot.probe.on or ends[0]
+    return [SIDES[side] for side, name in ends.items() if name != probed]
+
+
 def takes_torque(robot: Robot) -> bool:
     """Whether the arm's servos take torques."""
     return any(servo.mode == "torque" for _, servo in list_servos(robot))

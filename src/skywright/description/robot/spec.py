@@ -26,6 +26,7 @@ from skywright.description.robot.docking import Docking
 from skywright.description.robot.force_sensor import ForceSensor
 from skywright.description.robot.inertia import check_inertia
 from skywright.description.robot.localisation import Prism, RangeFinder, TrackingCamera
+from skywright.description.robot.mesh import MeshTable
 
 
 class Platform(Spec):
@@ -247,6 +248,7 @@ class Robot(Spec):
     tracking_camera: TrackingCamera | None = None
     range_finder: RangeFinder | None = None
     control: Control = Control()
+    meshes: dict[str, MeshTable] = {}  # what parts are drawn with
 
     @field_validator("pendulum")
     @classmethod
@@ -273,15 +275,28 @@ class Robot(Spec):
         return self
 
     @model_validator(mode="after")
+    def _meshes_are_on_parts(self) -> Robot:
+        valid = ["platform", *self._list_limbs()]
+        for name, mesh in self.meshes.items():
+            if mesh.on not in valid:
+                raise ValueError(f"meshes.{name}.on is {mesh.on!r}; valid: {', '.join(valid)}")
+        return self
+
+    def _list_limbs(self) -> list[str]:
+        """Names of the arms' links as parts of the scene."""
+        if self.arm is None:
+            return []
+        if self.arm.sides == 1:
+            return sorted(self.arm.links)
+        sides = zip(("left", "right"), self.arm.chains, strict=True)
+        return [f"{side}_{name}" for side, links in sides for name in sorted(links)]
+
+    @model_validator(mode="after")
     def _probe_needs_arm(self) -> Robot:
         if self.probe is not None and self.arm is None:
             raise ValueError("a probe requires an arm")
         if self.probe is not None and self.arm is not None:
-            on = self.probe.on
-            valid = sorted(self.arm.links)
-            if self.arm.sides == 2:
-                sides = zip(("left", "right"), self.arm.chains, strict=True)
-                valid = [f"{side}_{name}" for side, links in sides for name in sorted(links)]
+            on, valid = self.probe.on, self._list_limbs()
             if on is not None and on not in valid:
                 raise ValueError(f"probe.on is {on!r}; valid: {valid}")
         return self

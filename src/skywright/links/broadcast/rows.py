@@ -12,7 +12,13 @@ from skywright.core.rotations import rot_from_quat
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.links.broadcast.topics import EXTRA, STATES, list_live_topics, list_part_columns
-from skywright.models.drawing import Drawing, build_drawing, compute_part_poses, list_object_poses
+from skywright.models.drawing import (
+    Drawing,
+    build_drawing,
+    compute_part_poses,
+    get_opening,
+    list_object_poses,
+)
 from skywright.recordings.columns import Column, Topic, build_dtype
 from skywright.recordings.mcap_file import build_message_header
 from skywright.recordings.sample_rows import build_rows, compute_stamp
@@ -106,7 +112,13 @@ class Reader:
             p, q = row["est_p_WB"], row["est_q_WB"]
             row["live_v_B"] = rot_from_quat(np.ascontiguousarray(q[0])).T @ row["est_v_WB"][0]
         poses = compute_part_poses(
-            self.drawing, p, q, np.asarray(row["q"], float), row["spring"], list_object_poses(row)
+            self.drawing,
+            p,
+            q,
+            np.asarray(row["q"], float),
+            row["spring"],
+            list_object_poses(row),
+            get_opening(row),
         )
         for i, (position, quaternion) in enumerate(poses):
             row[f"part{i}_p"], row[f"part{i}_q"] = position, quaternion

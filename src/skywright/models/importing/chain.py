@@ -2,6 +2,7 @@
 
 Joints that do not lead to the tip (fingers, gimbals, legs, the rotors' own) are frozen at zero, or
 at the end of their range that is nearest to it; what hangs on them becomes part of the link before.
+Two fingers that slide towards each other at the tip are a gripper.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from skywright.core.types import MAX_JOINTS
 from skywright.errors import InputError
 
 TINY = 1e-9
+ALONG = 1.0 - 1e-4
+"""Cosine of axes that are one line."""
 SHORTEST = 1e-5
 """m of the last link."""
 TIP_NAMES = ("tcp", "tip", "tool", "ee", "end_effector", "end_link", "pinch", "grasp", "gripper")
@@ -36,6 +39,16 @@ class Part(NamedTuple):
     span: tuple[float, float] | None  # rad or m
 
 
+class Gripper(NamedTuple):
+    """Two fingers that slide, in the frame of the root body with all joints at zero."""
+
+    joints: tuple[str, str]
+    mass: float  # kg, of both
+    axis: Array  # (3,) along which they move
+    middle: Array  # (3,) m, of their frames
+    stroke: float  # m, of both together
+
+
 class Chain(NamedTuple):
     """The platform, then the links that move, in a chain."""
 
@@ -45,6 +58,8 @@ class Chain(NamedTuple):
     carrier: int  # body that carries the tip
     qpos: Array  # of the model with the chain's joints at zero
     joints: list[int]  # of the model, in the order of the parts after the first
+    gripper: Gripper | None
+    members: dict[int, int]  # body -> index of its part; without rotors and the gripper's fingers
     frozen: list[str]  # names of joints, with why
 
 
@@ -146,9 +161,25 @@ def find_chain(
             f"the tip ({tip_name}) is at joint {last!r}, the last: choose a link or site beyond it "
             f"with --tip, or freeze the joint with --weld {last}"
         )
-    notes = [f"joint {model.joint(j).name} is frozen: {why}" for j, why in frozen.items() if why]
+    gripper = _find_gripper(model, data, fingers, joints)
+    fingers_of = () if gripper is None else gripper.joints
+    notes = [
+        f"joint {name} is frozen: {why}"
+        for name, why in ((model.joint(j).name, why) for j, why in frozen.items())
+        if why and name not in fingers_of
+    ]
+    if gripper is not None:
+        notes.append(
+            f"joints {' and '.join(gripper.joints)}: a gripper of {1e3 * gripper.stroke:.3g} mm"
+        )
     parts = _collect(model, data, root, joints)
-    return Chain(parts, p + R @ place, tip_name, carrier, qpos, joints, notes)
+    apart = rotor_joints | set(fingers_of)
+    members = {
+        b: part for b, part in _assign(model, root, joints).items()
+        if not apart & {model.joint(j).name for j in _joints_to(model, b, {})}
+    }  # fmt: skip
+    tip_at = p + R @ place
+    return Chain(parts, tip_at, tip_name, carrier, qpos, joints, gripper, members, notes)
 
 
 def _fingers(model: mujoco.MjModel, root: int) -> list[int]:
@@ -166,6 +197,31 @@ def _fingers(model: mujoco.MjModel, root: int) -> list[int]:
     for joints in by_parent.values():
         out |= set(joints) if len(joints) > 1 else set()
     return sorted(j for j in out if model.body_rootid[model.jnt_bodyid[j]] == root)
+
+
+def _find_gripper(
+    model: mujoco.MjModel, data: mujoco.MjData, fingers: list[int], joints: list[int]
+) -> Gripper | None:
+    """Two slides with limits, along one line, that both hang on the last joint of the chain."""
+    if len(fingers) != 2 or not joints:
+        return None
+    moving = dict.fromkeys(range(model.njnt), "")
+    for j in joints:
+        del moving[j]
+    bodies = [int(model.jnt_bodyid[j]) for j in fingers]
+    slides = [model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE for j in fingers]
+    axes, spans = data.xaxis[fingers], np.ptp(model.jnt_range[fingers], axis=1)
+    if (
+        not all(slides)
+        or not all(model.jnt_limited[fingers])
+        or abs(axes[0] @ axes[1]) < ALONG
+        or any(_joints_to(model, b, moving) != joints for b in bodies)
+    ):
+        return None
+    mass = float(sum(model.body_mass[b] for b in bodies))
+    names = model.joint(fingers[0]).name, model.joint(fingers[1]).name
+    middle = np.mean(data.xpos[bodies], axis=0)
+    return Gripper(names, mass, axes[0].copy(), middle, float(np.sum(spans)))
 
 
 def _joints_to(model: mujoco.MjModel, body: int, frozen: dict[int, str]) -> list[int]:
@@ -215,22 +271,52 @@ def _find_tip(
     grip = [b for j in fingers if (b := int(model.jnt_bodyid[j])) in ends]
     if grip:
         palm = int(model.body_parentid[grip[0]])
-        middle = np.mean([data.xpos[b] for b in grip], axis=0) - data.xpos[palm]
-        return palm, data.xmat[palm].reshape(3, 3).T @ middle, "middle of the fingers"
+        ends_at = _find_ends(model, data, grip, at) - data.xpos[palm]
+        return palm, data.xmat[palm].reshape(3, 3).T @ ends_at, "middle of the fingers' ends"
     far = max(ends, key=away.__getitem__)
     if away[far] > 1e-3:
         return far, np.zeros(3), model.body(far).name
     return far, 2.0 * model.body_ipos[far], f"twice the centre of mass of {model.body(far).name}"
 
 
-def _collect(
-    model: mujoco.MjModel, data: mujoco.MjData, root: int, joints: list[int]
-) -> list[Part]:
+def _assign(model: mujoco.MjModel, root: int, joints: list[int]) -> dict[int, int]:
+    """Body -> index of the part that it belongs to: 0 the platform, then the joints' in order."""
     movers = {int(model.jnt_bodyid[j]): i + 1 for i, j in enumerate(joints)}
     member: dict[int, int] = {root: 0}
     for b in range(root + 1, model.nbody):
         if model.body_rootid[b] == root:
             member[b] = movers.get(b, member[int(model.body_parentid[b])])
+    return member
+
+
+def _find_ends(
+    model: mujoco.MjModel, data: mujoco.MjData, fingers: list[int], start: Array
+) -> Array:
+    """Return the middle (3,) m of the fingers' ends, as seen from the last joint at `start`.
+
+    They reach as far as their shapes, or twice to their centres of mass where those are farther.
+    """
+    middle = np.mean([data.xpos[b] for b in fingers], axis=0)
+    axis = data.xaxis[model.body_jntadr[fingers[0]]]
+    way = middle - start - ((middle - start) @ axis) * axis
+    size = float(np.linalg.norm(way))
+    if size < SHORTEST:
+        return middle
+    way /= size
+    reach = 2.0 * max(float((data.xipos[b] - middle) @ way) for b in fingers)
+    for g in range(model.ngeom):
+        if int(model.geom_bodyid[g]) in fingers:
+            R = data.geom_xmat[g].reshape(3, 3)
+            centre, half = model.geom_aabb[g, :3], model.geom_aabb[g, 3:]
+            far = (data.geom_xpos[g] + R @ centre - middle) @ way + np.abs(R.T @ way) @ half
+            reach = max(reach, float(far))
+    return np.asarray(middle + max(reach, 0.0) * way)
+
+
+def _collect(
+    model: mujoco.MjModel, data: mujoco.MjData, root: int, joints: list[int]
+) -> list[Part]:
+    member = _assign(model, root, joints)
     out = []
     for i in range(len(joints) + 1):
         bodies = [b for b, m in member.items() if m == i]

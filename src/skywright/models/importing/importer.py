@@ -26,7 +26,9 @@ from skywright.models.importing.chain import find_chain, find_root, freeze
 from skywright.models.importing.comparing import TOLERANCE, Deviations, compare
 from skywright.models.importing.opening import Opened, compile_spec, hear_mujoco, open_file
 from skywright.models.importing.rotors import find_rotors, parse_rotor
-from skywright.models.importing.tables import Question, Tables, Value, build_tables
+from skywright.models.importing.tables import Tables, build_tables
+from skywright.models.importing.values import Question, Value
+from skywright.models.importing.visuals import build_meshes
 from skywright.models.importing.xml_input import read_numbers
 from skywright.models.rotors import build_rotors
 
@@ -47,6 +49,7 @@ class Request(NamedTuple):
     name: str | None = None
     answers: Mapping[str, Any] = {}  # dotted key -> value
     assume: bool = False  # take guesses for what is missing
+    meshes: bool = True  # take over what the file looks like
 
 
 Ask = Callable[[Question, Callable[[Any], None]], Any]
@@ -62,6 +65,8 @@ class Imported(NamedTuple):
     rotor_origin: str
     joints: list[str]
     tip: str
+    gripper: bool
+    meshes: int  # tables of meshes
     deviations: Deviations
     notes: list[str]
 
@@ -110,7 +115,14 @@ def _import(request: Request, folder: Path, ask: Ask | None) -> Imported:
     name = request.name or folder.name
     tables = build_tables(name, f"{origin} ({opened.kind})", chain, rotors, limits)
     notes = [*opened.notes, *([] if arm is None else arm.notes), *rotors.notes, *chain.frozen]
-    notes.append("shapes: capsules along the links, a hub and propeller discs; meshes are not used")
+    notes.append("contacts: capsules along the links, a hub and propeller discs")
+    if request.meshes:
+        files = [(opened, ""), *([] if arm is None else [(arm, ARM)])]
+        looks, left_out = build_meshes(
+            files, model, data, chain, tables.frames, ["platform", *tables.links]
+        )
+        tables.values.update(looks)
+        notes += left_out
     scratch = Path(tempfile.mkdtemp())
     try:
         draft = _Draft(scratch / "robot.toml", f"{request.file} as {folder / 'robot.toml'}", origin)
@@ -129,12 +141,13 @@ def _import(request: Request, folder: Path, ask: Ask | None) -> Imported:
     finally:
         shutil.rmtree(scratch)
     counts: dict[str, int] = {}
-    for source in sources.values():
-        counts[source.kind] = counts.get(source.kind, 0) + 1
+    for key, source in sources.items():
+        if not key.startswith("robot.meshes."):
+            counts[source.kind] = counts.get(source.kind, 0) + 1
     joints = [part.joint for part in chain.parts[1:]]
     return Imported(
         folder / "robot.toml", opened.kind, counts, len(rotors.rotors), rotors.origin, joints,
-        chain.tip_name, deviations, notes,
+        chain.tip_name, chain.gripper is not None, len(robot.meshes), deviations, notes,
     )  # fmt: skip
 
 
@@ -328,7 +341,10 @@ def write_toml(values: Mapping[str, Value], origin: str) -> str:
         tables.setdefault(table, []).append(f"{leaf} = {_write_value(value)}")
     head = [f"# Imported from {json.dumps(origin)[1:-1]} by `skywright import`."]
     head.append("# source: imported (the file), asked (an answer), assumed (a guess), derived")
-    first = sorted(tables, key=lambda t: (t != "robot", t.startswith("robot.arm")))
+    first = sorted(
+        tables,
+        key=lambda t: (t != "robot", t.startswith("robot.arm"), t.startswith("robot.meshes")),
+    )
     return (
         "\n".join(head)
         + "".join(f"\n\n[{table}]\n" + "\n".join(tables[table]) for table in first)

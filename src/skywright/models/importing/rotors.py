@@ -19,8 +19,8 @@ from skywright.errors import InputError
 from skywright.models.importing.opening import Opened
 from skywright.models.importing.xml_input import read_numbers
 
-SAME = 1e-6
-"""Relative difference of two rotors' constants that counts as none."""
+SAME, NEARLY = 1e-6, 0.01
+"""Relative differences of rotors' constants that count as none, and that a mean stands for."""
 CLOSE = 1e-3
 """m between two rotors that are suspected to be one."""
 NAMED = re.compile(
@@ -73,7 +73,7 @@ def find_rotors(
         for k, other in enumerate(rotors[:i]):
             if np.linalg.norm(rotor.p - other.p) < CLOSE:
                 notes.append(f"rotors {k + 1} and {i + 1} are at one place: is one there twice?")
-    return FoundRotors(rotors, origin, _common(opened, rotors), notes)
+    return FoundRotors(rotors, origin, _common(opened, rotors, notes), notes)
 
 
 def parse_rotor(text: str) -> FoundRotor:
@@ -177,9 +177,12 @@ def _rotation(model: mujoco.MjModel, body: int) -> Array:
 
 
 def _of_names(model: mujoco.MjModel, data: mujoco.MjData, root: int) -> list[FoundRotor]:
-    """Leaf links named like rotors, on a joint that turns or welded."""
+    """Leaf links named like rotors, on a joint that turns or welded.
+
+    Where all their frames are in one place, the centres of mass tell where they are.
+    """
     parents = set(model.body_parentid[1:].tolist())
-    out = []
+    out, centres = [], []
     for body in range(1, model.nbody):
         leaf = body not in parents and body != root and model.body_rootid[body] == root
         if not leaf or not NAMED.search(model.body(body).name):
@@ -191,19 +194,26 @@ def _of_names(model: mujoco.MjModel, data: mujoco.MjData, root: int) -> list[Fou
             if axis @ data.xmat[body].reshape(3, 3)[:, 2] < 0.0:
                 axis = -axis  # the sign of the joint's axis tells the sense of rotation at most
         out.append(FoundRotor(data.xpos[body].copy(), axis, "", joint, {}))
+        centres.append(data.xipos[body].copy())
+    if out and np.max(np.ptp([rotor.p for rotor in out], axis=0)) < CLOSE:
+        out = [rotor._replace(p=p) for rotor, p in zip(out, centres, strict=True)]
     return out
 
 
-def _common(opened: Opened, rotors: list[FoundRotor]) -> dict[str, float]:
+def _common(opened: Opened, rotors: list[FoundRotor], notes: list[str]) -> dict[str, float]:
     out: dict[str, float] = {}
     for key in {key for rotor in rotors for key in rotor.constants}:
         values = [rotor.constants.get(key, 0.0) for rotor in rotors]
-        if max(values) - min(values) > SAME * max(abs(v) for v in values):
+        apart, most = max(values) - min(values), max(abs(v) for v in values)
+        if apart > NEARLY * most:
             raise InputError(
                 f"{opened.path}: rotors differ in {key}: {min(values):g} to {max(values):g}; a "
                 "robot file has one value for all: give the rotors with --rotor"
             )
         out[key] = values[0]
+        if apart > SAME * most:
+            out[key] = sum(values) / len(values)
+            notes.append(f"rotors differ in {key} by {100 * apart / most:.2g} %: their mean")
     return out
 
 

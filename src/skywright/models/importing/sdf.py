@@ -98,6 +98,10 @@ def _read_model(path: Path, root: ET.Element, above: tuple[Path, ...]) -> ET.Ele
 
 def _merge(path: Path, model: ET.Element, old: bool, above: tuple[Path, ...]) -> None:
     """Put the parts of included and of nested models into `model`."""
+    for tag in model.iterfind("link//mesh/uri"):  # beside this file, not the one that includes it
+        text = (tag.text or "").strip()
+        if text and "://" not in text:
+            tag.text = f"file://{(path.parent / text).resolve()}"
     for axis in model.iterfind("joint/axis"):
         if old or (axis.findtext("use_parent_model_frame") or "0") in ("1", "true"):
             xyz = axis.find("xyz")

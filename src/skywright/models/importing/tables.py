@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,33 +18,19 @@ from skywright.core.arrays import Array
 from skywright.description.robot.arm import TAKEN, Arm
 from skywright.models.importing.chain import Chain, Part
 from skywright.models.importing.rotors import FoundRotors
+from skywright.models.importing.tool import (
+    LINK_RADIUS,
+    TOOL_INERTIA,
+    TOOL_MASS,
+    build_gripper,
+    build_tool,
+    take,
+    turn_tool,
+)
+from skywright.models.importing.values import PLACEHOLDER, Question, Value, imported
 from skywright.models.urdf import roll_pitch_yaw
 
-TOOL_MASS = 1e-6
-"""kg of the link that carries the frame of the tip where the last link cannot; taken off it."""
-TOOL_INERTIA = 1e-9
 SHORT = 1e-6
-LINK_RADIUS = 0.02
-PLACEHOLDER = 99.0
-"""N m: servos of flying arms are weaker; files write 100 or 1000 where nobody measured."""
-
-
-class Value(NamedTuple):
-    """A number, text or list of a robot file, and where it comes from."""
-
-    value: Any
-    source: str = ""  # "": a choice, no number
-    note: str = ""
-    range: tuple[float, float] | None = None
-
-
-class Question(NamedTuple):
-    """What the file does not say and a robot file must."""
-
-    key: str  # dotted, from the root `robot`
-    text: str
-    guess: Any
-    range: tuple[float, float] | None
 
 
 class Tables(NamedTuple):
@@ -53,6 +39,7 @@ class Tables(NamedTuple):
     values: dict[str, Value]
     questions: list[Question]
     links: list[str]  # names of the links of the chain's joints
+    frames: list[tuple[Array, Array]]  # (R, p) of platform and links in that of the root body
 
 
 def build_tables(
@@ -68,7 +55,8 @@ def build_tables(
         "robot.description": Value(f"Imported from {origin}"),
     }
     questions: list[Question] = []
-    links, lowest, names = _build_arm(chain, limits, questions)
+    frames = [(np.eye(3), np.zeros(3))]
+    links, lowest, names = _build_arm(chain, limits, questions, frames)
     weight = 9.81 * sum(part.mass for part in chain.parts)
     values |= _build_platform(chain.parts[0], rotors, lowest)
     values |= _build_rotors(rotors, weight, questions)
@@ -76,22 +64,18 @@ def build_tables(
         Question("robot.battery.energy_wh", "energy of the battery, Wh", round(weight * 5.0, 1),
                  (round(weight, 1), round(weight * 20.0, 1)))
     )  # fmt: skip
-    return Tables(values | links, questions, names)
-
-
-def _imported(value: Any, note: str) -> Value:
-    return Value(value, "imported", note)
+    return Tables(values | links, questions, names, frames)
 
 
 def _build_platform(part: Part, rotors: FoundRotors, lowest: float) -> dict[str, Value]:
     out, note = {}, f"{part.name} with all that is rigid with it"
-    out["mass_kg"] = _imported(part.mass, note)
+    out["mass_kg"] = imported(part.mass, note)
     for a, b in ("xx", "yy", "zz", "xy", "xz", "yz"):
         term = float(part.inertia["xyz".index(a), "xyz".index(b)])
         if a == b or abs(term) > 1e-12 * float(np.trace(part.inertia)):
-            out[f"inertia_{a}{b}_kgm2"] = _imported(term, "about the centre of mass, axes of B")
+            out[f"inertia_{a}{b}_kgm2"] = imported(term, "about the centre of mass, axes of B")
     for axis, x in zip("xyz", part.com, strict=True):
-        out[f"com_{axis}_m"] = _imported(float(x), note)
+        out[f"com_{axis}_m"] = imported(float(x), note)
     places = np.array([rotor.p for rotor in rotors.rotors])
     reach = float(np.max(np.hypot(places[:, 0], places[:, 1])))
     out["diameter_m"] = Value(
@@ -129,15 +113,15 @@ def _build_rotors(found: FoundRotors, weight: float, questions: list[Question]) 
     beta = np.arcsin(np.clip(np.sum(axis * radial, axis=1), -1.0, 1.0))
     alpha = np.arctan2(-np.sum(axis * tangential, axis=1), axis[:, 2])
     out = {
-        "azimuth_deg": _imported(np.degrees(azimuth).tolist(), note),
-        "radius_m": _imported(np.hypot(p[:, 0], p[:, 1]).tolist(), note),
-        "height_m": _imported(p[:, 2].tolist(), note),
-        "alpha_deg": _imported(np.degrees(alpha).tolist(), note),
-        "beta_deg": _imported(np.degrees(beta).tolist(), note),
+        "azimuth_deg": imported(np.degrees(azimuth).tolist(), note),
+        "radius_m": imported(np.hypot(p[:, 0], p[:, 1]).tolist(), note),
+        "height_m": imported(p[:, 2].tolist(), note),
+        "alpha_deg": imported(np.degrees(alpha).tolist(), note),
+        "beta_deg": imported(np.degrees(beta).tolist(), note),
     }
     spins = [rotor.spin for rotor in rotors]
     if all(spins):
-        out["spin"] = _imported(spins, note)
+        out["spin"] = imported(spins, note)
     else:
         senses = ["ccw"] * n  # neighbours around the platform turn against each other
         for i, rotor in enumerate(np.lexsort((p[:, 2], np.round(azimuth, 3)))):
@@ -161,14 +145,14 @@ def _build_rotors(found: FoundRotors, weight: float, questions: list[Question]) 
     }  # fmt: skip
     for key, (text, guess, factor) in guesses.items():
         if key in known:
-            out[key] = _imported(known.pop(key), note)
+            out[key] = imported(known.pop(key), note)
         else:
             span = (guess / factor, guess * factor)
             questions.append(Question(f"robot.rotors.{key}", text, guess, span))
     inertia = 2e-3 * R**3.5
     known.setdefault("rotor_inertia_kgm2", 0.0)
     if known["rotor_inertia_kgm2"]:
-        out["rotor_inertia_kgm2"] = _imported(known["rotor_inertia_kgm2"], "about its axis")
+        out["rotor_inertia_kgm2"] = imported(known["rotor_inertia_kgm2"], "about its axis")
     else:
         out["rotor_inertia_kgm2"] = Value(
             float(f"{max(inertia, 2e-10):.3g}"), "assumed", "scaled with the propeller's radius",
@@ -177,7 +161,7 @@ def _build_rotors(found: FoundRotors, weight: float, questions: list[Question]) 
     drag = known.get("drag_coefficient_n_per_rads_mps")
     key = "drag_coefficient_n_per_rads_mps"
     if drag is not None:
-        out[key] = _imported(drag, note)
+        out[key] = imported(drag, note)
     else:
         guess = float(f"{1e-4 * (R / 0.13):.3g}")
         out[key] = Value(guess, "assumed", "scaled with the radius", (0.3 * guess, 5.0 * guess))
@@ -188,11 +172,13 @@ def _build_arm(
     chain: Chain,
     limits: Mapping[str, tuple[float | None, float | None]],
     questions: list[Question],
+    frames: list[tuple[Array, Array]],
 ) -> tuple[dict[str, Value], float, list[str]]:
     """Tables of links and servos, the lowest point (m) at zero, and the links' names."""
     out: dict[str, Value] = {}
     lowest = 0.0
     names: list[str] = []
+    hand: dict[str, Value] = {}
     R_parent, p_parent = np.eye(3), np.zeros(3)
     moving = chain.parts[1:]
     for i, part in enumerate(moving):
@@ -210,15 +196,22 @@ def _build_arm(
         table["radius_m"] = Value(
             LINK_RADIUS, "assumed", "capsule in place of the shapes of the file", (0.005, 0.1)
         )
-        tool = last and not _is_reached(R, along, length, part.p, end)
-        body = _take_tool(part, end) if tool else part
+        gripper = chain.gripper if last else None
+        tool = gripper is not None or (last and not _is_reached(R, along, length, part.p, end))
+        body = part
+        if tool:
+            R_tool, at = turn_tool(end - part.p, gripper), end
+            if gripper is not None:
+                hand, at, body = build_gripper(gripper, part, R_tool, end, limits, questions)
+            body = take(body, TOOL_MASS, at, TOOL_INERTIA * np.eye(3))
         table |= _body(body, R, part.p, f"link {part.name}")
         table |= _span(part)
         out |= {f"robot.arm.{name}.{key}": value for key, value in table.items()}
         lowest = min(lowest, part.p[2] - LINK_RADIUS, end[2] - LINK_RADIUS)
         R_parent, p_parent = R, part.p
+        frames.append((R, part.p))
         if tool:
-            out |= _build_tool(name, R, part.p, end)
+            out |= build_tool(name, R.T @ R_tool, float(np.linalg.norm(at - part.p))) | hand
     for name, part in zip(names, moving, strict=True):
         out |= _servo(name, part, limits.get(part.joint, (None, None)), questions)
     return out, lowest, names
@@ -252,23 +245,23 @@ def _is_reached(R: Array, along: str, length: float, p: Array, end: Array) -> bo
 
 def _place(p: Array, R: Array, note: str) -> dict[str, Value]:
     p = np.where(np.abs(p) < 1e-14, 0.0, p)
-    out = {f"{axis}_m": _imported(float(x), note) for axis, x in zip("xyz", p, strict=True)}
+    out = {f"{axis}_m": imported(float(x), note) for axis, x in zip("xyz", p, strict=True)}
     angles = np.degrees(roll_pitch_yaw(R))
     for key, angle in zip(("roll_deg", "pitch_deg", "yaw_deg"), angles, strict=True):
         if abs(angle) > 1e-12:
-            out[key] = _imported(float(angle), f"{note}, axes chosen by the importer")
+            out[key] = imported(float(angle), f"{note}, axes chosen by the importer")
     return out
 
 
 def _body(part: Part, R: Array, p: Array, note: str) -> dict[str, Value]:
-    out = {"mass_kg": _imported(part.mass, note)}
+    out = {"mass_kg": imported(part.mass, note)}
     com, inertia = R.T @ (part.com - p), R.T @ part.inertia @ R
     for axis, x in zip("xyz", com, strict=True):
-        out[f"com_{axis}_m"] = _imported(float(x), note)
+        out[f"com_{axis}_m"] = imported(float(x), note)
     for a, b in ("xx", "yy", "zz", "xy", "xz", "yz"):
         term = float(inertia["xyz".index(a), "xyz".index(b)])
         if a == b or abs(term) > 1e-12 * float(np.trace(inertia)):
-            out[f"inertia_{a}{b}_kgm2"] = _imported(term, note)
+            out[f"inertia_{a}{b}_kgm2"] = imported(term, note)
     return out
 
 
@@ -279,7 +272,7 @@ def _span(part: Part) -> dict[str, Value]:
         rest = min(max(0.0, low), high)
         span = (low, high)
         out = {
-            "joint_min_m": _imported(low, note), "joint_max_m": _imported(high, note),
+            "joint_min_m": imported(low, note), "joint_max_m": imported(high, note),
             "folded_m": Value(rest, "assumed", "nearest to zero", span),
             "working_m": Value(rest, "assumed", "nearest to zero", span),
         }  # fmt: skip
@@ -299,39 +292,7 @@ def _span(part: Part) -> dict[str, Value]:
         full = Value(-180.0, "assumed", "the file has no limits", (-360.0, 0.0))
         ends = {"joint_min_deg": full, "joint_max_deg": full._replace(value=180.0, range=(0, 360))}
         return ends | out
-    return {"joint_min_deg": _imported(low, note), "joint_max_deg": _imported(high, note)} | out
-
-
-def _take_tool(part: Part, end: Array) -> Part:
-    """The part without the tool link at `end`, the two together as before."""
-    mass = part.mass - TOOL_MASS
-    com = (part.mass * part.com - TOOL_MASS * end) / mass
-    inertia = part.inertia - TOOL_INERTIA * np.eye(3)
-    for m, c in ((mass, com), (TOOL_MASS, end)):
-        d = c - part.com
-        inertia = inertia - m * (d @ d * np.eye(3) - np.outer(d, d))
-    return part._replace(mass=mass, com=com, inertia=inertia)
-
-
-def _build_tool(parent: str, R_parent: Array, p: Array, end: Array) -> dict[str, Value]:
-    d = end - p
-    length = float(np.linalg.norm(d))
-    x = d / length
-    other = np.eye(3)[int(np.argmin(np.abs(x)))]
-    y = np.cross(other, x) / np.linalg.norm(np.cross(other, x))
-    R = R_parent.T @ np.column_stack([x, y, np.cross(x, y)])
-    note = "frame of the tip; its mass is taken off the link before"
-    table = {"joint": Value("fixed"), "parent": Value(parent)}
-    table |= {f"{axis}_m": Value(0.0, "derived", note) for axis in "xyz"}
-    for key, angle in zip(("roll_deg", "pitch_deg", "yaw_deg"), roll_pitch_yaw(R), strict=True):
-        table[key] = Value(float(np.degrees(angle)), "derived", note)
-    table["length_m"] = Value(length, "derived", "to the tip")
-    table["radius_m"] = Value(LINK_RADIUS, "assumed", "as the links before", (0.005, 0.1))
-    table["mass_kg"] = Value(TOOL_MASS, "derived", note)
-    table["com_x_m"] = Value(length, "derived", note)
-    for a in "xyz":
-        table[f"inertia_{a}{a}_kgm2"] = Value(TOOL_INERTIA, "derived", note)
-    return {f"robot.arm.tool_link.{key}": value for key, value in table.items()}
+    return {"joint_min_deg": imported(low, note), "joint_max_deg": imported(high, note)} | out
 
 
 def _servo(
@@ -348,7 +309,7 @@ def _servo(
          4.0, 50.0),
     ):  # fmt: skip
         if value is not None and 0.0 < value < usual:
-            out[f"{table}.{key}"] = _imported(value, f"limit of joint {part.joint}")
+            out[f"{table}.{key}"] = imported(value, f"limit of joint {part.joint}")
         else:
             said = f" (the file says {value:g})" if value else ""
             questions.append(

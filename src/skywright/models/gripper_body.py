@@ -1,0 +1,78 @@
+"""A gripper in the scene: two fingers that one motor moves, and the friction of their pads.
+
+The hand's body has frame H (z out of the robot, y along the fingers' way). In the plant its joints
+count how far each finger has closed; the motor pulls at both together, and a hold between them is
+the screw that keeps them in step.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from skywright.core.arrays import Array
+from skywright.description.robot.arm import Hand
+from skywright.models.part_masses import find_finger, finger_inertia, set_inertia
+
+MOTOR_TIME = 0.005
+"""s in which the unloaded motor gets up to speed, as small gear motors do. What it reflects through
+its screw, some kg a finger, carries a side load without giving way."""
+IN_STEP = (0.004, 1.0)
+"""solref of the hold between the fingers: two steps of 2 ms."""
+END_STOP = (0.008, 1.0)
+LIMITED = mujoco.mjtLimited.mjLIMITED_TRUE
+
+
+def add_fingers(
+    body: mujoco.MjsBody, hand: Hand, mass_factor: float, plant: bool, touch: dict[str, Any]
+) -> None:
+    """Add fingers to a hand's body, which is in frame H; `touch` is what its pads are made of."""
+    reflected = 2.0 * MOTOR_TIME * hand.grip_force_n / hand.grip_speed_mps
+    place = find_finger(hand)
+    for k, sign in enumerate((1.0, -1.0)):
+        name = f"{body.name} finger{k}"
+        finger = body.add_body(name=name, pos=place * [1.0, sign, 1.0])
+        finger.mass, finger.ipos = 0.5 * hand.mass_kg * mass_factor, np.zeros(3)
+        set_inertia(finger, finger_inertia(hand) * mass_factor)
+        finger.add_geom(
+            name=f"{name} pad", type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=[hand.radius_m, hand.radius_m, 0.5 * hand.length_m], **touch,
+        )  # fmt: skip
+        if plant:
+            finger.add_joint(
+                name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, -sign, 0.0],
+                limited=LIMITED, range=[0.0, 0.5 * hand.stroke_m], armature=reflected,
+                solref_limit=END_STOP,
+            )  # fmt: skip
+
+
+def add_grip_motor(spec: mujoco.MjSpec, name: str, hand: Hand) -> None:
+    """Add the motor of the gripper `name` to the plant, behind the arms' servos."""
+    fingers = [f"{name} finger{k}" for k in range(2)]
+    step = spec.add_equality(
+        name=f"{name} screw", type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT,
+        name1=fingers[0], name2=fingers[1], solref=IN_STEP,
+    )  # fmt: skip
+    step.data = np.eye(12)[1]  # both have closed as far
+    tendon = spec.add_tendon(name=f"{name} grip")
+    for finger in fingers:
+        tendon.wrap_joint(finger, 1.0)
+    slope = hand.grip_force_n / hand.grip_speed_mps
+    spec.add_actuator(
+        name=f"{name} grip", target=f"{name} grip", trntype=mujoco.mjtTrn.mjTRN_TENDON,
+        gaintype=mujoco.mjtGain.mjGAIN_FIXED, gainprm=[1.0] + [0.0] * 9,
+        biastype=mujoco.mjtBias.mjBIAS_AFFINE, biasprm=[0.0, 0.0, -slope] + [0.0] * 7,
+    )  # fmt: skip
+
+
+def find_grippers(model: mujoco.MjModel, n_hands: int) -> dict[int, tuple[int, Array]]:
+    """Return (actuator, qpos of both fingers) of each hand that is a gripper, in a plant."""
+    out = {}
+    for h in range(n_hands):
+        motor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, f"hand{h} grip")
+        if motor >= 0:
+            fingers = [model.joint(f"hand{h} finger{k}").qposadr[0] for k in range(2)]
+            out[h] = motor, np.array(fingers)
+    return out

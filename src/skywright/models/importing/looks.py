@@ -1,0 +1,144 @@
+"""Where the files of other tools say what a robot looks like: meshes on bodies, with colours."""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from skywright.core.arrays import Array
+from skywright.core.rotations import rot_from_quat, rot_x, rot_y, rot_z
+from skywright.models.importing.opening import Opened
+from skywright.models.importing.sdf import read_pose
+from skywright.models.importing.xml_input import read_numbers
+
+GREY = (0.54, 0.57, 0.61)
+Color = tuple[float, float, float]
+
+
+class Look(NamedTuple):
+    """A mesh on a body of the compiled model."""
+
+    body: str
+    uri: str
+    scale: Array  # (3,)
+    p: Array  # (3,) m, in the body
+    R: Array  # (3, 3)
+    color: Color
+
+
+def list_looks(opened: Opened, prefix: str) -> list[Look]:
+    """Return the meshes of a file: those to be looked at; on bodies without, those of contacts.
+
+    Bodies' names get the `prefix`. Raises InputError on numbers that are none.
+    """
+    if opened.kind == "MJCF":
+        found = _list_mjcf(opened.path)
+    else:
+        tags = _list_urdf(opened) if opened.kind == "URDF" else _list_sdf(opened)
+        found = list(tags)
+    seen = {look.body for look, is_visual in found if is_visual}
+    return [
+        look._replace(body=prefix + look.body)
+        for look, is_visual in found
+        if is_visual or look.body not in seen
+    ]
+
+
+def _list_urdf(opened: Opened) -> Iterator[tuple[Look, bool]]:
+    colors = {
+        element.get("name", ""): _read_rgba(element.find("color"), "rgba")
+        for element in opened.root.findall("material")
+    }
+    for link in opened.root.findall("link"):
+        name = link.get("name", "")
+        where = f"{opened.path}: mesh of link {name!r}"
+        for tag in ("visual", "collision"):
+            for element in link.findall(tag):
+                mesh = element.find("geometry/mesh")
+                if mesh is None or not mesh.get("filename"):
+                    continue
+                origin = element.find("origin")
+                xyz, rpy = (
+                    read_numbers(None if origin is None else origin.get(k), 3, where, [0.0] * 3)
+                    for k in ("xyz", "rpy")
+                )
+                material = element.find("material")
+                color = None if material is None else _read_rgba(material.find("color"), "rgba")
+                if material is not None and color is None:
+                    color = colors.get(material.get("name", ""))
+                scale = np.array(read_numbers(mesh.get("scale"), 3, where, [1.0] * 3))
+                R = rot_z(rpy[2]) @ rot_y(rpy[1]) @ rot_x(rpy[0])
+                uri = mesh.get("filename", "")
+                yield Look(name, uri, scale, np.array(xyz), R, color or GREY), tag == "visual"
+
+
+def _list_sdf(opened: Opened) -> Iterator[tuple[Look, bool]]:
+    for link in opened.root.findall("link"):
+        name = link.get("name", "")
+        where = f"{opened.path}: mesh of link {name!r}"
+        for tag in ("visual", "collision"):
+            for element in link.findall(tag):
+                uri = (element.findtext("geometry/mesh/uri") or "").strip()
+                if not uri:
+                    continue
+                scale = read_numbers(element.findtext("geometry/mesh/scale"), 3, where, [1.0] * 3)
+                at = read_pose(element.find("pose"), where)
+                color = _read_rgba(element.find("material/diffuse"), "") or GREY
+                yield Look(name, uri, np.array(scale), at.p, at.R, color), tag == "visual"
+
+
+def _read_rgba(element: ET.Element | None, key: str) -> Color | None:
+    """Return the colour of an element; None where it is none: a colour is no reason to refuse."""
+    text = None if element is None else element.get(key) if key else element.text
+    try:
+        values = [float(x) for x in (text or "").split()]
+    except ValueError:
+        return None
+    return (values[0], values[1], values[2]) if len(values) in (3, 4) else None
+
+
+def _list_mjcf(path: Path) -> list[tuple[Look, bool]]:
+    """The mesh geoms of an MJCF file; MuJoCo places them, with small balls in their stead."""
+    spec = mujoco.MjSpec.from_file(str(path))
+    files = {m.name or Path(m.file).stem: (m.file, np.array(m.scale)) for m in spec.meshes}
+    paints = {m.name: m.rgba for m in spec.materials}
+    folder = spec.meshdir
+    for things in (spec.keys, spec.sensors, spec.skins):
+        for thing in list(things):
+            spec.delete(thing)
+    rows: list[tuple[str, str, Array, Color, bool, str]] = []
+    for body in spec.bodies:
+        for geom in list(body.geoms):
+            mesh, is_mesh = geom.meshname, geom.type == mujoco.mjtGeom.mjGEOM_MESH
+            if geom.type == mujoco.mjtGeom.mjGEOM_HFIELD:
+                spec.delete(geom)
+                continue
+            rgba = paints.get(geom.material, geom.rgba)
+            visual = geom.contype == 0 and geom.conaffinity == 0
+            geom.material, geom.meshname = "", ""
+            if not is_mesh:
+                continue
+            geom.type, geom.size = mujoco.mjtGeom.mjGEOM_SPHERE, [1e-3, 0.0, 0.0]
+            geom.name = f"look {len(rows)}"
+            file, scale = files.get(mesh, ("", np.ones(3)))
+            color = (float(rgba[0]), float(rgba[1]), float(rgba[2]))
+            if body.name and file and rgba[3] > 0.0:
+                rows.append(
+                    (body.name, os.path.join(folder, file), scale, color, visual, geom.name)
+                )
+    for things in (spec.meshes, spec.materials, spec.textures, spec.hfields):
+        for thing in list(things):
+            spec.delete(thing)
+    model = spec.compile()
+    out = []
+    for name, uri, scale, color, visual, ball in rows:
+        geom = model.geom(ball)
+        R = rot_from_quat(np.array(geom.quat, dtype=float))
+        out.append((Look(name, uri, scale, np.array(geom.pos), R, color), visual))
+    return out

@@ -1,0 +1,106 @@
+"""What an imported arm ends in: the link that carries the frame of the tip, and a gripper."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from skywright.core.arrays import Array
+from skywright.description.robot.arm import Hand
+from skywright.models.importing.chain import Gripper, Part
+from skywright.models.importing.values import PLACEHOLDER, Question, Value, imported
+from skywright.models.part_masses import build_hand_body
+from skywright.models.urdf import roll_pitch_yaw
+
+TOOL_MASS = 1e-6
+"""kg of the link that carries the frame of the tip where the last link cannot; taken off it."""
+TOOL_INERTIA = 1e-9
+LINK_RADIUS = 0.02
+FINGER, FINGER_RADIUS = 0.04, 0.01
+"""m, of a gripper's fingers where the file does not show it."""
+
+
+def take(part: Part, mass: float, com: Array, inertia: Array) -> Part:
+    """Return the part without a body; the two together are as before."""
+    left = part.mass - mass
+    com_left = (part.mass * part.com - mass * com) / left
+    rest = part.inertia - inertia
+    for m, c in ((left, com_left), (mass, com)):
+        d = c - part.com
+        rest = rest - m * (d @ d * np.eye(3) - np.outer(d, d))
+    return part._replace(mass=left, com=com_left, inertia=rest)
+
+
+def turn_tool(way: Array, gripper: Gripper | None) -> Array:
+    """Return the axes (3, 3) of a link along `way` (3,); y is the way of a gripper's fingers."""
+    x = way / np.linalg.norm(way)
+    y = np.eye(3)[int(np.argmin(np.abs(x)))] if gripper is None else gripper.axis
+    y = np.cross(x, np.cross(y, x)) if gripper is not None else np.cross(y, x)
+    y = y / np.linalg.norm(y)
+    return np.column_stack([x, y, np.cross(x, y)])
+
+
+def build_tool(parent: str, turn: Array, length: float) -> dict[str, Value]:
+    """Return the table of a link without a joint of its own, `turn` (3, 3) in its parent."""
+    note = "frame of the tip; its mass is taken off the link before"
+    table = {"joint": Value("fixed"), "parent": Value(parent)}
+    table |= {f"{axis}_m": Value(0.0, "derived", note) for axis in "xyz"}
+    angles = roll_pitch_yaw(turn)
+    for key, angle in zip(("roll_deg", "pitch_deg", "yaw_deg"), angles, strict=True):
+        table[key] = Value(float(np.degrees(angle)), "derived", note)
+    table["length_m"] = Value(length, "derived", "to the tip, or to the fingers")
+    table["radius_m"] = Value(LINK_RADIUS, "assumed", "as the links before", (0.005, 0.1))
+    table["mass_kg"] = Value(TOOL_MASS, "derived", note)
+    table["com_x_m"] = Value(length, "derived", note)
+    for a in "xyz":
+        table[f"inertia_{a}{a}_kgm2"] = Value(TOOL_INERTIA, "derived", note)
+    return {f"robot.arm.tool_link.{key}": value for key, value in table.items()}
+
+
+def build_gripper(
+    gripper: Gripper, part: Part, R: Array, end: Array,
+    limits: Mapping[str, tuple[float | None, float | None]], questions: list[Question],
+) -> tuple[dict[str, Value], Array, Part]:  # fmt: skip
+    """Return the table of the hand, where its fingers begin (3,) m, and the last part without them.
+
+    `R` are the axes of the tool's link, `end` (3,) m is the tip. The fingers' mass is taken off the
+    part, as much of it as leaves a body there.
+    """
+    note, way = f"joints {' and '.join(gripper.joints)}", float(np.linalg.norm(end - part.p))
+    seen = float((end - gripper.middle) @ R[:, 0])
+    length = round(min(seen if seen > 0.005 else FINGER, 0.6 * way), 4)
+    R_LH = R @ np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+    for share in (1.0, 0.3, 0.1, 0.03, 0.01):
+        hand = Hand(
+            kind="gripper", length_m=length, mass_kg=share * gripper.mass, radius_m=FINGER_RADIUS,
+            stroke_m=gripper.stroke,
+        )  # fmt: skip
+        com, inertia = build_hand_body(hand)
+        rest = take(part, hand.mass_kg, end + R_LH @ com, R_LH @ inertia @ R_LH.T)
+        if np.linalg.eigvalsh(0.5 * np.trace(rest.inertia) * np.eye(3) - rest.inertia)[0] > 0.0:
+            break
+    mass = imported(hand.mass_kg, note)
+    if share < 1.0:
+        mass = Value(hand.mass_kg, "derived", f"{share:g} of the fingers' mass; the palm is light")
+    out = {
+        "kind": Value("gripper"),
+        "stroke_m": imported(gripper.stroke, f"ranges of {note}"),
+        "mass_kg": mass,
+        "length_m": Value(length, "assumed", "from the fingers' joints to the tip", (0.01, 0.2)),
+        "radius_m": Value(FINGER_RADIUS, "assumed", "half the width of a finger", (0.003, 0.05)),
+        "friction": Value(0.5, "assumed", "rubber pads on a dry object", (0.2, 1.0)),
+    }
+    force, speed = limits.get(gripper.joints[0], (None, None))
+    for key, value, text, guess, usual in (
+        ("grip_force_n", force, "force of each finger of the gripper, N", 20.0, PLACEHOLDER),
+        ("grip_speed_mps", speed and 2.0 * speed, "speed at which the gripper's opening changes "
+         "without load, m/s", 0.1, 2.0),
+    ):  # fmt: skip
+        if value is not None and 0.0 < value < usual:
+            out[key] = imported(value, f"limit of {note}")
+        else:
+            span = (guess / 5.0, guess * 5.0)
+            questions.append(Question(f"robot.arm.hand.{key}", text, guess, span))
+    fingers_at = end - length * R[:, 0]
+    return {f"robot.arm.hand.{key}": value for key, value in out.items()}, fingers_at, rest

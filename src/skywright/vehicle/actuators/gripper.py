@@ -1,0 +1,103 @@
+"""Grippers: what the robot tells their motors, and how far apart their fingers are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Annotated, Any, ClassVar
+
+from skywright.core.record import Array, Integers, Record
+from skywright.core.types import HOLD, MAX_HANDS
+from skywright.description.robot.limbs import list_grippers
+from skywright.models.gripper_body import find_grippers
+from skywright.vehicle.bus import GripDrive, MuJoCo
+from skywright.vehicle.component import Component, Out, Output, Recorded, ReferenceBlock, words
+
+
+class Grip(ReferenceBlock):
+    """What grippers shall do; rows of a plan that tell nothing leave them as they are."""
+
+    rules: ClassVar[dict[str, int]] = {"grip": HOLD}
+
+    grip: Annotated[Array, MAX_HANDS]  # N, of each finger; negative: opening; 0: as told before
+
+
+class GripperState(Output):
+    """What the motors' encoders say."""
+
+    opening: Annotated[Array, MAX_HANDS]  # m, between the fingers
+
+
+class GripperDrive(Component):
+    """Tells the motors what was last commanded, within what they can; at first they open."""
+
+    slot = "allocate"
+
+    class Me(Record):
+        most: float  # N
+
+    @classmethod
+    def wanted(cls, context: Any) -> Iterable[Component]:
+        """Robots with a gripper have one."""
+        if list_grippers(context.robot):
+            yield cls("grip")
+
+    def build(self, me: Any, table: Any, context: Any) -> None:
+        """Take the force; the motors begin by opening."""
+        me.most = context.robot.arm.hand.grip_force_n
+        for (record, _), view in context.records.items():
+            if record is GripDrive:
+                view["force"] = -me.most
+
+    @staticmethod
+    def step(me: Me, ref: Grip, drive: Out[GripDrive]) -> None:
+        for h in range(MAX_HANDS):
+            if ref.grip[h] != 0.0:
+                drive.force[h] = min(max(ref.grip[h], -me.most), me.most)
+
+
+class GripperMotors(Component):
+    """Writes MuJoCo's controls of the motors, and measures the opening."""
+
+    slots: ClassVar[dict[str, str]] = {"measure": "sense", "move": "actuate"}
+    side = "plant"
+
+    class Me(Record):
+        n: int  # hands
+        control: Annotated[Integers, MAX_HANDS]  # -1: no gripper
+        fingers: Annotated[Integers, MAX_HANDS, 2]  # address in qpos
+        stroke: float  # m
+
+    columns = (
+        Recorded("opening", GripperState, "opening", "m", "between a gripper's fingers",
+                 per="hand"),
+        Recorded("grip", GripDrive, "force", "N", "command to a gripper's motor", per="hand"),
+    )  # fmt: skip
+
+    @classmethod
+    def wanted(cls, context: Any) -> Iterable[Component]:
+        """Robots with a gripper have them."""
+        if list_grippers(context.robot):
+            yield cls("gripper motors")
+
+    def build(self, me: Any, table: Any, context: Any) -> None:
+        """Look up motors and fingers."""
+        scene = context.scene
+        me.n, me.stroke = len(scene.places.hand_sites), context.robot.arm.hand.stroke_m
+        me.control[:] = -1
+        for h, (motor, fingers) in find_grippers(scene.model, me.n).items():
+            me.control[h], me.fingers[h] = motor, fingers
+
+    @staticmethod
+    def measure(me: Me, mj: MuJoCo, out: Out[GripperState]) -> None:
+        qpos = words(mj.qpos, mj.nq)
+        for h in range(me.n):
+            if me.control[h] >= 0:
+                closed = qpos[me.fingers[h, 0]] + qpos[me.fingers[h, 1]]
+                out.opening[h] = me.stroke - closed
+
+    @staticmethod
+    def move(me: Me, drive: GripDrive, mj: MuJoCo) -> None:
+        ctrl = words(mj.ctrl, mj.nu)
+        for h in range(me.n):
+            if me.control[h] >= 0:
+                ctrl[me.control[h]] = drive.force[h]

@@ -1,0 +1,210 @@
+"""A gripper: fingers that one motor closes, and what they hold by friction."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import skywright
+from skywright.core.arrays import Array
+from skywright.description.robot.loader import load_robot
+from skywright.description.world.spec import World
+from skywright.errors import InputError
+from skywright.models.importing.chain import combine
+from skywright.models.rigid_body import build_body_model, compute_body
+from skywright.models.scene import build_scene
+from skywright.models.urdf import build_urdf
+from skywright.vehicle.actuators.gripper import GripperState
+from skywright.vehicle.commanded_arms import CommandedArms
+from skywright.vehicle.commands import State
+from skywright.vehicle.motions import Arrival
+from skywright.vehicle.simulated import Saved, SimulatedVehicle
+from skywright.vehicle.uav import Uav
+
+NEAR = Arrival(tolerance_m=0.015, dwell_s=0.3, yaw_rad=0.1)
+
+ROBOT = """
+[robot]
+name = "gripping"
+extends = "hexarotor"
+
+[robot.control]
+position_integral_rad_s = 1.0
+
+[robot.arm.boom]
+joint = "fixed"
+along = "-z"
+length_m = 0.1
+mass_kg = 0.05
+
+[robot.arm.hand]
+kind = "gripper"
+length_m = 0.06
+mass_kg = 0.04
+radius_m = 0.008
+stroke_m = 0.08
+grip_speed_mps = 0.1
+grip_force_n = 15.0
+"""
+WORLD = """
+[world]
+name = "stand"
+
+[world.mocap]
+
+[world.things.stand]
+kind = "box"
+x_m = 0.0
+y_m = 0.0
+z_m = 0.35
+size_x_m = 0.2
+size_y_m = 0.2
+size_z_m = 0.7
+
+[world.things.block]
+kind = "box"
+moves = true
+mass_kg = 0.12
+x_m = 0.0
+y_m = 0.0
+z_m = 0.75
+size_x_m = 0.03
+size_y_m = 0.04
+size_z_m = 0.1
+"""
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("gripping")
+    out = {}
+    for name, text in {"robot": ROBOT, "world": WORLD}.items():
+        out[name] = folder / f"{name}.toml"
+        out[name].write_text(text)
+    return out
+
+
+@pytest.fixture(scope="module")
+def flown(files: dict[str, Path]) -> tuple[SimulatedVehicle, Saved]:
+    """A vehicle with its fingers around the block, and its saved state."""
+    sets = {"mission.start_x_m": -0.8, "mission.timestep_ms": 2, "mission.estimator": "truth"}
+    vehicle = skywright.build_vehicle(
+        skywright.load("waypoints", robot=files["robot"], world=files["world"], sets=sets)
+    )
+    uav = Uav(vehicle, arrival=NEAR, waits=True)
+    while uav.state == State.UNINITIALIZED:
+        uav.tick()
+    for way in (uav.take_off(1.2), uav.go_to((0.0, 0.0, 1.2)), uav.go_to((0.0, 0.0, 0.935))):
+        assert way.result, way.result
+    return vehicle, vehicle.save()
+
+
+@pytest.fixture
+def above(flown: tuple[SimulatedVehicle, Saved]) -> tuple[Uav, CommandedArms, SimulatedVehicle]:
+    """The vehicle there again."""
+    vehicle, saved = flown
+    vehicle.restore(saved)
+    uav = Uav(vehicle, arrival=NEAR, waits=True)
+    return uav, CommandedArms(uav), vehicle
+
+
+def find_block(vehicle: SimulatedVehicle) -> Array:
+    """Place (3,) m of the block in W."""
+    return np.array(vehicle.sim.data.body("object block").xpos)
+
+
+def test_a_gripper_lifts_what_it_closes_on_and_puts_it_down(
+    above: tuple[Uav, CommandedArms, SimulatedVehicle],
+) -> None:
+    uav, arms, vehicle = above
+    state = vehicle.look(GripperState)
+    assert state.opening[0] == pytest.approx(0.08, abs=1e-3)
+    start = find_block(vehicle)
+    assert start[2] == pytest.approx(0.75, abs=1e-3)
+    assert arms.grasp(12.0).result
+    assert state.opening[0] == pytest.approx(0.04, abs=5e-4)  # the block's width
+    assert uav.go_to((0.0, 0.3, 1.1)).result
+    np.testing.assert_allclose(find_block(vehicle) - start, [0.0, 0.3, 0.165], atol=0.03)
+
+    def find_in_hand() -> float:
+        """Height (m) of the block in the hand."""
+        hand = vehicle.sim.data.site("tip")
+        return float((hand.xmat.reshape(3, 3).T @ (find_block(vehicle) - hand.xpos))[2])
+
+    held = find_in_hand()
+    uav.wait(5.0)
+    assert find_in_hand() == pytest.approx(held, abs=2e-4), "friction holds without creep"
+    assert uav.go_to((0.0, 0.0, 1.0)).result
+    assert uav.go_to((0.0, 0.0, 0.936)).result
+    assert arms.release().result
+    assert state.opening[0] == pytest.approx(0.08, abs=1e-3)
+    assert uav.go_to((0.0, 0.0, 1.2)).result
+    np.testing.assert_allclose(find_block(vehicle), start, atol=0.04)
+
+
+def test_a_grasp_that_is_too_weak_leaves_the_block(
+    above: tuple[Uav, CommandedArms, SimulatedVehicle],
+) -> None:
+    """Two pads of friction 0.5 hold at most their force: 0.9 N for a block of 1.18 N."""
+    uav, arms, vehicle = above
+    assert arms.grasp(0.9).result
+    assert uav.go_to((0.0, 0.0, 1.1)).result
+    assert find_block(vehicle)[2] < 0.76
+    ended = arms.grasp(12.0).result
+    assert ended is not None
+    assert (ended.ok, ended.reason) == (False, "the left gripper closed on nothing")
+
+
+def test_wrong_orders_are_refused(above: tuple[Uav, CommandedArms, SimulatedVehicle]) -> None:
+    _, arms, _ = above
+    with pytest.raises(InputError, match="gripper 'right' is unknown; valid: left"):
+        arms.grasp(5.0, hand="right")
+    with pytest.raises(InputError, match="of hands without fingers"):
+        arms.grasp(5.0, [0, 0, 1], [0, 0.1, 1])
+    with pytest.raises(InputError, match="force = -1"):
+        arms.grasp(-1.0)
+
+
+def test_the_model_for_control_has_the_fingers_mass(files: dict[str, Path]) -> None:
+    """Rigid body against the compiled scene, fingers open: mass, centre and inertia."""
+    robot = load_robot(files["robot"])[0]
+    scene = build_scene(robot, World(name="nowhere"))
+    data = mujoco.MjData(scene.model)
+    data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
+    mujoco.mj_kinematics(scene.model, data)
+    mujoco.mj_comPos(scene.model, data)
+    mass, com, inertia = combine(scene.model, data, list(range(1, scene.model.nbody)))
+    own_mass, own_com, own_inertia = compute_body(build_body_model(robot), np.zeros(0))
+    assert own_mass == pytest.approx(mass, rel=1e-12)
+    np.testing.assert_allclose(own_com, com, atol=1e-12)
+    about = inertia + mass * (com @ com * np.eye(3) - np.outer(com, com))
+    np.testing.assert_allclose(own_inertia, about, atol=1e-12)
+
+
+def test_a_robot_in_urdf_has_its_fingers(files: dict[str, Path]) -> None:
+    """Pinocchio reads the exported file: mass and centre of mass."""
+    robot = load_robot(files["robot"])[0]
+    other = pin.buildModelFromXML(build_urdf(robot), pin.JointModelFreeFlyer())
+    mass, com, _ = compute_body(build_body_model(robot), np.zeros(0))
+    assert pin.computeTotalMass(other) == pytest.approx(mass)
+    at = pin.centerOfMass(other, other.createData(), pin.neutral(other))
+    np.testing.assert_allclose(at, com, atol=1e-9)
+
+
+def test_a_back_end_without_physics_refuses_to_grasp(files: dict[str, Path]) -> None:
+    vehicle = skywright.fly(files["robot"], backend="kinematic", arrival=NEAR)
+    assert vehicle.take_off(1.0).result
+    for handle in (vehicle.arms.grasp(5.0), vehicle.arms.release()):
+        assert handle.result is not None
+        assert handle.result.reason.endswith("refused: the back end does not move the gripper")
+
+
+def test_a_gripper_without_fingers_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "robot.toml"
+    file.write_text(ROBOT.replace("mass_kg = 0.04\n", ""))
+    with pytest.raises(InputError, match="length_m and mass_kg must be above 0"):
+        load_robot(file)
