@@ -6,6 +6,7 @@ Its numbers come from benchmarks/assistance.csv, which benchmarks/fly_assistance
 from __future__ import annotations
 
 import csv
+from operator import itemgetter
 from pathlib import Path
 from statistics import median
 
@@ -23,27 +24,23 @@ def _quote(rows: list[dict[str, str]], column: str, digits: int) -> str:
 
 
 def build_table() -> str:
-    """One line for each control, operator, delay and level."""
+    """One line for each condition, control, operator, delay and level."""
     with KEPT.open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     lines = [
-        "| control | operator | delay | assistance | succeeded | peak force, N | time, s "
+        "| condition | control | operator | delay | assistance | succeeded | peak force, N | time, s "
         "| rms error of the held force, N |",
-        "|---|---|---|---|---|---|---|---|",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
-    cases = dict.fromkeys((r["control"], r["operator"], int(r["delay_ms"])) for r in rows)
-    for control, operator, delay in cases:
+    case = itemgetter("condition", "control", "operator", "delay_ms")
+    for found in dict.fromkeys(map(case, rows)):
         for level in LEVELS:
-            mine = [
-                r for r in rows
-                if (r["control"], r["operator"], int(r["delay_ms"]), r["assistance"])
-                == (control, operator, delay, level)
-            ]  # fmt: skip
+            mine = [r for r in rows if case(r) == found and r["assistance"] == level]
             if not mine:
                 continue
             good = sum(r["outcome"] == "succeeded" for r in mine)
             lines.append(
-                f"| {control} | {operator} | {delay} ms | {level} | {good} of {len(mine)} "
+                f"| {' | '.join(found)} ms | {level} | {good} of {len(mine)} "
                 f"| {_quote(mine, 'force_max_n', 2)} | {_quote(mine, 'time_s', 1)} "
                 f"| {_quote(mine, 'force_rms_error_n', 2)} |"
             )
