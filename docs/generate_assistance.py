@@ -28,8 +28,8 @@ def build_table() -> str:
     with KEPT.open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     lines = [
-        "| condition | control | operator | delay | assistance | succeeded | peak force, N | time, s "
-        "| rms error of the held force, N |",
+        "| condition | control | operator | delay | assistance | succeeded | peak force, N "
+        "| time, s | rms error of the held force, N |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     case = itemgetter("condition", "control", "operator", "delay_ms")

@@ -24,6 +24,7 @@ from skywright.ground.flights import Asked, Logbook, Process, choose_out, write_
 from skywright.ground.link import is_frame
 from skywright.ground.orders import Order
 from skywright.links.pair import parse, receive, say
+from skywright.run.backends import LINKED, split_backend
 
 TICK_S = 0.25  # between words to the flight and to the pages
 MOST_WATCHERS = 16
@@ -277,7 +278,9 @@ class Station:
             self.process = process
             self.logbook.begin(process, name)
             self._attach(process.end, folder)
-            self.note = f"Planning {name} ..."
+            linked = split_backend(asked.backend)[0] in LINKED
+            meets = f", then waiting for {asked.backend}" if linked else ""
+            self.note = f"Planning {name}{meets} ..."
             self._flown = asyncio.create_task(self._watch(process))
         finally:
             self._busy = None
