@@ -1,7 +1,7 @@
 """Fly operated presses with every level of assistance; each flight is a row of assistance.csv.
 
     python benchmarks/fly_assistance.py [--seeds N] [--control position|force]
-        [--condition calm|gusts|fast] [--operators NAME ...] [--delays MS ...]
+        [--condition calm|gusts|fast|late] [--operators NAME ...] [--delays MS ...]
 
 Operator models (ground/operator_model.py), delays of the radio and four levels of assistance press
 the sensor of `sensor-install`, each with the same seeds 1 to N. Flights that the file has already
@@ -15,7 +15,11 @@ Each condition was fixed before its first flight. A force above the limit for 0.
 - "fast": a full stick moves the hand twice as fast, and the sensor bears twice the force that is
   asked for. The hasty operator comes to the pipe at 0.6 * 0.12 = 0.072 m/s; with 300 ms of radio
   the stick answers the touch after 0.3 + 0.3 + 0.1 s, in which the hand is led 50 mm further: at
-  the 150 N/m that the operators believe, 7.6 N.
+  the 150 N/m that the operators believe, 7.6 N. Two seeds gave 3.0 N: the platform, which floats,
+  yields in series with the arm, and both together have 60 N/m.
+- "late", for 600 ms of radio: the same with a sensor that bears 1.5 times the force that is asked
+  for. 72 mm at 60 N/m are 4.3 N of the hasty operator and 2.6 N of the practised one (0.048 m/s for
+  0.9 s), with a limit of 3 N.
 """
 
 from __future__ import annotations
@@ -48,6 +52,7 @@ CONDITIONS: dict[str, dict[str, Any]] = {
         "mission.faults.excess_force.limit": 3.0,
     },
     "fast": {"mission.task.stick_speed_mps": 0.12, "mission.faults.excess_force.limit": 4.0},
+    "late": {"mission.task.stick_speed_mps": 0.12, "mission.faults.excess_force.limit": 3.0},
 }
 COLUMNS = (
     "seed", "operator", "delay_ms", "assistance", "control", "condition", "outcome", "force_max_n",
