@@ -78,6 +78,7 @@ class Chromium:
     def open(self, address: str) -> None:
         """Enter the station; count the pictures that are drawn."""
         self.page.goto(address)
+        self.page.wait_for_selector("html[data-ready=yes]", state="attached")
         self.page.evaluate("""() => { window.drawn = 0;
             (function count() { window.drawn++; requestAnimationFrame(count); })(); }""")
 
@@ -157,11 +158,9 @@ def soak(minutes: float, browser: bool) -> list[dict[str, float]]:
                 }  # fmt: skip
                 if chromium is not None:
                     memory, heap, *seen = chromium.measure()
-                    drawn, watched = (
-                        (n - m) / (now - last) for n, m in zip(seen, shown, strict=True)
-                    )
-                    row |= dict(zip(BROWSER, (memory, heap, drawn, watched), strict=True))
-                    shown = tuple(seen)
+                    rates = [(n - m) / (now - last) for n, m in zip(seen, shown, strict=True)]
+                    row |= dict(zip(BROWSER[1:], (memory, heap, *rates), strict=True))
+                    shown = (seen[0], seen[1])
                 last, frames = now, first.frames
                 rows.append(row)
                 print(" ".join(f"{name}={value:.3g}" for name, value in row.items()), flush=True)

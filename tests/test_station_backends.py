@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import time
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,11 @@ import pytest
 import skywright
 from skywright.errors import InputError
 from skywright.ground.backends import NO_ADDRESS, find_refusals, list_backends
+from skywright.ground.feed import Feed
 from skywright.ground.flights import Asked
 from skywright.ground.orders import parse_order
 from skywright.ground.station import Station
+from skywright.links.pair import build_pair, say
 
 CHOICES: dict[str, Any] = {
     "missions": {"waypoints": "x"}, "robots": {}, "worlds": {}, "backends": list_backends(()),
@@ -58,6 +61,22 @@ def test_a_question_has_a_number() -> None:
     order = parse_order('{"k":"choose","mission":"waypoints","n":3}')
     assert order is not None and order.content["n"] == 3
     assert order.content["backend"] == "physics"
+
+
+def test_a_vehicle_with_a_clock_of_its_own_is_not_paused(tmp_path: Path) -> None:
+    for backend, paced in (("px4?force", True), ("mavlink:udpin:14540", False)):
+        ours, theirs = build_pair()
+        feed = Feed(ours, tmp_path, backend=backend)
+        for kind, more in (("watch", {"n": 1}), ("speed", {"x": 0.1}), ("pause", {"on": True})):
+            say(theirs, kind, **more)
+        feed.poll()
+        assert feed.watched and feed.paced == feed.paused == paced
+        if not paced:
+            began = time.perf_counter()
+            feed._pace(0.0)
+            feed._pace(60.0)  # s of the mission: no waiting
+            assert time.perf_counter() - began < 10.0
+        ours.close(), theirs.close()
 
 
 def test_a_station_answers_and_starts_nothing_that_it_does_not_offer(tmp_path: Path) -> None:
