@@ -16,6 +16,11 @@ KEPT = DOCS.parent / "benchmarks" / "assistance.csv"
 BEGIN = "<!-- assistance: begin, made by docs/generate_assistance.py, do not edit -->"
 END = "<!-- assistance: end -->"
 LEVELS = ("none", "slow", "guard", "hold")
+ORDER = (
+    "calm", "gusts", "fast", "late", "position", "force", "practised", "careful", "hasty", "0",
+    "150", "300", "600",
+)  # fmt: skip
+"""Of conditions, controls, operators and delays."""
 
 
 def _quote(rows: list[dict[str, str]], column: str, digits: int) -> str:
@@ -23,10 +28,13 @@ def _quote(rows: list[dict[str, str]], column: str, digits: int) -> str:
     return f"{median(values):.{digits}f} ({values[-1]:.{digits}f})" if values else "–"
 
 
-def build_table() -> str:
+def _order(row: dict[str, str]) -> list[int]:
+    names = ("condition", "control", "operator", "delay_ms")
+    return [ORDER.index(row[name]) for name in names]
+
+
+def build_table(rows: list[dict[str, str]]) -> str:
     """One line for each condition, control, operator, delay and level."""
-    with KEPT.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
     lines = [
         "| condition | control | operator | delay | assistance | succeeded | peak force, N "
         "| time, s | rms error of the held force, N |",
@@ -47,10 +55,30 @@ def build_table() -> str:
     return "\n".join(lines)
 
 
+def build_summary(rows: list[dict[str, str]]) -> str:
+    """One line for each condition and control: how many presses of each level succeeded."""
+    lines = [
+        f"| condition | control | {' | '.join(LEVELS)} |",
+        f"|---|---|{'---|' * len(LEVELS)}",
+    ]
+    case = itemgetter("condition", "control")
+    for found in dict.fromkeys(map(case, rows)):
+        cells = []
+        for level in LEVELS:
+            mine = [r for r in rows if case(r) == found and r["assistance"] == level]
+            good = sum(r["outcome"] == "succeeded" for r in mine)
+            cells.append(f"{good} of {len(mine)}, {_quote(mine, 'force_max_n', 2)} N")
+        lines.append(f"| {' | '.join((*found, *cells))} |")
+    return "\n".join(lines)
+
+
 def build_page(text: str) -> str:
-    """Return the page with its table made anew."""
+    """Return the page with its tables made anew."""
+    with KEPT.open(newline="", encoding="utf-8") as file:
+        rows = sorted(csv.DictReader(file), key=_order)
     head, rest = text.split(BEGIN)
-    return f"{head}{BEGIN}\n\n{build_table()}\n\n{END}{rest.split(END)[1]}"
+    made = f"{build_summary(rows)}\n\n{build_table(rows)}"
+    return f"{head}{BEGIN}\n\n{made}\n\n{END}{rest.split(END)[1]}"
 
 
 if __name__ == "__main__":
