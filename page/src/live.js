@@ -218,9 +218,8 @@ export class Live {
     this.take.textContent = mine ? 'Give control back' : s?.controller ? 'Take over control' : 'Take control';
     this.take.classList.toggle('primary', !mine);
     for (const b of [this.pause, this.speed, this.land, this.abort]) b.disabled = !(going && mine);
-    if (this.data?.paced === false) {
-      for (const b of [this.pause, this.speed]) [b.disabled, b.title] = [true, 'The vehicle has a clock of its own'];
-    }
+    const clock = this.data?.paced === false ? 'The vehicle has a clock of its own' : '';
+    for (const b of [this.pause, this.speed]) [b.disabled, b.title] = [b.disabled || clock !== '', clock];
     this.invite.disabled = !mine;
     this.kill.disabled = !(flying && mine);
     this.abort.disabled ||= Boolean(status.order);
