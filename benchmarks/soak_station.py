@@ -1,23 +1,31 @@
 """The ground station for a long time: flights one after another, two pages, a stick that moves.
 
-    python benchmarks/soak_station.py [--minutes 30]
+    python benchmarks/soak_station.py [--minutes 30] [--browser]
 
 One row every 20 s is kept in benchmarks/soak-station.csv: memory of the station's and the flight's
 process, frames a second at the first page, median cost of a tick, median age of a stick, messages
 refused. It fails where the station's memory grows: the median of the last third above that of the
 second third by more than 3 % and 2 MB. A flight keeps its samples until it is judged, so its memory
-grows until it ends.
+grows until it ends; what it grows by in a minute is printed.
+
+With --browser a page in headless Chromium watches as a third, and the table is
+benchmarks/soak-browser.csv: it has the browser's memory (without what its processes share) and its
+JavaScript heap after a collection, which must not grow either.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import csv
+import re
+import shutil
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -25,11 +33,12 @@ from station_client import Page, start_station
 
 from skywright.run.operator import Stick
 
-KEPT = Path(__file__).resolve().parent / "soak-station.csv"
+FOLDER = Path(__file__).resolve().parent
 COLUMNS = (
     "t_s", "flights", "station_mb", "flight_mb", "frames_per_s", "cost_ms", "stick_ms",
     "refused",
 )  # fmt: skip
+BROWSER = ("flown_s", "browser_mb", "heap_mb", "drawn_per_s", "watched_per_s")
 EVERY_S = 20.0
 POINTS = "mission.task.points=[{ x_m = 0.6, y_m = 0.0, z_m = 1.2, hold_s = 60.0 }]"
 SHARE, MEGABYTES = 0.03, 2.0
@@ -49,9 +58,66 @@ def find_child(pid: int) -> int:
     return int(told[-1]) if told else 0
 
 
-def soak(minutes: float) -> list[dict[str, float]]:
+class Chromium:
+    """A page that watches in a real browser."""
+
+    def __init__(self) -> None:
+        from playwright.sync_api import sync_playwright
+
+        self._playwright = sync_playwright().start()
+        self._folder = tempfile.TemporaryDirectory()
+        context = self._playwright.chromium.launch_persistent_context(
+            self._folder.name, executable_path=shutil.which("chromium"),
+            viewport={"width": 1280, "height": 720},
+            args=["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+                  "--disable-gpu-compositing"],
+        )  # fmt: skip
+        self._context, self.page = context, context.new_page()
+        self._tools = context.new_cdp_session(self.page)
+
+    def open(self, address: str) -> None:
+        """Enter the station; count the pictures that are drawn."""
+        self.page.goto(address)
+        self.page.wait_for_selector("html[data-ready=yes]", state="attached")
+        self.page.evaluate("""() => { window.drawn = 0;
+            (function count() { window.drawn++; requestAnimationFrame(count); })(); }""")
+
+    def measure(self) -> tuple[float, float, int, int]:
+        """Return memory (MB) of the processes and of the heap; pictures and frames so far."""
+        self._tools.send("HeapProfiler.collectGarbage")
+        heap = self._tools.send("Runtime.getHeapUsage")["usedSize"]
+        drawn, frames = self.page.evaluate("[window.drawn, window.skywright.player.count]")
+        return self._sum_memory(), heap / 2**20, drawn, frames
+
+    def _sum_memory(self) -> float:
+        """Return the memory (MB) of the browser's processes; what they share counts once."""
+        parents, ours = dict[int, int](), set[int]()
+        for process in Path("/proc").glob("[0-9]*"):
+            with contextlib.suppress(OSError):
+                words = (process / "stat").read_text().rpartition(")")[2].split()
+                parents[int(process.name)] = int(words[1])
+                if self._folder.name.encode() in (process / "cmdline").read_bytes():
+                    ours.add(int(process.name))
+        while more := {pid for pid, parent in parents.items() if parent in ours} - ours:
+            ours |= more
+        found = 0.0
+        for pid in ours:
+            with contextlib.suppress(OSError):
+                text = Path(f"/proc/{pid}/smaps_rollup").read_text()
+                found += sum(map(float, re.findall(r"^Pss:\s+(\d+)", text, re.M))) / 1024.0
+        return found
+
+    def close(self) -> None:
+        """End the browser."""
+        self._context.close()
+        self._playwright.stop()
+        self._folder.cleanup()
+
+
+def soak(minutes: float, browser: bool) -> list[dict[str, float]]:
     """Fly for a time; returns the rows."""
     rows: list[dict[str, float]] = []
+    chromium = Chromium() if browser else None
     with tempfile.TemporaryDirectory() as folder:
         process, address = start_station(Path(folder), "waypoints")
         try:
@@ -60,6 +126,12 @@ def soak(minutes: float) -> list[dict[str, float]]:
             first.send("invite")
             first.wait(lambda: "invited" in first.words, 30.0)
             second = Page(first.words["invited"]["address"])
+            shown = (0, 0)  # pictures and frames of the browser
+            if chromium is not None:
+                del first.words["invited"]
+                first.send("invite")
+                first.wait(lambda: "invited" in first.words, 30.0)
+                chromium.open(first.words["invited"]["address"])
             began = last = time.monotonic()
             flights = frames = 0
             while time.monotonic() < began + 60.0 * minutes:
@@ -76,7 +148,7 @@ def soak(minutes: float) -> list[dict[str, float]]:
                     continue
                 status = first.status
                 row = {
-                    "t_s": now - began, "flights": flights,
+                    "t_s": now - began, "flights": flights, "flown_s": status.get("t", 0.0),
                     "station_mb": read_memory(process.pid),
                     "flight_mb": read_memory(find_child(process.pid)),
                     "frames_per_s": (first.frames - frames) / (now - last),
@@ -84,15 +156,32 @@ def soak(minutes: float) -> list[dict[str, float]]:
                     "stick_ms": status.get("stick_ms") or np.nan,
                     "refused": first.state.get("refused", 0),
                 }  # fmt: skip
+                if chromium is not None:
+                    memory, heap, *seen = chromium.measure()
+                    rates = [(n - m) / (now - last) for n, m in zip(seen, shown, strict=True)]
+                    row |= dict(zip(BROWSER[1:], (memory, heap, *rates), strict=True))
+                    shown = (seen[0], seen[1])
                 last, frames = now, first.frames
                 rows.append(row)
-                print(" ".join(f"{name}={row[name]:.3g}" for name in COLUMNS), flush=True)
+                print(" ".join(f"{name}={value:.3g}" for name, value in row.items()), flush=True)
             first.close()
             second.close()
         finally:
+            if chromium is not None:
+                chromium.close()
             process.terminate()
             process.wait(60)
     return rows
+
+
+def measure_growth(rows: list[dict[str, float]]) -> float:
+    """Return by how much (MB) the memory of a flight grows in a minute of its time; the median."""
+    growth = [
+        60.0 * (b["flight_mb"] - a["flight_mb"]) / (b["flown_s"] - a["flown_s"])
+        for a, b in pairwise(rows)
+        if a["flights"] == b["flights"] and b["flown_s"] > a["flown_s"] > 10.0  # s, in the air
+    ]
+    return statistics.median(growth) if growth else float("nan")
 
 
 def judge(rows: list[dict[str, float]]) -> str:
@@ -100,12 +189,13 @@ def judge(rows: list[dict[str, float]]) -> str:
     third = len(rows) // 3
     if not third:
         return "too few rows to judge: soak for at least 2 minutes"
-    before, after = (
-        statistics.median(row["station_mb"] for row in part)
-        for part in (rows[third : 2 * third], rows[2 * third :])
-    )
-    if after - before > max(SHARE * before, MEGABYTES):
-        return f"the station's memory grew from {before:.1f} to {after:.1f} MB"
+    for name in ("station_mb", *(name for name in ("browser_mb", "heap_mb") if name in rows[0])):
+        before, after = (
+            statistics.median(row[name] for row in part)
+            for part in (rows[third : 2 * third], rows[2 * third :])
+        )
+        if after - before > max(SHARE * before, MEGABYTES):
+            return f"{name} grew from {before:.1f} to {after:.1f}"
     return ""
 
 
@@ -113,11 +203,17 @@ def main() -> None:
     """Do what is asked."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--minutes", type=float, default=30.0)
-    rows = soak(parser.parse_args().minutes)
-    with KEPT.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+    parser.add_argument("--browser", action="store_true", help="a page in Chromium watches, too")
+    args = parser.parse_args()
+    rows = soak(args.minutes, args.browser)
+    kept, columns = ("soak-browser.csv", (*COLUMNS, *BROWSER)) if args.browser else (
+        "soak-station.csv", COLUMNS
+    )  # fmt: skip
+    with (FOLDER / kept).open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, columns, lineterminator="\n")
         writer.writeheader()
-        writer.writerows({name: f"{row[name]:.4g}" for name in COLUMNS} for row in rows)
+        writer.writerows({name: f"{row[name]:.4g}" for name in columns} for row in rows)
+    print(f"the memory of a flight grew by {measure_growth(rows):.1f} MB in a minute")
     grew = judge(rows)
     print(grew or "nothing grew")
     sys.exit(1 if grew else 0)

@@ -6,6 +6,7 @@ Its numbers come from benchmarks/assistance.csv, which benchmarks/fly_assistance
 from __future__ import annotations
 
 import csv
+from operator import itemgetter
 from pathlib import Path
 from statistics import median
 
@@ -15,6 +16,11 @@ KEPT = DOCS.parent / "benchmarks" / "assistance.csv"
 BEGIN = "<!-- assistance: begin, made by docs/generate_assistance.py, do not edit -->"
 END = "<!-- assistance: end -->"
 LEVELS = ("none", "slow", "guard", "hold")
+ORDER = (
+    "calm", "gusts", "fast", "late", "position", "force", "practised", "careful", "hasty", "0",
+    "150", "300", "600",
+)  # fmt: skip
+"""Of conditions, controls, operators and delays."""
 
 
 def _quote(rows: list[dict[str, str]], column: str, digits: int) -> str:
@@ -22,38 +28,57 @@ def _quote(rows: list[dict[str, str]], column: str, digits: int) -> str:
     return f"{median(values):.{digits}f} ({values[-1]:.{digits}f})" if values else "–"
 
 
-def build_table() -> str:
-    """One line for each control, operator, delay and level."""
-    with KEPT.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+def _order(row: dict[str, str]) -> list[int]:
+    names = ("condition", "control", "operator", "delay_ms")
+    return [ORDER.index(row[name]) for name in names]
+
+
+def build_table(rows: list[dict[str, str]]) -> str:
+    """One line for each condition, control, operator, delay and level."""
     lines = [
-        "| control | operator | delay | assistance | succeeded | peak force, N | time, s "
-        "| rms error of the held force, N |",
-        "|---|---|---|---|---|---|---|---|",
+        "| condition | control | operator | delay | assistance | succeeded | peak force, N "
+        "| time, s | rms error of the held force, N |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
-    cases = dict.fromkeys((r["control"], r["operator"], int(r["delay_ms"])) for r in rows)
-    for control, operator, delay in cases:
+    case = itemgetter("condition", "control", "operator", "delay_ms")
+    for found in dict.fromkeys(map(case, rows)):
         for level in LEVELS:
-            mine = [
-                r for r in rows
-                if (r["control"], r["operator"], int(r["delay_ms"]), r["assistance"])
-                == (control, operator, delay, level)
-            ]  # fmt: skip
+            mine = [r for r in rows if case(r) == found and r["assistance"] == level]
             if not mine:
                 continue
             good = sum(r["outcome"] == "succeeded" for r in mine)
             lines.append(
-                f"| {control} | {operator} | {delay} ms | {level} | {good} of {len(mine)} "
+                f"| {' | '.join(found)} ms | {level} | {good} of {len(mine)} "
                 f"| {_quote(mine, 'force_max_n', 2)} | {_quote(mine, 'time_s', 1)} "
                 f"| {_quote(mine, 'force_rms_error_n', 2)} |"
             )
     return "\n".join(lines)
 
 
+def build_summary(rows: list[dict[str, str]]) -> str:
+    """One line for each condition and control: how many presses of each level succeeded."""
+    lines = [
+        f"| condition | control | {' | '.join(LEVELS)} |",
+        f"|---|---|{'---|' * len(LEVELS)}",
+    ]
+    case = itemgetter("condition", "control")
+    for found in dict.fromkeys(map(case, rows)):
+        cells = []
+        for level in LEVELS:
+            mine = [r for r in rows if case(r) == found and r["assistance"] == level]
+            good = sum(r["outcome"] == "succeeded" for r in mine)
+            cells.append(f"{good} of {len(mine)}, {_quote(mine, 'force_max_n', 2)} N")
+        lines.append(f"| {' | '.join((*found, *cells))} |")
+    return "\n".join(lines)
+
+
 def build_page(text: str) -> str:
-    """Return the page with its table made anew."""
+    """Return the page with its tables made anew."""
+    with KEPT.open(newline="", encoding="utf-8") as file:
+        rows = sorted(csv.DictReader(file), key=_order)
     head, rest = text.split(BEGIN)
-    return f"{head}{BEGIN}\n\n{build_table()}\n\n{END}{rest.split(END)[1]}"
+    made = f"{build_summary(rows)}\n\n{build_table(rows)}"
+    return f"{head}{BEGIN}\n\n{made}\n\n{END}{rest.split(END)[1]}"
 
 
 if __name__ == "__main__":

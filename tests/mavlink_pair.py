@@ -124,5 +124,6 @@ def plug(monkeypatch: Any, pair: Pair) -> None:
 
     class Module:
         open_backend = staticmethod(pair.open)
+        check_backend = staticmethod(companion_module.check_backend)
 
     monkeypatch.setattr(backends, "import_module", lambda name: Module)

@@ -15,6 +15,7 @@ from skywright.errors import InputError
 from skywright.missions.skills.plan_flight import load_plan_description
 from skywright.models.rigid_body import joint_names, posture
 from skywright.planning.motion.plan_file import PlanFile, write_plan_file
+from skywright.reports.replay import build_replay_data
 from skywright.run.kind import load_kind
 from skywright.run.run import run_mission
 from skywright.vehicle.commands import State
@@ -61,6 +62,13 @@ def test_a_mission_has_the_same_phases_on_all_that_fly_it(runs):
     assert kinematic.to_json()["backend"] == "kinematic"
     again = skywright.evaluate(kinematic.directory)
     assert again.backend == "kinematic" and again.outcome == "succeeded"
+
+
+def test_a_replay_shows_no_forces_where_none_were_simulated(runs):
+    units = {b: {c["unit"] for c in build_replay_data(r)["layout"]["channels"]}
+             for b, r in runs.items()}  # fmt: skip
+    assert {"%", "W"} <= units["physics"] and units["kinematic"] == units["physics"] - {"%", "W"}
+    assert build_replay_data(runs["kinematic"])["layout"]["arrows"] == []
 
 
 def test_a_recording_has_the_phases_of_its_run_and_refuses_commands(runs):

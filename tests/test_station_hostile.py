@@ -19,7 +19,10 @@ from skywright.ground.server import Address, run_server
 from skywright.ground.station import MOST_WATCHERS, Station
 from waiting import wait_for
 
-CHOICES = {"proposed": "", "missions": {"waypoints": "x"}, "robots": {}, "worlds": {}}
+CHOICES = {
+    "proposed": "", "missions": {"waypoints": "x"}, "robots": {}, "worlds": {},
+    "backends": {"physics": "x", "kinematic": "x"},
+}  # fmt: skip
 
 
 class Running(NamedTuple):

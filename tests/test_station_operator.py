@@ -26,7 +26,10 @@ from skywright.recordings.recording import read_recording
 from skywright.run.operator import Sight
 
 SIGHT = Sight(np.array([0.01, -0.02, -0.05]), False, (0.0, 0.0, 1.0), 1.25, 2.0, 5.0)
-CHOICES = {"proposed": "", "missions": {"waypoints": "x"}, "robots": {}, "worlds": {}}
+CHOICES = {
+    "proposed": "", "missions": {"waypoints": "x"}, "robots": {}, "worlds": {},
+    "backends": {"physics": "x", "kinematic": "x"},
+}  # fmt: skip
 
 
 def _load(repository: Path, name: str) -> ModuleType:

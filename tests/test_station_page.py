@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -324,6 +325,39 @@ def test_a_hand_is_moved_by_keys_and_let_go_and_nothing_is_cut_off(
     page.keyboard.up("r")
     _choose_speed(page, "fastest")
     _order(page, "Abort", _shows(page.locator("#logbook"), "sensor-install: aborted"))
+
+
+def test_a_back_end_is_chosen_flown_and_refused_with_the_reason(
+    served: str, open_page: OpenPage, tmp_path: Path
+) -> None:
+    page = open_page()
+    page.goto(served)
+    backend, why = page.get_by_role("combobox", name="Back end"), page.locator("#refused")
+    _until(_shows(why, "Not mavlink: a page names no addresses"), lambda: _control(page))
+    backend.select_option("kinematic")
+    expect(page.get_by_text("kinematic: references are followed exactly")).to_be_visible()
+    mission = page.get_by_role("combobox", name="Mission", exact=True)
+
+    def choose(name: str, says: str) -> None:
+        def act() -> None:
+            _control(page)
+            mission.select_option(name, timeout=TRY_MS)
+
+        _until(_shows(why, says), act)
+
+    choose("sensor-install", "requires hands")
+    expect(why).to_contain_text("kinematic does not fly this; another back end is chosen")
+    expect(backend).to_have_value("physics")
+    expect(backend.locator("option[value=kinematic]")).to_have_attribute("disabled", "")
+    choose("bar-transport", "held by a clamp")
+    backend.select_option("kinematic")
+    _order(page, "Start the flight", _shows(page.locator("#title"), "kinematic"))
+    _choose_speed(page, "fastest")
+    logbook = page.locator("#logbook")
+    expect(logbook).to_contain_text("bar-transport: succeeded")
+    expect(logbook).to_contain_text("kinematic")
+    metrics = json.loads((tmp_path / "runs" / "bar-transport-1" / "metrics.json").read_text())
+    assert metrics["backend"] == "kinematic"
 
 
 def test_the_bundle_is_what_the_source_builds(repository: Path, tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ import { Intervene, showChecklist } from './intervene.js';
 import { InspectionMap } from './map.js';
 import { Plots } from './plots.js';
 import { Reserve } from './reserve.js';
-import { Setup, showLogbook } from './setup.js';
+import { Setup, showLogbook, tellBackend } from './setup.js';
 import { Sight } from './sight.js';
 import { Stick } from './stick.js';
 import { Video } from './video.js';
@@ -22,6 +22,8 @@ export class Live {
     this.frame = null;
     this.seq = 0;
     this.count = 0; // frames that came
+    this.question = 0; // number of the last one about back ends
+    this.asked = this.answered = ''; // what it was about, and the last one that was answered
     this.stick = new Stick();
     this.delay = null;
     this.lost = ''; // who took control from this page, or SILENT
@@ -63,7 +65,7 @@ export class Live {
     this.alarmSection.append(this.told, this.alarms);
     if (Object.keys(choices.missions).length) {
       this.setupBox = section(side, 'Set up a flight', true, 'setup');
-      this.setup = new Setup(this.setupBox, choices, (wish) => this.send({ k: 'start', ...wish }));
+      this.setup = new Setup(this.setupBox, choices, (wish) => this.send({ k: 'start', ...wish }), () => this.ask());
     }
     this.checkBox = section(side, 'Pre-flight checklist', true, 'checklist');
     this.checkBox.parentElement.hidden = true;
@@ -101,8 +103,9 @@ export class Live {
     $('view').append(this.videoBox);
     this.capability = make('i');
     this.capabilityText = make('span');
-    this.numbersBox.append(make('div', { class: 'row' }, make('span', { text: 'Thrust left' }), make('div', { class: 'meter' }, this.capability), this.capabilityText));
-    this.reserve = new Reserve(this.numbersBox);
+    this.reserveBox = make('div', {}, make('div', { class: 'row' }, make('span', { text: 'Thrust left' }), make('div', { class: 'meter' }, this.capability), this.capabilityText));
+    this.numbersBox.append(this.reserveBox);
+    this.reserve = new Reserve(this.reserveBox);
     this.nearest = make('p', { class: 'hint', id: 'nearest' });
     this.numbersBox.append(this.nearest);
     this.plotBox = make('div');
@@ -135,7 +138,9 @@ export class Live {
     else if (m.k === 'pong') this.delay = performance.now() - m.w;
     else if (m.k === 'invited') $('invitation').textContent = `For one browser, within 10 minutes: ${m.address}`;
     else if (m.k === 'logbook') showLogbook(this.logBox, m.entries, this.choices.missions, (e) => { this.setup?.fill(e); $('setup').open = true; $('start')?.focus(); });
-    else if (m.k === 'state') {
+    else if (m.k === 'backends') {
+      if (m.n === this.question) { this.answered = this.asked; this.setup?.offer(m); }
+    } else if (m.k === 'state') {
       const before = this.state;
       this.state = m;
       if (m.mine) this.lost = '';
@@ -145,7 +150,16 @@ export class Live {
       if (m.scene && m.scene !== before?.scene) this.load();
       if (this.setup && m.flying !== before?.flying) $('setup').open = !m.flying;
       this.update();
+      if (m.mine && !m.flying && !(before?.mine && !before.flying)) this.ask();
     }
+  }
+
+  // Ask which back ends fly what is set up, where that is another flight than at the last question.
+  ask() {
+    if (!this.setup || !this.state?.mine || this.state.flying) return;
+    const wish = { ...this.setup.read(), backend: 'physics', seed: null };
+    this.asked = JSON.stringify(wish);
+    if (this.asked !== this.answered) this.send({ k: 'choose', n: ++this.question, ...wish });
   }
 
   async load() {
@@ -161,10 +175,12 @@ export class Live {
     this.video = new Video(data.video);
     this.view.load(data);
     this.loaded();
-    for (const box of [this.trainBox, this.numbersBox]) box.parentElement.hidden = false;
+    this.trainBox.parentElement.hidden = !data.disturbances.length;
+    this.numbersBox.parentElement.hidden = false;
     this.plotBox.replaceChildren();
     this.plots = new Plots(this.plotBox, data.layout.channels, null);
     this.loadIndex = data.layout.channels.findIndex((c) => c.name === 'busiest rotor');
+    this.reserveBox.hidden = this.loadIndex < 0;
     this.mapBox.parentElement.hidden = !data.layout.map;
     this.mapBox.replaceChildren();
     this.map = data.layout.map ? new InspectionMap(this.mapBox, data.layout.map) : null;
@@ -202,6 +218,8 @@ export class Live {
     this.take.textContent = mine ? 'Give control back' : s?.controller ? 'Take over control' : 'Take control';
     this.take.classList.toggle('primary', !mine);
     for (const b of [this.pause, this.speed, this.land, this.abort]) b.disabled = !(going && mine);
+    const clock = this.data?.paced === false ? 'The vehicle has a clock of its own' : '';
+    for (const b of [this.pause, this.speed]) [b.disabled, b.title] = [b.disabled || clock !== '', clock];
     this.invite.disabled = !mine;
     this.kill.disabled = !(flying && mine);
     this.abort.disabled ||= Boolean(status.order);
@@ -218,7 +236,7 @@ export class Live {
     for (const b of this.trainBox.querySelectorAll('button')) {
       b.disabled = !(going && mine) || b.dataset.name in (status.disturbed ?? {});
     }
-    $('title').textContent = this.data ? `${this.data.mission}: ${this.data.robot} in ${this.data.world}, seed ${this.data.seed}` : 'Ground station';
+    $('title').textContent = this.data ? `${this.data.mission}: ${this.data.robot} in ${this.data.world}, seed ${this.data.seed}${tellBackend(this.data.backend)}` : 'Ground station';
     const phases = status.phases ?? [];
     $('phase').textContent = !s ? 'no connection' : flying && !this.data ? 'planning' : going ? (phases.at(-1)?.[0] ?? 'planning').replaceAll('_', ' ') : flying ? 'planning' : 'no flight';
     $('what').textContent = going ? status.what : flying ? '' : s ? 'Take control, choose a mission and start it.' : '';

@@ -3,6 +3,7 @@ import { $, button, make, section, typing } from './dom.js';
 import { InspectionMap } from './map.js';
 import { Layout, Recorded } from './frames.js';
 import { Plots } from './plots.js';
+import { tellBackend } from './setup.js';
 
 const SPEEDS = [0.25, 0.5, 1, 2, 5, 10];
 
@@ -22,7 +23,7 @@ export class Replay {
     const { data, view, layout, side, foot } = this;
     this.frames = await Recorded.unpack(data.frames, layout.size);
     view.load(data);
-    $('title').textContent = `${data.mission}: ${data.robot} in ${data.world}, seed ${data.seed}`;
+    $('title').textContent = `${data.mission}: ${data.robot} in ${data.world}, seed ${data.seed}${tellBackend(data.backend)}`;
     const result = section(side, 'Result');
     result.append(make('p', {}, make('b', { text: data.outcome }), data.reason ? `: ${data.reason}` : ''));
     if (data.alarms.length) {

@@ -222,7 +222,7 @@ export class View {
       if (f.demanded) continue;
       const asked = this.forces.find((g) => g.demanded && g.name === f.name);
       if (f.newton > 0.05 || (asked?.newton ?? 0) > 0.05) {
-        lines.push(`${f.name} ${f.newton.toFixed(1)} N${asked?.newton > 0.05 ? `, demanded ${asked.newton.toFixed(1)} N` : ''}`);
+        lines.push(`${f.name}: ${f.newton.toFixed(1)} N${asked?.newton > 0.05 ? `, demanded ${asked.newton.toFixed(1)} N` : ''}`);
       }
     }
     this.forceBox.replaceChildren(...lines.map((text) => {

@@ -239,7 +239,7 @@ def run(
     if view or operator in ("view", "page") or station is not None:
         from skywright.ground.watch import Watching
 
-        watching = Watching(person, station)
+        watching = Watching(person, station, backend=backend)
         observers.append(watching.feed)
     try:
         return run_mission(

@@ -28,6 +28,11 @@ from skywright.errors import InputError
     "--runs", type=click.Path(path_type=Path, file_okay=False), default=Path("runs"),
     show_default=True, help="Folder of the runs and the logbook.",
 )  # fmt: skip
+@click.option(
+    "--backend", "backends", multiple=True, metavar="NAME",
+    help="Offer this back end in the page, as of `run --backend`: mavlink:URL, px4?OPTIONS; "
+    "repeatable.  [always offered: physics, kinematic, px4]",
+)  # fmt: skip
 @live_options
 @click.option("--no-open", is_flag=True, help="Open no browser.")
 @click.option(
@@ -47,9 +52,9 @@ from skywright.errors import InputError
 )  # fmt: skip
 def serve(
     target: str | None, port: int, host: str, names: tuple[str, ...], certificate: Path | None,
-    key: Path | None, unencrypted: bool, runs: Path, no_open: bool, mavlink: tuple[str, ...],
-    world: str | None, sets: tuple[str, ...], seed: int | None, duration: float | None,
-    **live: Any,
+    key: Path | None, unencrypted: bool, runs: Path, backends: tuple[str, ...], no_open: bool,
+    mavlink: tuple[str, ...], world: str | None, sets: tuple[str, ...], seed: int | None,
+    duration: float | None, **live: Any,
 ) -> None:  # fmt: skip
     """Open the ground station in the browser, or let a simulated robot speak MAVLink.
 
@@ -60,6 +65,8 @@ def serve(
     """
     asked = build_live(live)
     if mavlink:
+        if backends:
+            raise InputError("--backend is offered in the page; valid: no --mavlink")
         if asked.wanted:
             raise InputError(
                 "--ros2 and --foxglove publish flights of the page; valid: no --mavlink"
@@ -84,7 +91,8 @@ def serve(
 
     address = Address(host, port, names, certificate, key, unencrypted)
     options = asked.check().list_arguments() if asked.wanted else ()
-    run(target, address, runs, open_browser=False if no_open else None, options=options)
+    shown = False if no_open else None
+    run(target, address, runs, open_browser=shown, options=options, backends=backends)
 
 
 def _serve_mavlink(

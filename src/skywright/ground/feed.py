@@ -33,6 +33,7 @@ from skywright.reports.replay import describe
 from skywright.reports.scene3d import Scene3d
 from skywright.reports.trace3d import list_judged
 from skywright.reports.views3d import build_views
+from skywright.run.backends import MAVLINK, PHYSICS, has_forces, split_backend
 from skywright.run.hand_flight import MODES, Mode, find_tilt_in_place
 from skywright.run.kind import load_kind
 from skywright.run.operator import Sight
@@ -60,14 +61,15 @@ class Feed:
     """Tells the station of a flight, and hears it."""
 
     def __init__(
-        self, end: socket.socket, folder: Path, *, wait_s: float = 0.0, stay_s: float = 0.0
-    ) -> None:
-        """`end` is this side's socket; the scene is written into `folder`.
+        self, end: socket.socket, folder: Path, *, wait_s: float = 0.0, stay_s: float = 0.0,
+        backend: str = PHYSICS,
+    ) -> None:  # fmt: skip
+        """`end` is this side's socket; the scene is written into `folder`; `backend` flies.
 
         The flight waits up to `wait_s` (s of wall time) for the first page, and keeps its last
         picture for `stay_s` (s).
         """
-        self.end, self.folder = end, folder
+        self.end, self.folder, self.backend = end, folder, backend
         self.wait_s, self.stay_s = wait_s, stay_s
         self.watchers, self.speed, self.paused = 0, 1.0, False
         self.steering = Steering()
@@ -150,8 +152,13 @@ class Feed:
             if message is None or not self._hear(message):
                 self.dropped += 1
             self._heard = time.perf_counter()
-        if self.paused and not self.watched:
+        if self.paused and not (self.watched and self.paced):
             self.paused = False
+
+    @property
+    def paced(self) -> bool:
+        """Whether the flight can be paused, or take another speed: not where a vehicle flies."""
+        return split_backend(self.backend)[0] != MAVLINK
 
     def _hear(self, message: dict[str, Any]) -> bool:
         """Follow a message; returns whether it is one."""
@@ -195,7 +202,7 @@ class Feed:
             check_interrupt()
             self._anchor = None
             self.wait_a_moment()
-        if math.isinf(self.speed) or not self.watched:
+        if math.isinf(self.speed) or not self.watched or not self.paced:
             self._anchor, self._late = None, 0.0
             return
         now = time.perf_counter()
@@ -236,7 +243,10 @@ class Feed:
         scene = Scene3d(d.robot, d.true_world, build_socket_error(d.plant))
         columns = frozenset(c.name for c in vehicle.recorded.columns)
         self._judged = list_judged(d.robot, d.world)
-        self._builder = FrameBuilder(scene, columns, self._judged, d.mission.task.get_gap_limit())
+        forces = has_forces(self.backend)
+        self._builder = FrameBuilder(
+            scene, columns, self._judged, d.mission.task.get_gap_limit(), forces=forces
+        )
         self._reserve = Reserve(d)
         if self._reserve.measures_clearance:
             self._builder.channels.append(
@@ -255,11 +265,15 @@ class Feed:
         names = {c.name for c in vehicle.assembly.components}
         data |= {
             "mode": "live",
+            "backend": self.backend,
+            "paced": self.paced,
             "duration": float(plan.duration_s),
             "operated": load_kind(d.mission.kind).operated,
             "disturbances": [
                 {"name": x.name, "label": x.label} for x in DISTURBANCES.values() if x.name in names
-            ],
+            ]
+            if "dynamics" in vehicle.offers
+            else [],
             "flies": self._flies,
             "checklist": list_checks(d.mission.checklist) if self._flies else [],
             "modes": self._list_modes(),

@@ -18,6 +18,7 @@ from skywright.errors import InputError
 from skywright.ground.disturb import list_sets
 from skywright.ground.orders import names_code
 from skywright.links.pair import build_pair
+from skywright.run.backends import PHYSICS
 
 LOGBOOK = "logbook.jsonl"
 UNDER_WAY = ".flying-"
@@ -38,6 +39,7 @@ class Asked(NamedTuple):
     seed: int | None = None
     sets: tuple[str, ...] = ()
     operated: bool = False  # by whoever controls the page
+    backend: str = PHYSICS  # that flies it (run/backends.py)
 
     def check(self) -> None:
         """Raise InputError where it would load code."""
@@ -57,6 +59,8 @@ class Asked(NamedTuple):
                 out += [f"--{name}", str(value)]
         for text in self.sets:
             out += ["--set", text]
+        if self.backend != PHYSICS:
+            out += ["--backend", self.backend]
         return out
 
 

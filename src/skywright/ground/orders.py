@@ -16,6 +16,7 @@ from skywright.ground.feed import SPEED_FASTEST, SPEEDS
 from skywright.ground.link import read_flight
 from skywright.ground.steering import MODES, ORDERS
 from skywright.links.pair import parse, read_number
+from skywright.run.backends import PHYSICS
 
 LARGEST = 4096  # bytes of a message
 PLAIN = ("take", "release", "here", "invite", "stop")
@@ -62,6 +63,9 @@ def _read(kind: str, found: dict[str, Any]) -> dict[str, Any] | None:
         return _read_stick(found)
     if kind == "start":
         return _read_start(found)
+    if kind == "choose":
+        number, wish = read_number(found.get("n"), 0, 2**53), _read_start(found)
+        return None if number is None or wish is None else {**wish, "n": int(number)}
     return None
 
 
@@ -88,7 +92,7 @@ def _read_stick(found: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def _read_start(found: dict[str, Any]) -> dict[str, Any] | None:
-    """A mission by name; robots and worlds by name, too: a page names no files."""
+    """A mission, its robot, world and back end by name: a page names no files and no addresses."""
     out: dict[str, Any] = {"mission": found.get("mission")}
     if not isinstance(out["mission"], str) or not NAME.fullmatch(out["mission"]):
         return None
@@ -107,10 +111,10 @@ def _read_start(found: dict[str, Any]) -> dict[str, Any] | None:
         return None
     if not all(isinstance(s, str) and 0 < len(s) <= LONGEST_SET for s in sets):
         return None
-    operated = found.get("operated", False)
-    if not isinstance(operated, bool):
+    operated, backend = found.get("operated", False), found.get("backend", PHYSICS)
+    if not isinstance(operated, bool) or not isinstance(backend, str):
         return None
-    return {**out, "seed": seed, "sets": sets, "operated": operated}
+    return {**out, "seed": seed, "sets": sets, "operated": operated, "backend": backend}
 
 
 def names_code(text: str) -> bool:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from skywright.errors import InputError
+from skywright.ground.backends import list_backends
 from skywright.ground.guard import Guard
 from skywright.ground.server import Address, run_server
 from skywright.ground.station import Station
@@ -27,13 +28,15 @@ def serve(
     *,
     open_browser: bool | None = None,
     options: tuple[str, ...] = (),
+    backends: tuple[str, ...] = (),
 ) -> None:
     """Run the station until it is interrupted.
 
     `target` is None, a mission (name or file) that the page then proposes, or a run's directory,
     which is replayed.
-    `options` are given to `skywright run` of every flight. Raises InputError where the target is
-    neither, or the address cannot be had.
+    `options` are given to `skywright run` of every flight; `backends` are offered beside those that
+    need no address. Raises InputError where the target is neither, the address cannot be had, or a
+    back end is none.
     """
     address.check()
     data, proposed, files = None, "", dict[str, str]()
@@ -52,7 +55,7 @@ def serve(
         if target.endswith(".toml") or os.sep in target:
             proposed = Path(target).stem
             files[proposed] = str(Path(target).resolve())
-    choices = list_choices(proposed, files)
+    choices = list_choices(proposed, files, backends)
     try:
         runs.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -83,7 +86,9 @@ def load_replay(directory: Path) -> str:
     return json.dumps(build_replay_data(evaluate_directory(directory)), allow_nan=False)
 
 
-def list_choices(proposed: str, files: dict[str, str]) -> dict[str, Any]:
+def list_choices(
+    proposed: str, files: dict[str, str], backends: tuple[str, ...] = ()
+) -> dict[str, Any]:
     """Return what a page may choose from."""
     from skywright.description.loader import list_missions
     from skywright.description.robot.loader import list_robots
@@ -97,6 +102,7 @@ def list_choices(proposed: str, files: dict[str, str]) -> dict[str, Any]:
         "operated": [name for name in missions if _is_operated(files.get(name, name))],
         "robots": {e.name: e.description for e in list_robots()},
         "worlds": {e.name: e.description for e in list_worlds()},
+        "backends": list_backends(backends),
     }
 
 
@@ -164,7 +170,7 @@ def _serve_beside(number: int, folder: Path, address: Address, show: bool) -> No
     prepare(end)
 
     async def run() -> None:
-        station = Station(folder, {"proposed": "", "missions": {}, "robots": {}, "worlds": {}}, {})
+        station = Station(folder, {"missions": {}}, {})  # it starts no flights
 
         async def opened(url: str, guard: Guard) -> None:
             station.host(end, folder)

@@ -18,16 +18,18 @@ from pathlib import Path
 from typing import Any
 
 from skywright.errors import InputError
+from skywright.ground.backends import ask
 from skywright.ground.control import HOLD_S, LEASE_S, Control
 from skywright.ground.flights import Asked, Logbook, Process, choose_out, write_down
 from skywright.ground.link import is_frame
 from skywright.ground.orders import Order
 from skywright.links.pair import parse, receive, say
+from skywright.run.backends import LINKED, split_backend
 
 TICK_S = 0.25  # between words to the flight and to the pages
 MOST_WATCHERS = 16
 STEERING = frozenset(
-    {"pause", "speed", "order", "mode", "disturb", "stick", "start", "invite", "stop"}
+    {"pause", "speed", "order", "mode", "disturb", "stick", "choose", "start", "invite", "stop"}
 )
 """What only the controller may do."""
 
@@ -82,6 +84,7 @@ class Station:
         self._heard = -math.inf
         self._busy: asyncio.Task[None] | None = None
         self._flown: asyncio.Task[None] | None = None
+        self._judging: asyncio.Task[None] | None = None
 
     # --- watchers ------------------------------------------------------------------------------
 
@@ -146,6 +149,8 @@ class Station:
             watcher.tell("told", text="Take control first: this page does not have it.")
         elif kind == "stick":
             self._pass_stick(watcher, content, now)
+        elif kind == "choose":
+            self._choose(watcher, content)
         elif kind == "start":
             self._start(content)
         elif kind == "stop":
@@ -218,23 +223,43 @@ class Station:
             self.note = "A flight is under way: abort it first."
             self.tell_all()
             return
-        mission = content["mission"]
-        if mission not in self.choices["missions"]:
-            self.note = f"There is no mission {mission!r}."
+        asked = self._read_asked(content)
+        if isinstance(asked, str):
+            self.note = asked
             self.tell_all()
             return
-        for name in ("robot", "world"):
-            if content[name] is not None and content[name] not in self.choices[f"{name}s"]:
-                self.note = f"There is no {name} {content[name]!r}."
-                self.tell_all()
-                return
-        asked = Asked(
-            self.files.get(mission, mission), content["robot"], content["world"], content["seed"],
-            tuple(content["sets"]), content["operated"],
-        )  # fmt: skip
+        if self._judging is not None:
+            self._judging.cancel()
+        mission = content["mission"]
         self.note = f"Preparing {mission} ..."
         self.tell_all()
         self._busy = asyncio.create_task(self._launch(asked, mission))
+
+    def _read_asked(self, content: dict[str, Any]) -> Asked | str:
+        """Return what a page asks to be flown, or what of it there is not."""
+        for name in ("mission", "robot", "world", "backend"):
+            value = content[name]
+            if value is not None and value not in self.choices[f"{name}s"]:
+                return f"There is no {'back end' if name == 'backend' else name} {value[:80]!r}."
+        mission = content["mission"]
+        return Asked(
+            self.files.get(mission, mission), content["robot"], content["world"], content["seed"],
+            tuple(content["sets"]), content["operated"], content["backend"],
+        )  # fmt: skip
+
+    def _choose(self, watcher: Watcher, content: dict[str, Any]) -> None:
+        """Tell a page which back ends fly what it sets up; the newest question replaces others."""
+        if self.process is not None or self._busy is not None or self.hosted:
+            return
+        asked = self._read_asked(content)
+        if isinstance(asked, str):
+            return
+        if self._judging is not None:
+            self._judging.cancel()
+        self._judging = asyncio.create_task(self._judge(watcher, asked, content["n"]))
+
+    async def _judge(self, watcher: Watcher, asked: Asked, number: int) -> None:
+        watcher.tell("backends", n=number, **await ask(asked, self.choices["backends"]))
 
     async def _launch(self, asked: Asked, name: str) -> None:
         try:
@@ -253,7 +278,9 @@ class Station:
             self.process = process
             self.logbook.begin(process, name)
             self._attach(process.end, folder)
-            self.note = f"Planning {name} ..."
+            linked = split_backend(asked.backend)[0] in LINKED
+            meets = f", then waiting for {asked.backend}" if linked else ""
+            self.note = f"Planning {name}{meets} ..."
             self._flown = asyncio.create_task(self._watch(process))
         finally:
             self._busy = None
@@ -318,6 +345,9 @@ class Station:
 
     async def close(self) -> None:
         """End what runs."""
+        if self._judging is not None:
+            self._judging.cancel()
+            await asyncio.wait([self._judging])
         if self._busy is not None:
             await self._busy
         if self.process is not None:

@@ -11,6 +11,7 @@ from skywright.ground.page_operator import PageOperator
 from skywright.ground.serve import Beside
 from skywright.ground.server import Address
 from skywright.links.pair import prepare
+from skywright.run.backends import PHYSICS
 
 WAIT_S, STAY_S = 20.0, 3.0
 """s for which a watched run waits for the first page, and keeps its last picture."""
@@ -19,14 +20,21 @@ WAIT_S, STAY_S = 20.0, 3.0
 class Watching:
     """The feed of a run and, where it is ours, the station."""
 
-    def __init__(self, person: object, station: str | None, address: Address | None = None) -> None:
-        """`person` is at the stick, or None; `station` is FD:FOLDER of one that waits already."""
+    def __init__(
+        self, person: object, station: str | None, address: Address | None = None,
+        backend: str = PHYSICS,
+    ) -> None:  # fmt: skip
+        """`person` is at the stick, or None; `station` is FD:FOLDER of one that waits already.
+
+        `backend` flies.
+        """
         self._beside: Beside | None = None
         if station is None:
             self._beside = Beside(address or Address())
-            self.feed = Feed(self._beside.end, self._beside.folder, wait_s=WAIT_S, stay_s=STAY_S)
+            end, folder, stay_s = self._beside.end, self._beside.folder, STAY_S
         else:
-            self.feed = Feed(*_find_station(station), wait_s=WAIT_S)
+            (end, folder), stay_s = _find_station(station), 0.0
+        self.feed = Feed(end, folder, wait_s=WAIT_S, stay_s=stay_s, backend=backend)
         if isinstance(person, PageOperator):
             person.feed = self.feed
 

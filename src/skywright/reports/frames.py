@@ -56,17 +56,21 @@ class FrameBuilder:
 
     def __init__(
         self, scene: Scene3d, columns: frozenset[str], judged: tuple[str, ...],
-        gap_limit: float | None = None,
+        gap_limit: float | None = None, *, forces: bool = True,
     ) -> None:  # fmt: skip
         """`columns` are those of the samples; `judged` phases in which contact quality counts.
 
-        `gap_limit` (m): largest gap that counts as contact, by default GAP_LIMIT.
+        `gap_limit` (m): largest gap that counts as contact, by default GAP_LIMIT. Without `forces`
+        nothing is told of forces, thrusts and power.
         """
         self.scene, self.judged = scene, judged
         self.gap_limit = GAP_LIMIT if gap_limit is None else gap_limit
         robot, world = scene.robot, scene.world
         self.channels = list_channels(robot, world, columns, self.gap_limit)
         self.arrows = list_arrows(robot, columns)
+        if not forces:
+            self.channels = [c for c in self.channels if c.unit not in ("N", "%", "W")]
+            self.arrows = []
         self.has_arm = robot.arm is not None
         self.pipe = world.pipe if "ec" in columns and robot.probe is not None else None
         self._cylinder = build_cylinder(self.pipe) if self.pipe is not None else None
@@ -153,7 +157,7 @@ def list_channels(
         add("off the path", "m", _read_off, digits=2)
         if robot.arm is not None and is_compliant(robot):
             for side in SIDES[: robot.arm.sides]:
-                add(f"{side} hand force", "N", _norm(f"{side}_f_W"))
+                add(f"{side} hand force, with load", "N", _norm(f"{side}_f_W"))
         add("platform tilt", "°", _read_lean)
         add("speed", "m/s", _norm("v_WB"), digits=2)
     most = robot.rotors.thrust_max_n
@@ -175,8 +179,9 @@ def list_arrows(robot: Robot, columns: frozenset[str]) -> list[Arrow]:
     if robot.arm is not None and is_compliant(robot):
         for side in SIDES[: robot.arm.sides]:
             place = f"{side}_p_WH"
-            out.append(Arrow(f"{side} hand", False, _at(place, f"{side}_est_f_W")))
-            out.append(Arrow(f"{side} hand", True, _at(place, f"{side}_ref_f_W")))
+            name = f"{side} hand, without load"  # what it feels beyond the weight that it knows
+            out.append(Arrow(name, False, _at(place, f"{side}_est_f_W")))
+            out.append(Arrow(name, True, _at(place, f"{side}_ref_f_W")))
     elif "f_contact" in columns and robot.arm is not None:
         out.append(Arrow("tip", False, _at("p_WT", "f_contact")))
         if "ref_force" in columns:

@@ -25,6 +25,7 @@ from skywright.reports.phases import explain_phase
 from skywright.reports.scene3d import ESTIMATE, Scene3d, encode
 from skywright.reports.trace3d import COLOURS, build_legend, list_judged
 from skywright.reports.views3d import View, build_views
+from skywright.run.backends import has_forces
 from skywright.run.kind import load_kind
 from skywright.run.run import RunResult
 
@@ -88,8 +89,9 @@ def build_replay_data(result: RunResult) -> dict[str, Any]:
         scene.draw_mark(mark, start)
     judged_names = list_judged(d.robot, d.world)
     builder = FrameBuilder(
-        scene, list_columns(result.samples), judged_names, d.mission.task.get_gap_limit()
-    )
+        scene, list_columns(result.samples), judged_names, d.mission.task.get_gap_limit(),
+        forces=has_forces(result.backend),
+    )  # fmt: skip
     judged = np.isin(
         shown["phase"], [i for i, p in enumerate(result.phases) if p.name in judged_names]
     )
@@ -101,6 +103,7 @@ def build_replay_data(result: RunResult) -> dict[str, Any]:
     frames = builder.build(shown, judged, _read_signal(weld, shown["t"]))
     data |= {
         "mode": "replay",
+        "backend": result.backend,
         "outcome": result.outcome,
         "reason": result.reason,
         "duration": float(samples["t"][-1]) - start if len(samples) else 0.0,

@@ -17,25 +17,37 @@ from skywright.run.kind import load_kind
 from skywright.run.parts import build_estimator, build_law, build_named
 from skywright.run.setup import Setup
 from skywright.vehicle.component import Component
-from skywright.vehicle.interface import require
+from skywright.vehicle.interface import check_offers, require
 from skywright.vehicle.observers.operator import Operator as OperatorStick
+from skywright.vehicle.set_up import list_offers
 from skywright.vehicle.simulated import SimulatedVehicle
 from skywright.vehicle.streams import StreamRecorder
 
 PHYSICS, KINEMATIC, RECORDING = BACKENDS = ("physics", "kinematic", "recording")
 """The perturbed plant; references that are followed exactly; a run's recording that is played."""
+MAVLINK, PX4 = "mavlink", "px4"
 LINKED = {
-    "mavlink": "skywright.links.mavlink.companion", "px4": "skywright.links.px4.mission",
+    MAVLINK: "skywright.links.mavlink.companion", PX4: "skywright.links.px4.mission",
 }  # fmt: skip
 """Back ends whose vehicle, or autopilot, is at the other end of a link, `NAME:ADDRESS`: their
-module, which has `open_backend(address)`."""
+module, which has `open_backend(address)` and `check_backend(address, setup)`."""
+
+
+def split_backend(name: str) -> tuple[str, str]:
+    """Return a back end's kind and its address, with options."""
+    kind = name.partition(":")[0].partition("?")[0]
+    return kind, name[len(kind) :].removeprefix(":")
+
+
+def has_forces(name: str) -> bool:
+    """Whether a back end simulates forces and power: without, their samples mean nothing."""
+    return split_backend(name)[0] in (PHYSICS, PX4)
 
 
 def choose_backend(name: str) -> Callable[..., SimulatedVehicle]:
     """Return what builds a back end that flies; raises InputError that lists them."""
-    kind = name.partition(":")[0].partition("?")[0]
+    kind, address = split_backend(name)
     if kind in LINKED:
-        address = name[len(kind) :].removeprefix(":")
         return import_module(LINKED[kind]).open_backend(address)
     if name == PHYSICS:
         return SimulatedVehicle
@@ -48,6 +60,19 @@ def choose_backend(name: str) -> Callable[..., SimulatedVehicle]:
         f"backend {name!r} {what or 'is unknown'}; back ends that fly a mission: "
         f"{', '.join((PHYSICS, KINEMATIC, *LINKED))}"
     )
+
+
+def check_backend(setup: Setup[Any], name: str) -> None:
+    """Raise InputError where a back end does not fly a mission: before anything is connected."""
+    d, (kind, address) = setup.description, split_backend(name)
+    choose_backend(name)
+    if kind in LINKED:
+        import_module(LINKED[kind]).check_backend(address, setup)
+    elif name == KINEMATIC:  # of the physics, planning tells what the robot lacks
+        from skywright.vehicle.kinematic import OFFERS
+
+        offers, asks = list_offers(d.robot) & OFFERS, load_kind(d.mission.kind)
+        check_offers(offers, frozenset(), asks.needs, d.mission.name, asks.devices)
 
 
 def build_for_mission(

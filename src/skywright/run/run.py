@@ -25,7 +25,7 @@ from skywright.errors import InfeasibleError, InputError, SimulationError, Skywr
 from skywright.models.capability import check_can_fly
 from skywright.planning.motion.plan_file import write_plan_file
 from skywright.recordings.columns import build_dtype
-from skywright.run.backends import PHYSICS, build_for_mission, choose_backend
+from skywright.run.backends import PHYSICS, build_for_mission, check_backend
 from skywright.run.directory import load_run, open_directory, write_json, write_unfinished
 from skywright.run.faults._rule import Acted, Rule
 from skywright.run.flight import Flight, Flown, PhaseRecord
@@ -145,7 +145,7 @@ def run_mission(
     if operator is not None:
         check_operator(description)
     setup, rules = Setup(description), build_rules(description)
-    choose_backend(backend)  # one that does not exist is told before anything is planned
+    check_backend(setup, backend)  # what cannot fly it is told before anything is planned
     plan, vehicle = _prepare(setup, backend, observers)  # a bad part is told before all else
     try:
         store = None if records is None else FlightRecords(records, setup)

@@ -158,17 +158,25 @@ def require(
     backend: Backend, needs: frozenset[str], mission: str, devices: frozenset[str] = frozenset()
 ) -> None:
     """Raise InputError when a back end does not offer what a mission needs, or lacks devices."""
-    lacking = sorted(devices - backend.devices.names)
-    if lacking:
-        raise InputError(
-            f"mission {mission!r} requires the device {', '.join(lacking)}; the vehicle has "
-            f"{', '.join(sorted(backend.devices.names)) or 'no devices'}"
-        )
-    missing = sorted(needs - backend.offers)
+    check_offers(backend.offers, backend.devices.names, needs, mission, devices)
+
+
+def check_offers(
+    offers: frozenset[str], beside: frozenset[str], needs: frozenset[str], mission: str,
+    devices: frozenset[str] = frozenset(),
+) -> None:  # fmt: skip
+    """Raise as `require` does, of what a back end offers and of the devices beside it."""
+    missing = sorted(needs - offers)
     if missing:
         raise InputError(
             f"mission {mission!r} requires {', '.join(missing)}; the vehicle offers "
-            f"{', '.join(sorted(backend.offers)) or 'nothing'}"
+            f"{', '.join(sorted(offers)) or 'nothing'}"
+        )
+    lacking = sorted(devices - beside)
+    if lacking:
+        raise InputError(
+            f"mission {mission!r} requires the device {', '.join(lacking)}; the vehicle has "
+            f"{', '.join(sorted(beside)) or 'no devices'}"
         )
 
 

@@ -85,6 +85,13 @@ def connect(url: Url, clock: Clock | None) -> VehicleLink:
     return VehicleLink(Endpoint(url, 1, COMPONENT), clock)
 
 
+def check_backend(address: str, setup: Any) -> None:
+    """Raise InputError where a mission is not flown over MAVLink."""
+    says = find_refusal(setup)
+    if says:
+        raise InputError(f"backend mavlink: {says}")
+
+
 def open_backend(
     text: str, clock: Clock | None = None,
     connect: Callable[[Url, Clock | None], VehicleLink] = connect,
@@ -97,9 +104,7 @@ def open_backend(
     load_dialect()  # says at once where pymavlink is not installed
 
     def build(setup: Any, *args: Any, **kwargs: Any) -> MavlinkVehicle:
-        says = find_refusal(setup)
-        if says:
-            raise InputError(f"backend mavlink: {says}")
+        check_backend(url, setup)
         link = connect(parsed, clock)
         try:
             return MavlinkVehicle(link, option == "force", setup, *args, **kwargs)

@@ -37,6 +37,7 @@ from skywright.links.sitl.fly import AutopilotFailed
 from skywright.links.sitl.onboard import AutopilotPose, AutopilotRotors
 from skywright.links.sitl.pace import Pace
 from skywright.links.sitl.plant import Placed, Reading, Sockets
+from skywright.run.parts import build_law, uses_truth
 from skywright.vehicle.bus import Allocated, Clock, WrenchCommand
 from skywright.vehicle.component import Component
 from skywright.vehicle.geodesy import Geodetic, to_local
@@ -305,6 +306,16 @@ def _parse_number(name: str, text: str, low: float, high: float) -> float:
     return value
 
 
+def check_backend(address: str, setup: Any) -> None:
+    """Raise InputError where a mission is not flown with PX4 in the loop."""
+    d, force = setup.description, parse_options(address).force
+    says = find_refusal(setup, uses_truth(d))
+    if force and not says:
+        says = find_forceless(setup.robot, build_law(d, setup), setup.world.gravity_mps2)
+    if says:
+        raise InputError(f"backend px4: {says}")
+
+
 def open_backend(text: str) -> Callable[..., Px4Vehicle]:
     """Return what builds the back end of `px4[:PORT][?OPTIONS]`; raises InputError."""
     options = parse_options(text)
@@ -314,11 +325,7 @@ def open_backend(text: str) -> Callable[..., Px4Vehicle]:
         print(line, file=sys.stderr, flush=True)
 
     def build(setup: Any, law: Any, estimator: Any, **kwargs: Any) -> Px4Vehicle:
-        says = find_refusal(setup, estimator.is_truth)
-        if options.force and not says:
-            says = find_forceless(setup.robot, law, setup.world.gravity_mps2)
-        if says:
-            raise InputError(f"backend px4: {says}")
+        check_backend(text, setup)
         for line in find_losses(setup, law, options.force):
             say(line)
         link: VehicleLink | None = None
