@@ -47,18 +47,17 @@ def operate(mission: str, run: int, operator: str, delay_ms: float) -> list[str]
             if not page.wait(lambda: bool(page.status.get("asked")), 600.0):
                 raise RuntimeError(f"the mission did not ask: {page.state.get('note')}")
             page.send("speed", x=1)
-            began, frames = time.monotonic(), page.frames
             pilot = Pilot(page, ModelOperator(operator, run, 0.03), 1e-3 * delay_ms)
-            costs, ages = [], []
-            while page.status.get("asked") and page.state.get("flying"):
+            costs, ages, took, frames = [], [], 0.0, 0
+            while page.state.get("flying") and took < 240.0:
+                began, before = time.monotonic(), page.frames
                 page.poll(0.02)
+                if not page.status.get("asked"):  # the robot works by itself
+                    continue
                 pilot.step()
                 costs.append(page.status.get("cost_ms") or np.nan)
                 ages.append(page.status.get("stick_ms") or np.nan)
-                if time.monotonic() - began > 240.0:
-                    break
-            took = time.monotonic() - began
-            rate = (page.frames - frames) / took
+                took, frames = took + time.monotonic() - began, frames + page.frames - before
             page.send("speed", x=0)
             page.wait(lambda: page.state.get("flying") is False, 600.0)
             entry = page.words["logbook"]["entries"][-1]
@@ -66,7 +65,7 @@ def operate(mission: str, run: int, operator: str, delay_ms: float) -> list[str]
         finally:
             process.terminate()
             process.wait(60)
-    numbers = [rate, np.nanmedian(ages), np.nanmedian(costs), took]
+    numbers = [frames / took, np.nanmedian(ages), np.nanmedian(costs), took]
     told = [f"{x:.3g}" for x in numbers]
     return [str(run), operator, f"{delay_ms:g}", entry["outcome"], *told, entry["reason"]]
 

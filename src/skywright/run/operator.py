@@ -45,7 +45,7 @@ class Sight(NamedTuple):
     """What the operator sees of the work."""
 
     off: Array  # (3,) m, what is led from its place: ahead, left, up
-    light: bool  # whether no weight is left on the hands: they move without the tool
+    done: bool  # whether it is seen to be done: the tool stands, or hangs; the peg is in
     towards: tuple[float, float, float] = (0.0, 0.0, -1.0)  # unit, into the contact
     force: float = 0.0  # N, felt along it
     asked: float = 0.0  # N, to be held; 0: nothing is pressed
@@ -133,7 +133,7 @@ def write_recording(path: Path, rows: Sequence[tuple[float, Stick]], v_max: floa
     """Write a recording; it appears only when it is complete. Raises InputError on a full disk."""
     text = [
         "# Operator's input (Suarez 2020, equation 24): each axis from -1 to 1",
-        "# dx ahead (towards the pipe), dy left (along it), dz up; button 1: the tool stands",
+        "# dx ahead, dy left, dz up; button 1: the work is done",
         f"# v_max_mps = {v_max!r}",
         ",".join(COLUMNS),
     ]

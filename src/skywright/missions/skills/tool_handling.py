@@ -121,16 +121,19 @@ def _build_move(s: Supervisor, p: Array, yaw: float, speed: float, acceleration:
     )
 
 
-def lead_hands(s: Supervisor, grip: Grip, along: float, speed: float) -> None:
+def lead_hands(
+    s: Supervisor, grip: Grip, along: float, speed: float, beside: Array | None = None
+) -> None:
     """Lead both hands on straight lines (23) to `along` (m) of the mouth from where they hold.
 
-    The goal is fixed to the tool, which is tracked all the time.
+    `beside` (3,) m, in O, is added. The goal is fixed to the tool, which is tracked all the time.
     """
     marker = find_marker(s.vehicle.world)
     goals = {}
     for name, hand in zip(("left", "right"), grip.hands, strict=True):
         side = np.array([0.0, hand[1], 0.0])
         p_O = grip.handle + side - grip.cradle + along * grip.mouth
+        p_O = p_O if beside is None else p_O + beside
         goals[name] = marker.R.T @ (p_O - marker.p)
     s.arms.hands_to_marker(goals, speed)
 
