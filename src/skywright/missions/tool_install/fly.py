@@ -156,7 +156,8 @@ def _carry_back(
     move_platform(s, find_platform(way.grip, place) + [0.0, 0.0, ABOVE], place.yaw, NEAR_SPEED)
     held = _is_held(s, way.grip)
     if held:
-        put_down(s, way.grip, place, weight, speeds, "lower")
+        must = "the tool would stay on the hooks"
+        put_down(s, way.grip, place, weight, speeds, "lower", must)
         s.begin("return")
     _leave(s, way, place)
     _go_home(s, way)

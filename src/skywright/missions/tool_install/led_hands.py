@@ -12,13 +12,21 @@ import numpy as np
 from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.missions.skills.operated import compute_velocity
-from skywright.missions.skills.tool_handling import TILT_MAX, Weight
+from skywright.missions.skills.tool_handling import (
+    STEADY_S,
+    TILT_MAX,
+    Weight,
+    hold_joints,
+)
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.plant import MISSION_TICK
 
 FOLLOW_RATE = 1.0  # 1/s, of the platform: it is 3 cm behind hands that move at 3 cm/s
 SEATED_M = 0.015  # m, in height, within which a tool counts as standing on the pipe
 MOST = 1.5  # of the tool's weight, that is fed forward
+NEAR_M = 1e-4  # m, to which the goal is led back
+UP = np.array([0.0, 0.0, 1.0])
+FREE = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])  # m, of a goal that no stick leads
 
 
 class LedHands:
@@ -33,7 +41,7 @@ class LedHands:
         `platform` (3,) m is where it shall be for the hands to be there.
         """
         self.s, self.weight, self.most = s, weight, MOST * weight_n
-        self.R, self.goal = rot_z(yaw), np.array(goal)
+        self.R, self.start, self.goal = rot_z(yaw), np.array(goal), np.array(goal)
         self._led, self._platform = np.zeros(3), np.array(platform)
 
     def step(self, axes: Array, v_max: float, fence: Array) -> None:
@@ -44,6 +52,15 @@ class LedHands:
         s.arms.hands_velocity({"left": self.R @ v, "right": self.R @ v})
         behind = self._platform + self._led - s.vehicle.reference["p_WB"]
         self.weight.step(s, FOLLOW_RATE * behind, self.most)
+
+    def go_back(self, v_max: float) -> None:
+        """Lead the hands back to where the work began: first up, then across."""
+        for part in (UP, np.ones(3)):
+            while float(np.linalg.norm(way := part * (self.start - self.goal))) > NEAR_M:
+                self.step(way / max(float(np.linalg.norm(way)), MISSION_TICK * v_max), v_max, FREE)
+        for _ in range(round(STEADY_S / MISSION_TICK)):
+            self.step(np.zeros(3), v_max, FREE)
+        hold_joints(self.s)
 
 
 def explain_loss(R_WO: Array) -> str:

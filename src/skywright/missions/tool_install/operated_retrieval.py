@@ -21,6 +21,7 @@ from skywright.missions.skills.operated import Lead, OperatorGone
 from skywright.missions.skills.tool_handling import (
     LIFT,
     LIGHT_N,
+    LOW,
     STEADY_S,
     TILT_MAX,
     Grip,
@@ -28,18 +29,22 @@ from skywright.missions.skills.tool_handling import (
     Weight,
     find_platform,
     is_at_hand,
+    lead_hands,
     let_go,
     measure_tool,
 )
 from skywright.missions.tool_install.led_hands import (
+    FREE,
     MOST,
     SEATED_M,
+    UP,
     LedHands,
     describe_way,
     explain_loss,
 )
 from skywright.missions.tool_install.task import ToolInstall
 from skywright.run.operator import Sight
+from skywright.run.orders import Detour
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import Hands
 from skywright.vehicle.plant import MISSION_TICK
@@ -50,7 +55,8 @@ FENCE = np.array([[-0.04, -0.03, -0.1], [0.06, 0.03, 0.13]])
 """m, of the hands from where they hold the handle: lowest and highest place that the stick can ask
 for. To the left and right 30 mm are free between hook and box (plan.HAND_ROOM)."""
 UNDER = 0.004  # m, that the tips of hooks beside the handle stay below it
-UP = (0.0, 0.0, 1.0)
+SET_DOWN, BACK_RATE = 0.5, 0.5  # of the stick, and 1/s: of a tool that is set down again
+LEFT = "the tool was not taken"
 HANGS, STANDS = 0.8, 0.4
 """Of the tool's weight: what the hands carry when they lift it, and when it stands again."""
 HOOK, LIFT_OFF = "hook", "lift off"
@@ -65,16 +71,14 @@ def retrieve_by_operator(
     Returns the weight (N) on the hooks, None where the tool was left on the pipe, and why the
     operator did not come to an end, or "".
     """
-    work = _Retrieval(s, lead, grip, place, weight_n)
-    lead.begin()
-    s.begin(HOOK)
-    reason = work.fly()
-    lead.end()
-    weight = work.weight
+    work = _Retrieval(s, lead, grip, place, weight_n, speeds[0])
+    detour = Detour(work.set_back, work.wait_beside)
+    reason = s.orders.attempt("the handle", work.fly, LEFT, detour)
+    if reason == LEFT:
+        return None, reason
     if reason and not work.hangs:
         s.end("failed")
-        _lower(s, weight, MOST * weight_n)
-        let_go(s, grip, speeds[0])
+        work.set_back()
         return None, reason
     if reason:
         s.begin("take up again")
@@ -82,28 +86,34 @@ def retrieve_by_operator(
     s.arms.move_to(grip.q)
     s.until_arrived()
     for _ in range(round(STEADY_S / MISSION_TICK)):
-        weight.step(s, np.zeros(3), MOST * weight_n)
-    return weight.carried, reason
+        work.weight.step(s, np.zeros(3), MOST * weight_n)
+    return work.weight.carried, reason
 
 
 class _Retrieval:
-    """The state of an operated retrieval; each step is one tick."""
+    """The state of an operated retrieval, in which an operator's order may end it."""
 
     def __init__(
-        self, s: Supervisor[ToolInstall], lead: Lead, grip: Grip, place: Place, weight_n: float
-    ) -> None:
+        self, s: Supervisor[ToolInstall], lead: Lead, grip: Grip, place: Place, weight_n: float,
+        hand_speed: float,
+    ) -> None:  # fmt: skip
         self.s, self.lead, self.grip, self.place, self.weight_n = s, lead, grip, place, weight_n
-        self.weight = Weight(s, 0.0)
-        self.R = rot_z(place.yaw)
-        off = self._measure()
-        platform = find_platform(grip, place) + self.R @ off
-        self.hands = LedHands(s, self.weight, weight_n, place.yaw, off, platform)
-        self.help = Assistance(s.task.assistance, weight_n)
+        self.weight, self.R, self.hand_speed = Weight(s, 0.0), rot_z(place.yaw), hand_speed
         self.capture, self.below = compute_entry(s.vehicle.robot, grip)
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        off = self._measure()
+        platform = find_platform(self.grip, self.place) + self.R @ off
+        self.hands = LedHands(self.s, self.weight, self.weight_n, self.place.yaw, off, platform)
+        self.help = Assistance(self.s.task.assistance, self.weight_n)
         self.phase, self.raised, self.hangs = HOOK, 0.0, False
 
     def fly(self) -> str:
         """Let the operator move the hands until the tool hangs; returns why it does not, or ""."""
+        self.s.begin(HOOK)
+        self.lead.begin()
+        self._begin_anew()
         try:
             while not self._step():
                 if not is_at_hand(self.s, self.grip):
@@ -116,14 +126,32 @@ class _Retrieval:
                 f"{describe_way(self._look())} from the place, and the hands carried "
                 f"{self.weight.carried:.1f} N"
             )
+        finally:
+            self.lead.end()
         return ""
+
+    def set_back(self) -> None:
+        """Set down what is lifted, over its place, and draw the hooks out."""
+        s, v_max = self.s, self.s.task.stick_speed_mps
+        ends = s.vehicle.t + 4.0 * LIFT / v_max
+        while self.weight.carried > LIGHT_N and s.vehicle.t < ends:
+            off = self.R.T @ (measure_tool(s)[0] - self.place.p_WO)
+            axes = -SET_DOWN * UP
+            if off[2] > SEATED_M:
+                axes[:2] = np.clip(-BACK_RATE / v_max * off[:2], -1.0, 1.0)
+            self.hands.step(axes, v_max, FREE)
+        let_go(s, self.grip, self.hand_speed)
+
+    def wait_beside(self) -> None:
+        """Bring the hands from below the handle to where the operator takes over."""
+        lead_hands(self.s, self.grip, -LOW, self.hand_speed, HAND_OVER)
 
     def lift(self) -> None:
         """Lift the tool on, without an operator."""
         v_max = self.s.task.stick_speed_mps
         ends = self.s.vehicle.t + 2.0 * LIFT / v_max
         while self.raised < LIFT and self.s.vehicle.t < ends:
-            self.hands.step(np.array(UP), v_max, FENCE)
+            self.hands.step(UP, v_max, FENCE)
             self.raised = float((measure_tool(self.s)[0] - self.place.p_WO)[2])
 
     def _step(self) -> bool:
@@ -134,7 +162,7 @@ class _Retrieval:
         upright = R_WO[2, 2] > math.cos(TILT_MAX)
         self.hangs = upright and self.raised > SEATED_M and carried > STANDS * self.weight_n
         done = self.hangs and self.raised > 0.9 * LIFT
-        stick = self.lead.read(Sight(self._look(), done, UP))
+        stick = self.lead.read(Sight(self._look(), done, (0.0, 0.0, 1.0)))
         if stick.button and self.hangs and self.raised > 0.5 * LIFT:
             return True
         self._watch(carried)
@@ -177,12 +205,3 @@ class _Retrieval:
         off: Array = self.R.T @ (measure_tool(self.s)[0] - self.place.p_WO)
         off[2] -= LIFT
         return off
-
-
-def _lower(s: Supervisor, weight: Weight, most: float) -> None:
-    """Lower the hands as they came until nothing hangs on them."""
-    down = np.array([0.0, 0.0, -s.task.stick_speed_mps])
-    s.arms.hands_velocity({"left": down, "right": down})
-    ends = s.vehicle.t + 3.0 * SEATED_M / s.task.stick_speed_mps
-    while weight.carried > LIGHT_N and s.vehicle.t < ends:
-        weight.step(s, np.zeros(3), most)
