@@ -5,7 +5,9 @@
 Each run starts a station, enters with its one-time address, takes control, starts the flight and
 moves the stick by what the page is told. The operator sees and is heard late. One row a run is kept
 in benchmarks/operated-MISSION.csv: outcome, frames a second, median age of the sticks when they
-reach the flight, median cost of a tick, and how late the flight was. Real time: minutes a run.
+reach the flight, median cost of a tick, and how long the operator worked. Real time: minutes a run.
+Rows of `tool-install` whose `by_hand` is "installation" were flown when the robot still retrieved
+the tool by itself; no command makes them.
 """
 
 from __future__ import annotations
@@ -23,8 +25,8 @@ from skywright.ground.operator_model import ModelOperator
 
 KEPT = Path(__file__).resolve().parent
 COLUMNS = (
-    "run", "operator", "delay_ms", "outcome", "frames_per_s", "stick_ms", "cost_ms", "time_s",
-    "reason",
+    "run", "operator", "delay_ms", "by_hand", "outcome", "frames_per_s", "stick_ms", "cost_ms",
+    "time_s", "reason",
 )  # fmt: skip
 SETS = {
     "tool-install": ["mission.task.hover_s=0", "mission.task.wait_s=1"],
@@ -67,7 +69,7 @@ def operate(mission: str, run: int, operator: str, delay_ms: float) -> list[str]
             process.wait(60)
     numbers = [frames / took, np.nanmedian(ages), np.nanmedian(costs), took]
     told = [f"{x:.3g}" for x in numbers]
-    return [str(run), operator, f"{delay_ms:g}", entry["outcome"], *told, entry["reason"]]
+    return [str(run), operator, f"{delay_ms:g}", "all", entry["outcome"], *told, entry["reason"]]
 
 
 def main() -> None:
@@ -82,7 +84,11 @@ def main() -> None:
     done = set()
     if path.is_file():
         with path.open(newline="", encoding="utf-8") as file:
-            done = {(r["run"], r["operator"], r["delay_ms"]) for r in csv.DictReader(file)}
+            done = {
+                (r["run"], r["operator"], r["delay_ms"])
+                for r in csv.DictReader(file)
+                if r["by_hand"] == "all"
+            }
     else:
         path.write_text(",".join(COLUMNS) + "\n", encoding="utf-8")
     for run in range(1, args.runs + 1):
