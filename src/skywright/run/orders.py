@@ -44,7 +44,7 @@ class Order(StrEnum):
 ORDERS: dict[Order, str] = {
     Order.NEXT: "end the hold that is flown now; after `retract`, leave the contact out and go on",
     Order.RETRY: "draw back from the contact, fly to where it began, and try it again",
-    Order.RETRACT: "draw back from the contact along its normal and hold until `retry` or `next`",
+    Order.RETRACT: "draw back from the contact and hold until `retry` or `next`",
 }
 """What each means, for messages and the documentation."""
 
