@@ -13,6 +13,7 @@ from skywright.missions.skills.operated import OPERATED_MEASURES, measure_operat
 from skywright.missions.skills.tool_handling import LOW, Place
 from skywright.missions.tool_install.plan import ToolPlan, find_places
 from skywright.missions.tool_install.task import ToolInstall
+from skywright.recordings.columns import has_columns
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.where import WHOLE, Where
@@ -108,7 +109,7 @@ def compute_metrics(run: Flown[ToolInstall, ToolPlan]) -> dict[str, float]:
         out["tool.returned"] = float(near)
     out["tool.retries"] = float(sum(p.outcome == "retry" for p in phases))
     out |= _judge_operator(samples[INSTALL.select(samples, phases)])
-    retrieval = measure_operated(*_find_force(samples[RETRIEVAL.select(samples, phases)]))
+    retrieval = _measure_operated(samples[RETRIEVAL.select(samples, phases)])
     out |= {k.replace("operator.", "operator.retrieval_"): v for k, v in retrieval.items()}
     hover = HOVER.select(samples, phases)
     if np.any(hover):
@@ -132,15 +133,17 @@ def compute_operated(samples: Samples, index: int, seat: Place) -> dict[str, Arr
     }
 
 
-def _find_force(samples: Samples) -> tuple[Samples, Array]:
-    """Return samples, and the true force (n,) N of the hand that exerts more."""
-    sides = (np.linalg.norm(samples[f"{x}_f_W"], axis=1) for x in ("left", "right"))
-    return samples, np.maximum(*sides)
+def _measure_operated(samples: Samples) -> dict[str, float]:
+    """How long somebody was at the stick, and the largest true force (N) of a hand meanwhile."""
+    if not has_columns(samples, "operator_stick"):
+        return {}
+    force = np.maximum(*(np.linalg.norm(samples[f"{x}_f_W"], axis=1) for x in ("left", "right")))
+    return measure_operated(samples, force)
 
 
 def _judge_operator(samples: Samples) -> dict[str, float]:
     """How long somebody was at the stick, and how well the hands followed (24)."""
-    out = measure_operated(*_find_force(samples))
+    out = _measure_operated(samples)
     if not out:
         return {}
     error = np.zeros((len(samples), 3))
