@@ -5,7 +5,9 @@
 Each run starts a station, enters with its one-time address, takes control, starts the flight and
 moves the stick by what the page is told. The operator sees and is heard late. One row a run is kept
 in benchmarks/operated-MISSION.csv: outcome, frames a second, median age of the sticks when they
-reach the flight, median cost of a tick, and how late the flight was. Real time: minutes a run.
+reach the flight, median cost of a tick, and how long the operator worked. Real time: minutes a run.
+Rows of `tool-install` whose `by_hand` is "installation" were flown when the robot still retrieved
+the tool by itself; no command makes them.
 """
 
 from __future__ import annotations
@@ -23,8 +25,8 @@ from skywright.ground.operator_model import ModelOperator
 
 KEPT = Path(__file__).resolve().parent
 COLUMNS = (
-    "run", "operator", "delay_ms", "outcome", "frames_per_s", "stick_ms", "cost_ms", "time_s",
-    "reason",
+    "run", "operator", "delay_ms", "by_hand", "outcome", "frames_per_s", "stick_ms", "cost_ms",
+    "time_s", "reason",
 )  # fmt: skip
 SETS = {
     "tool-install": ["mission.task.hover_s=0", "mission.task.wait_s=1"],
@@ -47,18 +49,17 @@ def operate(mission: str, run: int, operator: str, delay_ms: float) -> list[str]
             if not page.wait(lambda: bool(page.status.get("asked")), 600.0):
                 raise RuntimeError(f"the mission did not ask: {page.state.get('note')}")
             page.send("speed", x=1)
-            began, frames = time.monotonic(), page.frames
             pilot = Pilot(page, ModelOperator(operator, run, 0.03), 1e-3 * delay_ms)
-            costs, ages = [], []
-            while page.status.get("asked") and page.state.get("flying"):
+            costs, ages, took, frames = [], [], 0.0, 0
+            while page.state.get("flying") and took < 240.0:
+                began, before = time.monotonic(), page.frames
                 page.poll(0.02)
+                if not page.status.get("asked"):  # the robot works by itself
+                    continue
                 pilot.step()
                 costs.append(page.status.get("cost_ms") or np.nan)
                 ages.append(page.status.get("stick_ms") or np.nan)
-                if time.monotonic() - began > 240.0:
-                    break
-            took = time.monotonic() - began
-            rate = (page.frames - frames) / took
+                took, frames = took + time.monotonic() - began, frames + page.frames - before
             page.send("speed", x=0)
             page.wait(lambda: page.state.get("flying") is False, 600.0)
             entry = page.words["logbook"]["entries"][-1]
@@ -66,9 +67,9 @@ def operate(mission: str, run: int, operator: str, delay_ms: float) -> list[str]
         finally:
             process.terminate()
             process.wait(60)
-    numbers = [rate, np.nanmedian(ages), np.nanmedian(costs), took]
+    numbers = [frames / took, np.nanmedian(ages), np.nanmedian(costs), took]
     told = [f"{x:.3g}" for x in numbers]
-    return [str(run), operator, f"{delay_ms:g}", entry["outcome"], *told, entry["reason"]]
+    return [str(run), operator, f"{delay_ms:g}", "all", entry["outcome"], *told, entry["reason"]]
 
 
 def main() -> None:
@@ -83,7 +84,11 @@ def main() -> None:
     done = set()
     if path.is_file():
         with path.open(newline="", encoding="utf-8") as file:
-            done = {(r["run"], r["operator"], r["delay_ms"]) for r in csv.DictReader(file)}
+            done = {
+                (r["run"], r["operator"], r["delay_ms"])
+                for r in csv.DictReader(file)
+                if r["by_hand"] == "all"
+            }
     else:
         path.write_text(",".join(COLUMNS) + "\n", encoding="utf-8")
     for run in range(1, args.runs + 1):

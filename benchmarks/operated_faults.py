@@ -76,7 +76,9 @@ WORKS = {
     "tool-install": Work(
         ("mission.task.hover_s=0", "mission.task.wait_s=1"), 1,
         (Moment("install: in the air", "install", 1.0),
-         Moment("install: on the pipe", "install", 1.0, 0.004)),
+         Moment("install: on the pipe", "install", 1.0, 0.004),
+         Moment("retrieval: below the handle", "hook", 2.0),
+         Moment("retrieval: lifted", "lift off", 3.0)),
     ),
     "bar-insertion": Work(
         (), 1,

@@ -132,7 +132,7 @@ class Pilot:
     def _hear(self, word: dict[str, Any]) -> None:
         if word["k"] == "sight":
             sight = Sight(
-                np.array(word["off"]), word["light"], tuple(word["towards"]), word["force"],
+                np.array(word["off"]), word["done"], tuple(word["towards"]), word["force"],
                 word["asked"], word["hold_s"],
             )  # fmt: skip
             self._now = word["t"]

@@ -1,6 +1,7 @@
-"""Write the table of docs/howto/assistance.md: `python docs/generate_assistance.py`.
+"""Write the tables of docs/howto/assistance.md: `python docs/generate_assistance.py`.
 
-Its numbers come from benchmarks/assistance.csv, which benchmarks/fly_assistance.py flies.
+Their numbers come from benchmarks/assistance.csv, which benchmarks/fly_assistance.py flies, and
+from benchmarks/retrieval.csv, which benchmarks/fly_retrieval.py flies.
 """
 
 from __future__ import annotations
@@ -13,8 +14,9 @@ from statistics import median
 DOCS = Path(__file__).parent
 PAGE = DOCS / "howto" / "assistance.md"
 KEPT = DOCS.parent / "benchmarks" / "assistance.csv"
-BEGIN = "<!-- assistance: begin, made by docs/generate_assistance.py, do not edit -->"
-END = "<!-- assistance: end -->"
+RETRIEVAL = DOCS.parent / "benchmarks" / "retrieval.csv"
+BEGIN = "<!-- {}: begin, made by docs/generate_assistance.py, do not edit -->"
+END = "<!-- {}: end -->"
 LEVELS = ("none", "slow", "guard", "hold")
 ORDER = (
     "calm", "gusts", "fast", "late", "position", "force", "practised", "careful", "hasty", "0",
@@ -72,13 +74,40 @@ def build_summary(rows: list[dict[str, str]]) -> str:
     return "\n".join(lines)
 
 
+def build_retrieval() -> str:
+    """One line for each operator and aim."""
+    with RETRIEVAL.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    lines = [
+        "| operator | sees the hooks beside by (ahead, left) | installed and brought back "
+        "| installation: time, s | peak force, N | retrieval: time, s | peak force, N "
+        "| collisions |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    cases = dict.fromkeys((r["operator"], r["ahead_mm"], r["left_mm"]) for r in rows)
+    for operator, ahead, left in cases:
+        case = (operator, ahead, left)
+        mine = [r for r in rows if (r["operator"], r["ahead_mm"], r["left_mm"]) == case]
+        good = sum(r["outcome"] == "succeeded" for r in mine)
+        met = sum(int(r["collisions"]) for r in mine)
+        lines.append(
+            f"| {operator} | {ahead}, {left} mm | {good} of {len(mine)} "
+            f"| {_quote(mine, 'install_s', 1)} | {_quote(mine, 'install_n', 2)} "
+            f"| {_quote(mine, 'retrieval_s', 1)} | {_quote(mine, 'retrieval_n', 2)} | {met} |"
+        )
+    return "\n".join(lines)
+
+
 def build_page(text: str) -> str:
     """Return the page with its tables made anew."""
     with KEPT.open(newline="", encoding="utf-8") as file:
         rows = sorted(csv.DictReader(file), key=_order)
-    head, rest = text.split(BEGIN)
-    made = f"{build_summary(rows)}\n\n{build_table(rows)}"
-    return f"{head}{BEGIN}\n\n{made}\n\n{END}{rest.split(END)[1]}"
+    presses = f"{build_summary(rows)}\n\n{build_table(rows)}"
+    for name, table in (("assistance", presses), ("retrieval", build_retrieval())):
+        begin, end = BEGIN.format(name), END.format(name)
+        head, rest = text.split(begin)
+        text = f"{head}{begin}\n\n{table}\n\n{end}{rest.split(end)[1]}"
+    return text
 
 
 if __name__ == "__main__":

@@ -119,7 +119,7 @@ def test_a_stick_by_udp_moves_the_hands_and_the_state_comes_back(
 
 
 class Program(threading.Thread):
-    """Leads the arms as an operator's program does: references, a pause, a stick, a landing."""
+    """Leads the arms as an operator's program does: references, a pause, a stick, operations."""
 
     def __init__(self, gateway: FlightGateway) -> None:
         super().__init__(daemon=True)
@@ -131,7 +131,7 @@ class Program(threading.Thread):
         while not self.gateway.server.offered:  # the robot takes off
             time.sleep(0.01)
         with ArmsClient("127.0.0.1", self.gateway.server.port, timeout_s=300.0) as arms:
-            self.results.append(arms.operate("visual", 60.0))
+            self.results.append(arms.operate("connect", 60.0))  # one has a session already
             self.results.append(arms.operate("joints", 60.0))
             start = time.monotonic()
             while arms.state.get("task") != CODES["joints"][0]:
@@ -147,18 +147,31 @@ class Program(threading.Thread):
             while time.monotonic() - start < 1.5:
                 arms.send_stick([0.0, 0.0, 0.6])
                 self._hear(arms, "stick", 0.02)
+            for name, axes in (
+                ("force", [0.0, 0.0, 0.4]), ("grasp", None), ("visual", [0.0, 0.6, 0.0]),
+                ("torque_off", None), ("torque_on", None),
+            ):  # fmt: skip
+                self.results.append(arms.operate(name, 60.0))
+                self._hear(arms, name, 1.2, axes)
             self.results.append(arms.operate("land", 60.0))
 
-    def _hear(self, arms: ArmsClient, name: str, seconds: float) -> None:
+    def _hear(
+        self, arms: ArmsClient, name: str, seconds: float, axes: list[float] | None = None
+    ) -> None:
         end = time.monotonic() + seconds
         while time.monotonic() < end:
+            if axes:
+                arms.send_stick(axes)
             if arms.poll():
                 self.states.setdefault(name, []).append(arms.state)
             time.sleep(0.005)
 
 
 def test_joint_references_and_a_stick_lead_the_arms_and_stale_ones_stop(tmp_path: Path) -> None:
-    d = load_description(ROOT / "examples" / "gateway" / "external-arms.toml")
+    d = load_description(
+        ROOT / "examples" / "gateway" / "external-arms.toml", world="tool-bench",
+        sets=["robot.arm.encoders=both", "mission.timestep_ms=2"],
+    )  # fmt: skip
     gateway = open_gateway(None, "udp:0", None, d)
     assert gateway is not None
     program = Program(gateway)
@@ -167,11 +180,12 @@ def test_joint_references_and_a_stick_lead_the_arms_and_stale_ones_stop(tmp_path
         d, out=tmp_path / "a", observers=[gateway], operator=GatewayOperator(gateway)
     )
     program.join(60.0)
-    assert program.results == ["unavailable", "accepted", "accepted", "accepted"]
+    assert program.results == ["unavailable", *["accepted"] * 8]
     assert result.outcome == "succeeded", (result.reason, result.metrics)
     names = [p.name for p in result.phases]
     assert names[names.index("hold") :] == [
-        "hold", "joints", "hold", "stick", "hold", "fold", "land"
+        "hold", "joints", "hold", "stick", "force", "grasp", "visual", "torque_off", "torque_on",
+        "hold", "fold", "land",
     ]  # fmt: skip
     s, first = result.samples, names.index("hold")
 
@@ -199,6 +213,19 @@ def test_joint_references_and_a_stick_lead_the_arms_and_stale_ones_stop(tmp_path
     seconds = stick["t"][-1] - stick["t"][10]
     assert rise[2] / seconds == pytest.approx(0.05 * 0.6, rel=0.35)
     assert np.all(np.abs(rise[:2]) < 0.01)
+    # a force upward raises hands that nothing resists; a grasp of nothing leaves them
+    first_hand = {k: np.array([x["p_hand"][:3] for x in v]) for k, v in program.states.items()}
+    assert first_hand["force"][-1, 2] > first_hand["force"][0, 2] + 0.01
+    assert np.ptp(first_hand["grasp"][-30:], axis=0).max() < 0.02
+    # (23): the places in the marker's frame move at the stick's share of v_max
+    left = first_hand["visual"][-1] - first_hand["visual"][10]
+    seconds = program.states["visual"][-1]["t"] - program.states["visual"][10]["t"]
+    assert left[1] / seconds == pytest.approx(0.05 * 0.6, rel=0.35) and abs(left[2]) < 0.02
+    # without torque the springs carry nothing and the arms hang; with it they stay so
+    assert np.max(np.abs(program.states["torque_off"][-1]["tau"])) < 0.25
+    assert first_hand["torque_off"][-1, 2] < first_hand["torque_off"][0, 2] - 0.05
+    held = [x["q_ref"] for x in program.states["torque_on"][-20:]]
+    assert np.ptp(np.array(held), axis=0).max() < 1e-6
 
 
 def test_without_a_gateway_the_example_says_what_it_needs(tmp_path: Path) -> None:

@@ -49,7 +49,7 @@ class _Sticks:
 def _build_lead(sticks: list[Stick]) -> tuple[Lead, list[Any]]:
     shown: list[Any] = []
     vehicle = SimpleNamespace(set_stick=lambda axes, button: shown.append((tuple(axes), button)))
-    s: Any = SimpleNamespace(sticks=[], vehicle=vehicle)
+    s: Any = SimpleNamespace(sticks=[], stretches=[], vehicle=vehicle)
     return Lead(s, _Sticks(sticks)), shown
 
 

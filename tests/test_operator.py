@@ -36,9 +36,13 @@ from skywright.ground.person import Person
 from skywright.links.pair import build_pair, say
 from skywright.links.udp.client import ArmsClient
 from skywright.links.udp.flight import FlightGateway, open_gateway
+from skywright.missions.skills import operated
+from skywright.missions.skills.hook_grip import build_grip, compute_entry
 from skywright.missions.skills.operated import compute_velocity
-from skywright.missions.tool_install.operated_install import FENCE, explain_loss
+from skywright.missions.tool_install.led_hands import explain_loss
+from skywright.missions.tool_install.operated_install import FENCE
 from skywright.missions.tool_install.plan import find_places
+from skywright.models.things.tool import Tool
 from skywright.recordings.recording import read_recording
 from skywright.run import operator as operator_file
 from skywright.run.operator import (
@@ -134,6 +138,23 @@ def test_between_rows_the_stick_stays() -> None:
     assert r.read(0.52, NOWHERE) is None
 
 
+def test_each_piece_of_work_has_its_own_rows() -> None:
+    """However long the one before it lasts; a button at its end stays pressed."""
+    t = np.arange(10) * MISSION_TICK
+    axes = np.linspace(0.0, 0.9, 30).reshape(10, 3)
+    r = Recording(t, axes, t > 8.5 * MISSION_TICK, None, [0.0, 4 * MISSION_TICK])
+    for late in (0, 7):  # ticks that the first piece lasts longer
+        r.begin(0, 0.0)
+        first = [r.read(k * MISSION_TICK, NOWHERE) for k in range(5)]
+        assert first[4] is None and first[3] is not None and first[3].axes[0] == axes[3, 0]
+        begun = (4 + late) * MISSION_TICK
+        r.begin(1, begun)
+        again = [r.read(begun + k * MISSION_TICK, NOWHERE) for k in range(7)]
+        assert [float(x.axes[0]) for x in again if x is not None] == list(axes[4:, 0])
+    r.begin(2, 1.0)
+    assert r.read(1.0, NOWHERE) is None
+
+
 def test_a_recording_cut_anywhere_is_refused_or_a_beginning(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     sticks = [(0.02 * k, Stick(rng.uniform(-1, 1, 3).round(3), k == 9)) for k in range(10)]
@@ -168,6 +189,7 @@ BAD = {
     "cut off": (f"{HEADER}\n0,0,0,0,0\n0.1,0,0\n", "line 3 has 3 values"),
     "speed": (f"# v_max_mps = fast\n{HEADER}\n0,0,0,0,0\n0.1,0,0,0,0\n", "v_max_mps is 'fast'"),
     "unit": (f"# v_max_mps = 3 cm/s\n{HEADER}\n0,0,0,0,0\n0.1,0,0,0,0\n", "v_max_mps is '3 cm/s'"),
+    "starts": (f"# starts_s = 0, 9\n{HEADER}\n0,0,0,0,0\n0.1,0,0,0,0\n", "starts_s is 0, 9"),
     "another speed": (
         f"# v_max_mps = 0.1\n{HEADER}\n0,0,0,0,0\n0.1,0,0,0,0\n",
         "recorded with v_max_mps",
@@ -403,6 +425,11 @@ def test_a_packaged_recording_installs_the_tool_elsewhere(tmp_path: Path) -> Non
     assert result.outcome == "succeeded", (result.reason, m)
     assert m["tool.seat_error_mm"] < 10.0 and m["tool.seat_angle_deg"] < 3.0
     assert 15.0 < m["operator.time_s"] < 30.0 and m["operator.hand_error_mm"] < 20.0
+    # it was taken from the pipe again by hand: the hooks carry what the tool weighs, not more
+    names = [p.name for p in result.phases]
+    assert names.count("grasp") == 1 and names.index("hook") < names.index("lift off")
+    assert 10.0 < m["operator.retrieval_time_s"] < 30.0
+    assert m["operator.retrieval_force_max_n"] < 0.75 * 9.81 * 0.55 and m["tool.returned"] == 1.0
 
     phase = [p.name for p in result.phases].index("install")
     s = result.samples[result.samples["phase"] == phase][::2]  # once a mission tick
@@ -423,6 +450,59 @@ def test_a_packaged_recording_installs_the_tool_elsewhere(tmp_path: Path) -> Non
     assert f'operator = "{FILE}"' in (tmp_path / "a" / "mission.toml").read_text()
     stored = read_recording(tmp_path / "a" / "recording.mcap").samples
     assert stored.tobytes() == result.samples.tobytes()
+
+
+class AimsBeside(ModelOperator):
+    """Sees the hooks 2 cm behind where they are, and says all the time that the tool hangs."""
+
+    def read(self, t: float, sight: Sight) -> Stick | None:
+        if sight.towards[2] < 0.0:
+            return super().read(t, sight)
+        stick = super().read(t, sight._replace(off=sight.off - [0.02, 0.0, 0.0]))
+        assert stick is not None
+        return Stick(stick.axes, True)
+
+
+def test_hooks_that_are_led_beside_the_handle_do_not_tip_the_tool_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(operated, "LONGEST_S", 20.0)
+    result = run_mission(
+        load_description("tool-install", sets=[*QUICK, "mission.task.hover_s=0"], seed=2),
+        out=tmp_path / "a", operator=AimsBeside("hasty", 2, 0.03),
+    )  # fmt: skip
+    assert result.outcome == "aborted" and not result.acted
+    assert "the operator took more than 20 s before the tool was lifted off" in result.reason
+    assert "it stays on the pipe" in result.reason
+    assert result.metrics["operator.retrieval_force_max_n"] < 0.1  # nothing was touched
+    assert result.metrics["contact.collisions"] == 0.0
+    assert result.metrics["tool.seat_error_mm"] < 10.0  # nor moved
+    d = result.description
+    tool = result.samples["object0_p_WO"]
+    hook = [p.name for p in result.phases].index("hook")
+    assert np.ptp(tool[result.samples["phase"] >= hook], axis=0).max() < 1e-3
+    assert result.phases[-1].name == "land" and d.mission.task.retrieve_by_hand
+
+
+def test_hooks_pass_a_handle_beside_which_they_are_led_no_higher() -> None:
+    """The tip of a hook that rises so far beside the handle grazes it; so far below it is clear."""
+    d = load_description("tool-install")
+    arm, tool = d.robot.arm, d.world.find_thing("tool", Tool)
+    assert arm is not None
+    grip = build_grip(d.robot, tool, 9.81)
+    beside, below = compute_entry(d.robot, grip)
+    slope = math.radians(25.0)  # of the hook from straight up: the forearm is 65 deg from down
+    hook = np.array([math.sin(slope), math.cos(slope)])
+    corner = -grip.cradle[[0, 2]]  # ahead, up; of the handle in the cradle
+    tip = corner + arm.hand.hook_length_m * hook
+    both = 0.5 * tool.handle_diameter_m + arm.hand.radius_m
+    rises = np.linspace(-0.1, 0.0, 2001)
+
+    def come_near(shift: float) -> float:
+        return float(min(np.hypot(tip[0] + shift, tip[1] + z) for z in rises))
+
+    assert come_near(-beside + 1e-4) > both > come_near(-beside - 1e-3)
+    assert tip[1] + below == pytest.approx(-both, abs=1e-9)
 
 
 class Leaves:

@@ -9,7 +9,9 @@ import pytest
 
 import skywright
 from exact_map import EXACT
+from skywright.ground.operator_model import ModelOperator
 from skywright.run import orders
+from skywright.run.operator import FILE, load_recording
 from skywright.run.orders import WAITING
 from skywright.run.run import RunResult, run_mission
 
@@ -31,6 +33,7 @@ INSTALL = (
     "mission.task.hold_s=6",
     "mission.timestep_ms=2",
 )
+TOOL = ("mission.task.hover_s=0", "mission.task.wait_s=1", "mission.timestep_ms=2")
 SCAN = (
     "mission.task.passes=2", "mission.task.pass_length_m=0.1", "mission.task.arc_deg=20",
     "mission.timestep_ms=2",
@@ -63,10 +66,12 @@ class Operator:
         pass
 
 
-def fly(folder: Path, mission: str, operator: Operator, *sets: str, backend="physics") -> RunResult:
+def fly(
+    folder: Path, mission: str, operator: Operator, *sets: str, backend="physics", stick=None
+) -> RunResult:
     result = run_mission(
         skywright.load(mission, sets=sets), out=folder / "run", observers=[operator],
-        backend=backend,
+        backend=backend, operator=stick,
     )  # fmt: skip
     assert not operator.orders, (operator.orders, [p.name for p in result.phases])
     return result
@@ -169,6 +174,92 @@ def test_the_sensor_is_pressed_again_after_a_retract(tmp_path):
     assert 2.9 < held.end_s - held.start_s < 3.2
     assert result.outcome in ("succeeded", "failed")
     assert "contact was lost" not in result.reason and "no surface" not in result.reason
+
+
+def test_the_sensor_is_pressed_again_by_hand_and_its_input_repeats_the_flight(tmp_path):
+    operator = Operator(("force", 0.5, "retract"), (WAITING, 1.0, "retry"))
+    result = fly(
+        tmp_path, "sensor-install", operator, *INSTALL, stick=ModelOperator("careful", 1, 0.03)
+    )
+    assert [r.reason for r in operator.results] == ["", ""]
+    names = name_phases(result)
+    at = names.index("draw back")
+    assert names[at - 1 : at + 5] == ["force", "draw back", WAITING, "rejoin", "touch", "press"]
+    assert names[names.index("retract") - 1] == "force"
+    assert "pressed on" not in result.reason and result.outcome in ("succeeded", "failed")
+    s, waits = result.samples, result.phases[at + 1]
+    inside = (s["t"] > waits.start_s + 0.2) & (s["t"] < waits.end_s)
+    assert np.max(np.abs(s["left_f_W"][inside])) < 0.1
+    kept = load_recording(tmp_path / "run" / FILE)  # its times grow over both stretches
+    assert kept.t[-1] > 0.9 * result.metrics["operator.time_s"] / 2.0
+
+
+def test_a_tool_is_set_down_and_lifted_again_where_that_is_ordered(tmp_path):
+    """On the bench, over the pipe, and over the bench, where it cannot be left out."""
+    operator = Operator(
+        ("lift", 1.0, "retract"), (WAITING, 1.0, "retry"), ("install", 1.5, "retract"),
+        (WAITING, 1.0, "next"), ("lower", 4.5, "retract"), (WAITING, 0.5, "next"),
+        (WAITING, 1.0, "retry"),
+    )  # fmt: skip
+    result = fly(tmp_path, "tool-install", operator, *TOOL)
+    must = "the contact cannot be left out: the tool would stay on the hooks; valid: retry"
+    assert [r.reason for r in operator.results] == ["", "", "", "", "", f"next refused: {must}", ""]
+    names = [n for n in name_phases(result) if n not in ("start", "take_off")]
+    assert names == [
+        "approach bench", "grasp", "lift", "draw back", "release", WAITING, "rejoin", "grasp",
+        "lift", "carry", "approach pipe", "install", "draw back", WAITING, "rejoin", "carry back",
+        "back to the bench", "lower", "draw back", WAITING, "rejoin", "lower", "release", "return",
+        "lift arms", "land",
+    ]  # fmt: skip
+    assert result.outcome == "aborted" and result.reason == (
+        "left out by the operator's order: the place of 'install'; it was not put down; it was "
+        "carried back to the bench"
+    )
+    assert result.metrics["tool.returned"] == 1.0 and result.metrics["contact.collisions"] == 0.0
+    s = result.samples
+    for waits in [p for p in result.phases if p.name == WAITING]:
+        inside = (s["t"] > waits.start_s + 0.5) & (s["t"] < waits.end_s)
+        assert np.ptp(s["object0_p_WO"][inside], axis=0).max() < 0.02  # it stands, or hangs still
+
+
+def test_a_tool_that_is_installed_and_retrieved_by_hand_goes_back_and_again(tmp_path):
+    operator = Operator(
+        ("install", 4.0, "retract"), (WAITING, 1.0, "retry"), ("lift off", 1.0, "retract"),
+        (WAITING, 1.0, "retry"),
+    )  # fmt: skip
+    result = fly(tmp_path, "tool-install", operator, *TOOL, stick=ModelOperator("hasty", 1, 0.03))
+    assert [r.reason for r in operator.results] == ["", "", "", ""]
+    assert result.outcome == "succeeded", result.reason
+    names = name_phases(result)
+    assert names.count("install") == 2 and names.count("hook") == 2 == names.count("lift off")
+    at = names.index(WAITING)
+    s = result.samples
+    first, again = (
+        s["object0_p_WO"][np.searchsorted(s["t"], p.start_s)]
+        for p in result.phases if p.name == "install"
+    )  # fmt: skip
+    assert np.linalg.norm(first - again) < 0.012  # it begins where it began
+    waits = result.phases[at + 1 + names[at + 1 :].index(WAITING)]
+    rows = s[(s["t"] > waits.start_s) & (s["t"] < waits.end_s)]
+    assert np.max(np.abs(rows["left_f_W"])) == 0.0  # it stands on the pipe, the hooks below
+    assert result.metrics["tool.seat_error_mm"] < 10.0
+    assert load_recording(tmp_path / "run" / FILE).t[-1] > 25.0
+
+
+def test_a_peg_is_drawn_out_and_inserted_again(tmp_path):
+    operator = Operator(
+        ("insert", 0.3, "retract"), (WAITING, 1.0, "retry"), ("set free", 0.2, "retract")
+    )
+    result = fly(tmp_path, "bar-insertion", operator, "mission.timestep_ms=2")
+    assert [r.reason for r in operator.results] == [
+        "", "", "retract refused: set free has no contact that this mission can repeat",
+    ]  # fmt: skip
+    names = name_phases(result)
+    at = names.index("draw back")
+    assert names[at - 1 : at + 6] == [
+        "insert", "draw back", WAITING, "rejoin", "align", "lower", "insert"
+    ]  # fmt: skip
+    assert result.outcome == "succeeded", result.reason
 
 
 def test_without_an_order_it_comes_home(tmp_path, monkeypatch):

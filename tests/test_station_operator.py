@@ -54,7 +54,7 @@ def test_a_watched_flight_tells_what_its_operator_sees(tmp_path: Path) -> None:
     feed.tell_sight(0.54, SIGHT._replace(force=math.inf))
     told = [parse(data) for data in receive(ours)]
     assert told == [{
-        "k": "sight", "t": 0.5, "off": [0.01, -0.02, -0.05], "light": False,
+        "k": "sight", "t": 0.5, "off": [0.01, -0.02, -0.05], "done": False,
         "towards": [0.0, 0.0, 1.0], "force": 1.25, "asked": 2.0, "hold_s": 5.0,
     }]  # fmt: skip
 

@@ -23,7 +23,10 @@ if TYPE_CHECKING:
     from skywright.run.setup import Setup
     from skywright.run.supervisor import Supervisor
 
-LED = ("hold", "rest", "operate", "stick", "joints")
+LED = (
+    "hold", "rest", "operate", "stick", "joints", "torque_on", "torque_off", "grasp", "force",
+    "visual",
+)  # fmt: skip
 
 
 class ExternalArmsTask(Task):
@@ -32,6 +35,7 @@ class ExternalArmsTask(Task):
     operator: str | None = None  # no recording: the operator is at the gateway
     longest_s: float = Field(default=600.0, gt=0, le=3600)  # time for the operator
     stick_speed_mps: float = Field(default=0.05, gt=0, le=0.2)  # of the hands, v_max of (24)
+    force_n: float = Field(default=1.0, gt=0, le=5)  # of a hand, at full deflection; of a grasp
 
 
 class ExternalArms(MissionKind[ExternalArmsTask, None]):
@@ -61,7 +65,7 @@ class ExternalArms(MissionKind[ExternalArmsTask, None]):
         gateway = getattr(s.operator, "gateway", None)
         if gateway is None:
             return Flight(False, "the arms have no operator; run with --operator udp:PORT")
-        lead = Lead(s, gateway, s.task.stick_speed_mps)
+        lead = Lead(s, gateway, s.task.stick_speed_mps, s.task.force_n)
         led = lead.run(s.task.longest_s)
         s.begin("fold")
         s.arms.move_to(lead.poses["rest"])

@@ -4,7 +4,7 @@ import { button, make } from './dom.js';
 const ORDERS = [
   ['next', 'Next', 'End the hold that is flown now; after a retract, leave the contact out'],
   ['retry', 'Retry', 'Draw back from the contact and try it again'],
-  ['retract', 'Retract', 'Draw back from the contact along its normal and hold'],
+  ['retract', 'Retract', 'Draw back from the contact and hold'],
 ];
 const DONE = { next: 'the hold ends', retry: 'the contact is tried again', retract: 'the robot draws back and holds' };
 

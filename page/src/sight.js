@@ -58,6 +58,6 @@ export class Sight {
     if (m.asked > 0) bar(215, m.force / (2 * m.asked), 0.5, 'force');
     const say = (i) => `${Math.abs(1e3 * m.off[i]).toFixed(0)} mm too far ${NAMES[i][m.off[i] > 0 ? 0 : 1]}`;
     this.words.textContent = [...across.map(say), left > 0 ? `${(1e3 * left).toFixed(0)} mm to go` : `${(-1e3 * left).toFixed(0)} mm beyond`].join(', ')
-      + (m.asked > 0 ? `; force ${m.force.toFixed(1)} N of ${m.asked.toFixed(1)} N, to be held ${m.hold_s.toFixed(0)} s.` : m.light ? '; no weight is left on the hands.' : '.');
+      + (m.asked > 0 ? `; force ${m.force.toFixed(1)} N of ${m.asked.toFixed(1)} N, to be held ${m.hold_s.toFixed(0)} s.` : m.done ? '; it is done: press Enter with Space held.' : '.');
   }
 }

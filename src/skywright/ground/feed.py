@@ -50,6 +50,7 @@ FRAME_PERIOD = 0.018  # s of wall time between frames, a little less than a tick
 RESERVE_PERIOD = 0.2  # s of wall time between measurements of what is left
 STATUS_PERIOD = 0.5  # s of wall time between words
 RECENT = 500  # ticks of which the status states the median
+REST_S = 0.5  # s of mission time after which an operator who is not asked any more may rest
 GRACE_S = 3.0  # s for which a flight is still paced after the last page has left: it may be loading
 SPEEDS = (0.1, 20.0)
 SPEED_FASTEST = 0.0
@@ -73,7 +74,7 @@ class Feed:
         self.wait_s, self.stay_s = wait_s, stay_s
         self.watchers, self.speed, self.paused = 0, 1.0, False
         self.steering = Steering()
-        self.asked = ""  # what the mission asks the operator to do now
+        self._asked, self._worked = "", 0.0  # and when (mission time) the operator last worked
         self.dropped = 0  # messages that were no commands
         self.costs = deque[float](maxlen=RECENT)  # s of the last ticks, for the status
         self._heard = self._left = -math.inf  # wall time: the station, the last watcher
@@ -227,12 +228,22 @@ class Feed:
 
     # --- telling -------------------------------------------------------------------------------
 
+    def ask(self, what: str) -> None:
+        """Ask the operator for something; "" ends that."""
+        self._asked, self._worked = what, self._t
+
+    @property
+    def asked(self) -> str:
+        """What the operator is asked to do now, "" while the robot works by itself."""
+        return self._asked if self._t - self._worked < REST_S else ""
+
     def tell_sight(self, t: float, sight: Sight) -> None:
         """Tell what the operator sees of the work, `t` (s) after the work began."""
+        self._worked = self._t
         if self.watched and np.isfinite(sight.off).all() and math.isfinite(sight.force):
             say(
                 self.end, "sight", t=round(t, 3), off=[round(float(x), 5) for x in sight.off],
-                light=bool(sight.light), towards=list(sight.towards),
+                done=bool(sight.done), towards=list(sight.towards),
                 force=round(float(sight.force), 3), asked=float(sight.asked),
                 hold_s=float(sight.hold_s),
             )  # fmt: skip

@@ -34,7 +34,7 @@ TREMOR = 0.02  # rms, of the stick's full deflection
 TREMOR_HZ = 10.0
 TREMOR_DAMPING = 0.1  # a band of 8 to 12 Hz
 STICK_DECIMALS = 3  # a device of some hundred steps each way
-PRESS_S = 0.5  # s, from seeing that the hooks are free to pressing the button
+PRESS_S = 0.5  # s, from seeing that it is done to pressing the button
 STIFFNESS = 150.0  # N/m, of a contact as the operator believes it
 FELT = 0.15  # of the force that is asked for: so much is seen as a contact
 GOOD = 0.4  # of it, up to which a force that is off counts as right
@@ -67,12 +67,15 @@ class ModelOperator:
         self._seen: deque[Sight] = deque(maxlen=1 + round(self.manner.delay / MISSION_TICK))
         self._stick, self._noise = np.zeros(3), np.zeros(3)
         self._shake, self._shaking = np.zeros(3), np.zeros(3)
-        self._light = 0.0  # s for which it has been seen that no weight is left
+        self._done = 0.0  # s for which the work has been seen to be done
         self._held = 0.0  # s for which the force has been seen to be right
+        self._towards = (0.0, 0.0, 0.0)  # the work that these belong to
 
     def read(self, t: float, sight: Sight) -> Stick | None:
         """Return the stick for what was seen a delay ago."""
         self._seen.append(sight)
+        if sight.towards != self._towards:  # another piece of work
+            self._towards, self._done, self._held = sight.towards, 0.0, 0.0
         seen, m = self._seen[0], self.manner
         keep = math.exp(-MISSION_TICK / REMNANT_S)
         fresh = math.sqrt(1.0 - keep**2) * REMNANT
@@ -82,13 +85,13 @@ class ModelOperator:
         axis = int(np.argmax(np.abs(seen.towards)))
         across = float(np.linalg.norm(np.delete(error, axis)))
         wanted[axis] = seen.towards[axis] * self._go_on(seen, across)
-        if seen.light:  # it stands, the hooks hang free
-            self._light += MISSION_TICK
+        if seen.done:
+            self._done += MISSION_TICK
             wanted[:] = 0.0
         wanted = np.clip(wanted, -m.size, m.size)
         self._stick += (1.0 - math.exp(-MISSION_TICK / ARM_S)) * (wanted - self._stick)
         axes = np.clip(self._stick + self._tremble(), -1.0, 1.0)
-        done = self._light > PRESS_S or (seen.asked > 0.0 and self._held > seen.hold_s)
+        done = self._done > PRESS_S or (seen.asked > 0.0 and self._held > seen.hold_s)
         return Stick(np.round(axes, STICK_DECIMALS), done)
 
     def _go_on(self, seen: Sight, across: float) -> float:

@@ -26,7 +26,7 @@ class PageOperator(Person):
     def begin(self) -> bool:
         """Wait for a stick; returns whether one came within PATIENCE_S."""
         assert self.feed is not None
-        self.feed.asked = INVITE
+        self.feed.ask(INVITE)
         ends = time.perf_counter() + PATIENCE_S
         while time.perf_counter() < ends:
             check_interrupt()
@@ -34,7 +34,7 @@ class PageOperator(Person):
             if self.feed.steering.order:
                 break  # the rules answer it in the next tick
             if self.feed.steering.stick.age(time.monotonic()) < 1.0:
-                self.feed.asked = WORK
+                self.feed.ask(WORK)
                 return True
         return bool(self.feed.steering.order)
 
@@ -44,7 +44,7 @@ class PageOperator(Person):
             self.feed.tell_sight(t, sight)
         stick = super().read(t, sight)
         if stick is None and self.feed is not None:
-            self.feed.asked = ""
+            self.feed.ask("")
         return stick
 
     def listen(self) -> None:

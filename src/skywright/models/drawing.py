@@ -53,6 +53,9 @@ class Part(NamedTuple):
     """free (the platform), hinge, slide, spring (the probe's tip), finger, object or fixed"""
     joint: int  # index into the joint angles (object: the world's; finger: hands); -1 without
     axis: Array  # (3,) of the motion, in the part's frame
+    turned: (
+        Array  # (4,) quaternion times (0, axis): a turn by a is cos(a/2) of the one, sin of this
+    )
     shapes: tuple[Shape, ...]
 
 
@@ -122,9 +125,9 @@ def _build_part(scene: Scene, robot: Robot, world: World, body: int) -> Part:
         motion = "slide" if kind == mujoco.mjtJoint.mjJNT_SLIDE else "hinge"
         joint = joint_names(robot).index(model.joint(first).name)
         axis = np.array(model.jnt_axis[first])
-    return Part(
-        name, parent, position, quaternion, motion, joint, axis, _collect_shapes(model, body)
-    )
+    turned = multiply_quaternions(quaternion[None], np.array([[0.0, *axis]]))[0]
+    shapes = _collect_shapes(model, body)
+    return Part(name, parent, position, quaternion, motion, joint, axis, turned, shapes)
 
 
 def compute_part_poses(
@@ -146,6 +149,7 @@ def compute_part_poses(
     that must not be written to.
     """
     n = len(p_WB)
+    cos, sin = np.cos(0.5 * q), np.sin(0.5 * q)
     out = []
     for part in drawing.parts:
         if part.motion == "free":
@@ -156,10 +160,8 @@ def compute_part_poses(
         else:
             position, quaternion = _repeat(part.position, n), _repeat(part.quaternion, n)
             if part.motion == "hinge":
-                half = 0.5 * q[:, part.joint]
-                turn = np.empty((n, 4))
-                turn[:, 0], turn[:, 1:] = np.cos(half), np.sin(half)[:, None] * part.axis
-                quaternion = multiply_quaternions(quaternion, turn)
+                j = slice(part.joint, part.joint + 1)
+                quaternion = cos[:, j] * part.quaternion + sin[:, j] * part.turned
             elif part.motion in ("slide", "spring"):
                 way = spring if part.motion == "spring" else q[:, part.joint]
                 position = position + rotate_vectors(quaternion, way[:, None] * part.axis)

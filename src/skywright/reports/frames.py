@@ -106,10 +106,11 @@ class FrameBuilder:
         columns: list[Array] = []
         for position, quaternion in self.scene.compute_poses(rows):
             columns += [position, quaternion]
-        for arrow in self.arrows:
-            origin, force = arrow.read(rows)
-            weak = np.linalg.norm(force, axis=1) < NO_FORCE
-            columns += [origin, np.where(weak[:, None], np.nan, force)]
+        if self.arrows:
+            origins, forces = zip(*(arrow.read(rows) for arrow in self.arrows), strict=True)
+            force = np.array(forces)
+            force[np.einsum("kni,kni->kn", force, force) < NO_FORCE**2] = np.nan
+            columns += [x for pair in zip(origins, force, strict=True) for x in pair]
         points, quality = judge_trace(rows, judged, self.has_arm, self.gap_limit)
         columns += [points, quality[:, None], self._map(rows, signal)]
         columns += [channel.read(rows).reshape(n, 1) for channel in self.channels]

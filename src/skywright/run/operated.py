@@ -35,20 +35,24 @@ def check_operator(description: Description) -> None:
 def write_mission(partial: Path, description: Description, plan: MissionPlan[Any]) -> None:
     """Write mission.toml, and beside it what it names: the operator's recording, a kind's file."""
     if plan.operator is not None:
-        keep_operator(partial, description, plan.operator.rows())
+        keep_operator(partial, description, plan.operator.rows(), plan.operator.starts)
     else:
         _dump(partial, description)
 
 
 def keep_operator(
-    partial: Path, description: Description, rows: Sequence[tuple[float, Stick]]
+    partial: Path,
+    description: Description,
+    rows: Sequence[tuple[float, Stick]],
+    starts: Sequence[float],
 ) -> None:
     """Write what the operator did, then name it in mission.toml; an interrupt leaves both whole.
 
+    `starts` (s) are the beginnings of the pieces of work.
     Raises InputError when the disk is full.
     """
     mission: Any = description.mission
-    write_recording(partial / FILE, rows, mission.task.stick_speed_mps)
+    write_recording(partial / FILE, rows, mission.task.stick_speed_mps, starts)
     task = mission.task.model_copy(update={"operator": FILE})
     _dump(partial, description._replace(mission=mission.model_copy(update={"task": task})))
 

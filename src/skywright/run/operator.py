@@ -3,7 +3,9 @@
 A recording is a table (CSV) with a header: `t_s` from 0 on, the stick's axes `dx, dy, dz` from -1
 to 1 (ahead, left, up, in the frame of the place that the tool goes to), `button` 0 or 1. Lines that
 begin with # are comments; one of them, `# v_max_mps = 0.03`, says the speed that a full axis stood
-for: the same input at another speed ends elsewhere. Between rows the stick stays as it is.
+for: the same input at another speed ends elsewhere. Another one, `# starts_s = 0.0, 29.48`, says
+when each piece of work began: where one lasts shorter or longer than when it was recorded, the next
+one begins with its own rows all the same. Between rows the stick stays as it is.
 """
 
 from __future__ import annotations
@@ -19,12 +21,14 @@ from numpy.typing import NDArray
 
 from skywright.core.bounded import read_bytes
 from skywright.errors import InputError, neighbours
+from skywright.vehicle.plant import MISSION_TICK
 
 Array = NDArray[np.float64]
 
 COLUMNS = ("t_s", "dx", "dy", "dz", "button")
 GAP_MAX = 0.5  # s between rows: what the stick did in a longer pause nobody knows
 LONGEST = 600.0  # s
+MOST_STARTS = 100  # pieces of work
 MAX_BYTES = 10_000_000
 FILE = "operator.csv"
 """In a run's directory: what its operator did."""
@@ -45,7 +49,7 @@ class Sight(NamedTuple):
     """What the operator sees of the work."""
 
     off: Array  # (3,) m, what is led from its place: ahead, left, up
-    light: bool  # whether no weight is left on the hands: they move without the tool
+    done: bool  # whether it is seen to be done: the tool stands, or hangs; the peg is in
     towards: tuple[float, float, float] = (0.0, 0.0, -1.0)  # unit, into the contact
     force: float = 0.0  # N, felt along it
     asked: float = 0.0  # N, to be held; 0: nothing is pressed
@@ -62,13 +66,32 @@ class Operator(Protocol):
 class Recording:
     """A recorded operator: plays back, whatever is seen."""
 
-    def __init__(self, t: Array, axes: Array, button: NDArray[np.bool_], v_max: float | None):
-        """`t` (n,) s, `axes` (n, 3), `button` (n,); `v_max` (m/s) of a full axis, if known."""
+    def __init__(
+        self,
+        t: Array,
+        axes: Array,
+        button: NDArray[np.bool_],
+        v_max: float | None,
+        starts: Sequence[float] = (0.0,),
+    ):
+        """`t` (n,) s, `axes` (n, 3), `button` (n,); `v_max` (m/s) of a full axis, if known.
+
+        `starts` (s) are the beginnings of the pieces of work.
+        """
         self.t, self.axes, self.button, self.v_max = t, axes, button, v_max
+        self.starts = list(starts)
+        self._shift, self._end = 0.0, float(t[-1])
+
+    def begin(self, piece: int, t: float) -> None:
+        """Play the rows of a piece of work from `t` (s) on."""
+        starts, k = [*self.starts, math.inf, math.inf], min(piece, len(self.starts))
+        self._shift = starts[k] - t
+        self._end = min(starts[k + 1] - MISSION_TICK, float(self.t[-1]))
 
     def read(self, t: float, sight: Sight) -> Stick | None:
-        """Return the last row at or before `t`; None beyond the end."""
-        if t > self.t[-1] + 1e-9:
+        """Return the last row at or before `t`; None beyond the end of the piece of work."""
+        t += self._shift
+        if not t <= self._end + 1e-9:
             return None
         i = max(int(np.searchsorted(self.t, t + 1e-9, side="right")) - 1, 0)
         return Stick(self.axes[i], bool(self.button[i]))
@@ -126,15 +149,29 @@ def load_recording(path: Path) -> Recording:
     if len(table) < 2:
         raise InputError(f"{path}: {len(table)} rows of numbers; valid: at least 2")
     _check_times(path, table[:, 0], [line for line, _ in rows[1:]])
-    return Recording(table[:, 0], table[:, 1:4], table[:, 4] > 0.5, _read_speed(path, lines))
+    speeds = _read_comment(path, lines, "v_max_mps", 1)
+    if speeds and not speeds[0] > 0.0:
+        raise InputError(f"{path}: v_max_mps is {speeds[0]:g}; a number above 0 is required")
+    starts = _read_comment(path, lines, "starts_s", MOST_STARTS) or [0.0]
+    if starts[0] != 0.0 or np.any(np.diff(starts) <= 0.0) or starts[-1] > table[-1, 0]:
+        raise InputError(
+            f"{path}: starts_s is {', '.join(f'{x:g}' for x in starts[:8])}; valid: growing from 0 "
+            f"up to the last row at {table[-1, 0]:g}"
+        )
+    v_max = speeds[0] if speeds else None
+    return Recording(table[:, 0], table[:, 1:4], table[:, 4] > 0.5, v_max, starts)
 
 
-def write_recording(path: Path, rows: Sequence[tuple[float, Stick]], v_max: float) -> None:
+def write_recording(
+    path: Path, rows: Sequence[tuple[float, Stick]], v_max: float, starts: Sequence[float] = (0.0,)
+) -> None:
     """Write a recording; it appears only when it is complete. Raises InputError on a full disk."""
+    begun = [x for x in starts if x <= rows[-1][0]] or [0.0]
     text = [
         "# Operator's input (Suarez 2020, equation 24): each axis from -1 to 1",
-        "# dx ahead (towards the pipe), dy left (along it), dz up; button 1: the tool stands",
+        "# dx ahead, dy left, dz up; button 1: the work is done",
         f"# v_max_mps = {v_max!r}",
+        f"# starts_s = {', '.join(repr(float(x)) for x in begun)}",
         ",".join(COLUMNS),
     ]
     for t, stick in rows:
@@ -195,19 +232,19 @@ def _check_times(path: Path, t: Array, lines: list[int]) -> None:
         raise InputError(f"{path}: line {lines[i + 1]}, t_s is {t[i + 1]:g} after {t[i]:g}; {what}")
 
 
-def _read_speed(path: Path, lines: list[tuple[int, str]]) -> float | None:
-    """Return the speed (m/s) that a comment names."""
+def _read_comment(path: Path, lines: list[tuple[int, str]], name: str, most: int) -> list[float]:
+    """Return the numbers of a comment, up to `most`; nothing where there is none."""
     for line, text in lines:
-        match = re.fullmatch(r"\s*#\s*v_max_mps\s*=(.*)", text)
+        match = re.fullmatch(rf"\s*#\s*{name}\s*=(.*)", text)
         if match:
             try:
-                value = float(match.group(1))
+                values = [float(x) for x in match.group(1).split(",")]
             except ValueError:
-                value = math.nan
-            if not 0.0 < value < math.inf:
+                values = []
+            if not 0 < len(values) <= most or not all(map(math.isfinite, values)):
                 raise InputError(
-                    f"{path}: line {line}, v_max_mps is {match.group(1).strip()[:20]!r}; a "
-                    "number above 0 is required"
+                    f"{path}: line {line}, {name} is {match.group(1).strip()[:20]!r}; valid: "
+                    f"{'a number' if most == 1 else f'up to {most} numbers'}"
                 )
-            return value
-    return None
+            return values
+    return []

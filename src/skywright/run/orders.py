@@ -44,7 +44,7 @@ class Order(StrEnum):
 ORDERS: dict[Order, str] = {
     Order.NEXT: "end the hold that is flown now; after `retract`, leave the contact out and go on",
     Order.RETRY: "draw back from the contact, fly to where it began, and try it again",
-    Order.RETRACT: "draw back from the contact along its normal and hold until `retry` or `next`",
+    Order.RETRACT: "draw back from the contact and hold until `retry` or `next`",
 }
 """What each means, for messages and the documentation."""
 
@@ -75,6 +75,7 @@ class Orders:
         self._given: Order | None = None
         self._contact = ""  # what is open
         self._holds = False  # a hold that may end early
+        self._must = ""  # why the contact that was drawn back from cannot be left out
         self.waits = False
         """Whether the robot has drawn back, and `retry` or `next` is waited for."""
         self.left_out: list[str] = []
@@ -94,6 +95,8 @@ class Orders:
             says = "the robot flies the response of a fault rule"
         elif order == Order.RETRACT and self.waits:
             says = "the robot has already retreated: order retry or next"
+        elif order == Order.NEXT and self.waits and self._must:
+            says = f"the contact cannot be left out: {self._must}; valid: retry"
         elif order == Order.NEXT and not (self._holds or self.waits):
             says = f"{s.phase} cannot be ended early; valid: a hold, or a contact after retract"
         elif order != Order.NEXT and not (self._contact or self.waits):
@@ -144,9 +147,16 @@ class Orders:
             self._contact, self._given = "", None
 
     def attempt(
-        self, what: str, do: Callable[[], R], left_out: R, detour: Detour | None = None
+        self,
+        what: str,
+        do: Callable[[], R],
+        left_out: R,
+        detour: Detour | None = None,
+        must: str = "",
     ) -> R:
         """Do the work of a contact, again where that is ordered; returns `left_out` after `next`.
+
+        `must` says why it cannot be left out, where it cannot.
 
         `do` begins at rest, clear of what it touches. `detour` says how the robot draws back from
         that and returns, by default with the arm as it is. Without a detour a pilot who took over
@@ -155,7 +165,7 @@ class Orders:
         s = self._s
         row, crumbs = np.array(s.vehicle.reference), s.trail.crumbs
         while True:
-            first = len(crumbs)
+            first, self._must = len(crumbs), must
             crumbs.append(build_crumb(s.senses))
             try:
                 with self.contact(what):
@@ -216,7 +226,8 @@ class Orders:
 
     def judge(self, flight: Flight) -> Flight:
         """Return a flight; one in which a contact was left out has not succeeded."""
-        if not flight.completed or not self.left_out:
+        if not self.left_out:
             return flight
-        told = ", ".join(self.left_out)
-        return flight._replace(completed=False, reason=f"left out by the operator's order: {told}")
+        told = f"left out by the operator's order: {', '.join(self.left_out)}"
+        reason = f"{told}; {flight.reason}" if flight.reason else told
+        return flight._replace(completed=False, reason=reason)

@@ -339,7 +339,7 @@ def _fly(
     try:
         flush()
         if operator is not None and partial is not None and supervisor.sticks:
-            keep_operator(partial, description, supervisor.sticks)
+            keep_operator(partial, description, supervisor.sticks, supervisor.stretches)
         if writer is not None:
             if outcome:
                 writer.event(vehicle.t, f"{outcome}: {flight.reason}")

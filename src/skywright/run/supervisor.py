@@ -81,6 +81,7 @@ class Supervisor(Generic[T]):
         self.watch: Callable[[], None] | None = None  # called each tick; may raise to stop a move
         self.operator = operator or plan.operator
         self.sticks: list[tuple[float, Stick]] = []  # s since it took over, and what it did
+        self.stretches: list[float] = []  # s, when each piece of its work began
         self.checked: list[Checked] = []  # the pre-flight checks
         self.way: Any = plan.way
         self.turns = False  # the rotors that are left do not hold the heading

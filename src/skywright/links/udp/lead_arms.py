@@ -22,21 +22,34 @@ from skywright.description.robot.limbs import list_joints
 from skywright.links.udp.flight import FlightGateway
 from skywright.links.udp.packets import CODES, find_kind
 from skywright.links.udp.receiver import Arrived
+from skywright.missions.skills.moves import set_rest
 from skywright.models.geometry import compute_clearance
 from skywright.models.rigid_body import posture
 from skywright.run.supervisor import Supervisor
-from skywright.vehicle.arms.ports import ArmModel, HandState
+from skywright.vehicle.arm_commands import ArmCommand, get_entry
+from skywright.vehicle.arms.ports import ArmModel, Hands, HandState, Marker
+from skywright.vehicle.conditions import find_arms_lack
+from skywright.vehicle.hand_stream import LEAST_N, HandStream, Told
 from skywright.vehicle.interface import fill_tips
 from skywright.vehicle.plant import MISSION_TICK
 
 Array = NDArray[np.float64]
 
-OFFERED = ("hold", "rest", "operate", "stick", "joints", "land")
+COMMANDS = {
+    "hold": ArmCommand.MOVE_TO, "rest": ArmCommand.REST_POSE, "operate": ArmCommand.OPERATION_POSE,
+    "stick": ArmCommand.HANDS_VELOCITY, "joints": ArmCommand.MOVE_TO,
+    "torque_on": ArmCommand.TORQUE_ON, "torque_off": ArmCommand.TORQUE_OFF,
+    "grasp": ArmCommand.GRASP, "force": ArmCommand.SET_FORCES,
+    "visual": ArmCommand.HANDS_TO_MARKER,
+}  # fmt: skip
+"""Task -> the command of the arms whose needs (vehicle/arm_commands.py) it has."""
+STREAMED = ("stick", "joints", "force")
+"""Tasks that end where their references do not come."""
 STALE_S = find_kind("joints").old_s
 STOP_S = 1.0  # s without a fresh reference after which the task ends
 PATIENCE_S = 60.0  # s of wall time for somebody to connect
 CLEAR_M = 0.01  # m, nearest that references may bring the robot to what it must not touch
-NAMES = {CODES[name][0]: name for name in OFFERED}
+NAMES = {CODES[name][0]: name for name in (*COMMANDS, "land")}
 
 
 class Led(NamedTuple):
@@ -50,9 +63,12 @@ class Led(NamedTuple):
 class Lead:
     """One operator's turn."""
 
-    def __init__(self, s: Supervisor, gateway: FlightGateway, v_max: float) -> None:
-        """`v_max` (m/s) is that of (24), the speed of the hands at full deflection of the stick."""
-        self.s, self.gateway, self.v_max = s, gateway, v_max
+    def __init__(self, s: Supervisor, gateway: FlightGateway, v_max: float, f_max: float) -> None:
+        """`v_max` (m/s) and `f_max` (N) are what the stick asks of a hand at full deflection.
+
+        The hands grasp with `f_max`.
+        """
+        self.s, self.gateway, self.v_max, self.f_max = s, gateway, v_max, f_max
         robot = gateway.robot
         self.poses = {"rest": posture(robot, "folded"), "operate": posture(robot, "working")}
         """Joint angles (n,) rad of the tasks that are poses."""
@@ -63,17 +79,35 @@ class Lead:
         self._query = None if s.surroundings is None else s.surroundings()
         self._task, self._since = "hold", 0.0  # and when it began (s)
         self._q = np.zeros(s.vehicle.n_joints)  # rad, where references have led the joints
+        self._forces = HandStream(s.vehicle)
+        self._places: dict[str, Array] = {}  # m, of the hands in the frame of the marker
         self.stale = self.refused = 0
 
     def run(self, longest_s: float) -> Led:
         """Lead the arms until the operator asks to land, is gone, or `longest_s` is over."""
         server = self.gateway.server
-        server.offered = frozenset(NAMES)
+        server.offered = frozenset(CODES[name][0] for name in ("land", *self._list_offered()))
         try:
             return Led(self._run(longest_s), self.stale, self.refused)
         finally:
             server.offered = frozenset()
             self._set_task("hold")
+
+    def _list_offered(self) -> list[str]:
+        """The tasks that this vehicle can do."""
+        b = self.s.vehicle
+        needs = {name: get_entry(command).needs for name, command in COMMANDS.items()}
+        offered = [name for name in needs if not any(find_arms_lack(n, b) for n in needs[name])]
+        both = len(self._list_sensing()) == 2
+        return [name for name in offered if name != "grasp" or both]
+
+    def _list_sensing(self) -> list[str]:
+        """The hands that feel a force: a joint of their arm measures its deflection."""
+        arm = self.s.vehicle.read(ArmModel)
+        return [
+            side for first, side in zip(arm.first, self._sides(), strict=False)
+            if np.any(arm.sensed[first : first + arm.n])
+        ]  # fmt: skip
 
     def _run(self, longest_s: float) -> str:
         ends = time.monotonic() + PATIENCE_S
@@ -105,12 +139,27 @@ class Lead:
         vehicle = self.s.vehicle
         self._since = vehicle.t
         self._q = np.array(vehicle.read(HandState).q_goal[: vehicle.n_joints])
-        self.s.arms.move_to(self.poses.get(task, self._q))
+        arms, sides = self.s.arms, self._sides()
+        places = dict(zip(sides, np.array(vehicle.read(Hands).p_WH), strict=False))
+        if task == "torque_off":
+            for side in sides:
+                arms.torques(side, np.zeros(4))
+        elif task == "torque_on":
+            for side in sides:
+                arms.hold_joints(side)
+        elif task == "grasp":
+            arms.squeeze(self.f_max, places["left"], places["right"])
+        elif task == "visual":
+            seen = vehicle.read(Marker)
+            self._places = {side: seen.R_WO.T @ (p - seen.p_WO) for side, p in places.items()}
+            arms.hands_to_marker(self._places)
+        else:
+            arms.move_to(self.poses.get(task, self._q))
 
     def _step(self) -> None:
         if self._task == "joints":
             self._follow(self.gateway.joints)
-        elif self._task == "stick":
+        elif self._task in ("stick", "force", "visual"):
             self._push(self.gateway.stick)
 
     def _is_fresh(self, arrived: Arrived | None) -> bool:
@@ -121,7 +170,7 @@ class Lead:
         if arrived is not None and age <= STALE_S:
             return True
         self.stale += 1
-        if age > STOP_S:
+        if age > STOP_S and self._task in STREAMED:
             self._set_task("hold")
         return False
 
@@ -143,16 +192,28 @@ class Lead:
         self._track(change)
 
     def _push(self, arrived: Arrived | None) -> None:
-        """Move the hands by (24), in the platform's heading."""
-        axes = np.zeros(3)
+        """Move the hands by (24), or let them exert a force, in the platform's heading."""
+        task, axes = self._task, np.zeros(3)
         if self._is_fresh(arrived):
             assert arrived is not None
             axes = np.array(arrived.packet.values["axes"][:3])
-        elif self._task != "stick":
+        elif self._task != task:
             return
-        R = self.s.vehicle.reference["R_WB"]
-        v = self.v_max * rot_z(math.atan2(R[1, 0], R[0, 0])) @ axes
-        self.s.arms.hands_velocity({side: v for side in self._sides()})
+        R, vehicle = self.s.vehicle.reference["R_WB"], self.s.vehicle
+        along = rot_z(math.atan2(R[1, 0], R[0, 0])) @ axes
+        if task == "stick":
+            self.s.arms.hands_velocity({side: self.v_max * along for side in self._sides()})
+        elif task == "visual":
+            shift = MISSION_TICK * self.v_max * vehicle.read(Marker).R_WO.T @ along
+            self._places = {side: p + shift for side, p in self._places.items()}
+            self.s.arms.hands_to_marker(self._places)
+        else:
+            row = set_rest(vehicle.reference)[None]
+            for side in self._list_sensing():
+                h = self._sides().index(side)
+                self._forces.tell(h, Told("f", self.f_max * along + [0.0, 0.0, LEAST_N]))
+            self._forces.fill(row)
+            self.s.body.track(row)
 
     def _sides(self) -> list[str]:
         return ["left", "right"][: int(self.s.vehicle.read(ArmModel).n_hands)]

@@ -13,10 +13,19 @@ import numpy as np
 from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.missions.bar_insertion.bar_leading import BarLeader
-from skywright.missions.bar_insertion.insertion import build_hole, find_offset, insert, survey
+from skywright.missions.bar_insertion.insertion import (
+    READY,
+    Hole,
+    build_hole,
+    draw_out,
+    find_offset,
+    insert,
+    survey,
+)
 from skywright.missions.bar_insertion.operated_insertion import insert_by_operator
 from skywright.missions.bar_insertion.plan import BACK, InsertionPlan
 from skywright.missions.bar_insertion.task import BarInsertion
+from skywright.missions.skills.operated import Lead
 from skywright.missions.skills.tool_handling import (
     DROP,
     LIFT,
@@ -37,6 +46,7 @@ from skywright.missions.skills.tool_handling import (
 )
 from skywright.models.things.peg import Peg
 from skywright.run.flight import Flight
+from skywright.run.orders import Detour
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.plant import MISSION_TICK
 
@@ -72,14 +82,21 @@ def fly(s: Supervisor[BarInsertion], way: InsertionPlan) -> Flight:
     move_platform(s, above, hole.yaw, CARRY_SPEED, CARRY_ACCELERATION)
     leader = BarLeader(s, way.grip, way.chains, weight)
     leader.correct = task.bar_pose == "marker"
-    opening, missed, found = build_hole(s, hole.p_WO, R_WS, way.grip, s.task), 0, ""
-    if s.operator is not None:
-        found = insert_by_operator(s, s.operator, leader, opening)
-    for _ in range(task.tries if s.operator is None else 0):
-        found = insert(s, leader, opening, find_offset(missed, opening.capture), task)
-        if found == "in" or leader.lost:
-            break
-        missed += found == "missed"
+    opening = build_hole(s, hole.p_WO, R_WS, way.grip, s.task)
+    lead = None if s.operator is None else Lead(s, s.operator)
+
+    def work() -> str:
+        if lead is not None:
+            return insert_by_operator(s, lead, leader, opening)
+        return _insert_again(s, leader, opening, task)
+
+    def draw_back() -> None:
+        ready = opening.p + READY * opening.R[:, 2]
+        draw_out(s, leader, opening, ready, task.lower_speed_mps)
+        move_platform(s, above, hole.yaw, CALM)
+
+    detour = Detour(draw_back, lambda: move_platform(s, above, hole.yaw, CALM))
+    found = s.orders.attempt("the hole", work, "the peg was not inserted", detour)
     if found != "in" and leader.lost:
         let_go(s, way.grip, speeds[0])  # hooks that are still in the mouths would take it along
         _return(s, way, hole)
@@ -88,12 +105,22 @@ def fly(s: Supervisor[BarInsertion], way: InsertionPlan) -> Flight:
         laid_down = _lay_down(s, way, above, hole.yaw, weight, speeds)
         _return(s, way, way.rack)
         where = "is back in the rack" if laid_down else "did not reach the rack either"
-        told = found if s.operator else f"the peg was not inserted in {task.tries} tries"
-        return Flight(False, f"{told}: the bar {where}")
+        return Flight(False, f"{found}: the bar {where}")
     _set_free(s, leader)
     let_go(s, way.grip, speeds[0])
     _return(s, way, hole)
     return Flight(True, "")
+
+
+def _insert_again(s: Supervisor, leader: BarLeader, hole: Hole, task: BarInsertion) -> str:
+    """Insert in up to `task.tries` tries; returns "in", or why the peg is not."""
+    missed = 0
+    for _ in range(task.tries):
+        found = insert(s, leader, hole, find_offset(missed, hole.capture), task)
+        if found == "in" or leader.lost:
+            return found
+        missed += found == "missed"
+    return f"the peg was not inserted in {task.tries} tries"
 
 
 def withdraw(s: Supervisor[BarInsertion], way: InsertionPlan) -> None:
@@ -144,7 +171,8 @@ def _lay_down(
     move_platform(s, above, yaw, NEAR_SPEED)
     back = find_platform(way.grip, way.rack) + [0.0, 0.0, LIFT]
     move_platform(s, back, way.rack.yaw, CARRY_SPEED, CARRY_ACCELERATION)
-    return not put_down(s, way.grip, way.rack, weight, speeds, "lay down")
+    must = "the bar would stay on the hooks"
+    return not put_down(s, way.grip, way.rack, weight, speeds, "lay down", must)
 
 
 def _set_free(s: Supervisor, leader: BarLeader) -> None:

@@ -118,10 +118,15 @@ def insert(s: Supervisor, leader: BarLeader, hole: Hole, offset: Array, task: Ba
             return "in"
     s.end("retry")
     s.begin("draw out")
+    draw_out(s, leader, hole, above, speed)
+    return found
+
+
+def draw_out(s: Supervisor, leader: BarLeader, hole: Hole, above: Array, speed: float) -> None:
+    """Raise the peg out of the hole at `speed` (m/s), its end led to below `above` (3,) m."""
     watch = Progress(s, hole)
     while watch.depth > -0.5 * READY and s.vehicle.t - watch.began < DRAW_MAX_S:
-        watch.step(leader.lead(above, n, hole.tip, sink=-speed))
-    return found
+        watch.step(leader.lead(above, hole.R[:, 1], hole.tip, sink=-speed))
 
 
 class Progress:

@@ -18,7 +18,7 @@ from skywright.missions.bar_insertion.task import BarInsertion
 from skywright.missions.skills.assistance import Assistance
 from skywright.missions.skills.operated import Lead, OperatorGone, compute_velocity
 from skywright.models.things.peg import Peg
-from skywright.run.operator import Operator, Sight
+from skywright.run.operator import Sight
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.plant import MISSION_TICK
 
@@ -45,11 +45,12 @@ PUSHED, FIRM = 0.05, 0.4
 
 
 def insert_by_operator(
-    s: Supervisor[BarInsertion], operator: Operator, leader: BarLeader, hole: Hole
+    s: Supervisor[BarInsertion], lead: Lead, leader: BarLeader, hole: Hole
 ) -> str:
     """Fly "align", "lower" and "insert" with the operator; returns "in", or why the peg is not."""
-    work = _Insertion(s, operator, leader, hole)
+    work = _Insertion(s, lead, leader, hole)
     s.begin("align")
+    lead.begin()
     try:
         while not work.step():
             if leader.lost:
@@ -65,10 +66,9 @@ class _Insertion:
     """The state of an operated insertion; each step is one tick."""
 
     def __init__(
-        self, s: Supervisor[BarInsertion], operator: Operator, leader: BarLeader, hole: Hole
+        self, s: Supervisor[BarInsertion], lead: Lead, leader: BarLeader, hole: Hole
     ) -> None:
-        self.s, self.task, self.leader, self.hole = s, s.task, leader, hole
-        self.lead = Lead(s, operator)
+        self.s, self.task, self.lead, self.leader, self.hole = s, s.task, lead, leader, hole
         self.goal = HAND_OVER + [0.0, 0.0, READY]
         self.pressed = s.task.press_share * leader.weight  # N, at most
         self.help = Assistance(s.task.assistance, self.pressed)

@@ -21,12 +21,12 @@ from skywright.missions.bridge_contact.stations import Station
 from skywright.missions.bridge_contact.survey import SurveyWay, get_ball
 from skywright.missions.bridge_contact.task import BridgeContact, Contact
 from skywright.missions.skills.datum import SeenMark, look_at_datum
+from skywright.missions.skills.operated import Lead
 from skywright.missions.skills.pressing import TIP_GAP, Presser
 from skywright.missions.skills.survey import TRIES, PressingTip, Touch, survey_surface
 from skywright.missions.skills.surveyed_structure import fit_structure
 from skywright.models.contact_stance import ContactStance
 from skywright.run.flight import Flight
-from skywright.run.operator import Operator
 from skywright.run.supervisor import Supervisor
 
 SEAT_S, UNSEAT_S = 2.0, 1.5  # s, in which the feet are loaded and relieved
@@ -73,6 +73,8 @@ class Pilot(Presser):
     def __init__(self, supervisor: Supervisor, way: ContactPlan, task: Contact) -> None:
         super().__init__(supervisor, task)
         self.way, self.contact = way, task
+        operator = supervisor.operator
+        self.lead = None if operator is None else Lead(supervisor, operator)
 
     def find_with_feet(self, survey: SurveyWay, i: int) -> str:
         """Touch the deck at station i with the feet and plan again; returns what failed, or "".
@@ -189,9 +191,9 @@ class Pilot(Presser):
 
     def _press_flying(self, at: Station, back: Array) -> str:
         """From before a station, platform at `back` (3,) m: press, slide, leave."""
-        task, operator = self.contact, self.s.operator
-        if operator is not None and isinstance(task, BridgeContact):
-            return self._press_by_hand(at, back, operator, task)
+        task = self.contact
+        if self.lead is not None and isinstance(task, BridgeContact):
+            return self._press_by_hand(at, back, self.lead, task)
         self.go("free near", p=at.p_press + TIP_GAP * at.normal, R=at.R_approach, speed=0.1)
         self.s.wait(1.0)
         slide = self._slide if task.slide_m else None
@@ -199,14 +201,12 @@ class Pilot(Presser):
         self.go("free leave", p=back, R=at.R_level, speed=0.2)
         return reason
 
-    def _press_by_hand(
-        self, at: Station, back: Array, operator: Operator, task: BridgeContact
-    ) -> str:
+    def _press_by_hand(self, at: Station, back: Array, lead: Lead, task: BridgeContact) -> str:
         """The same with an operator at the stick, who presses one force and does not slide."""
         s = self.s
         self.go("free near", p=HandPress.place_before(at), R=at.R_approach, speed=0.1)
         s.wait(1.0)
-        hand = HandPress(s, operator, at, task)
+        hand = HandPress(s, lead, at, task)
         reason = hand.fly()
         if not reason:
             s.begin(f"free hold {hand.exerts:.1f} N")

@@ -17,7 +17,7 @@ from skywright.missions.bridge_contact.task import BridgeContact
 from skywright.missions.skills.assistance import LIMIT, Assistance
 from skywright.missions.skills.moves import set_rest
 from skywright.missions.skills.operated import Lead, OperatorGone, compute_velocity
-from skywright.run.operator import Operator, Sight
+from skywright.run.operator import Sight
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.plant import MISSION_TICK
 
@@ -35,7 +35,7 @@ TOUCH, PRESS = "free touch", "free press"
 class HandPress:
     """The state of an operated press; each step is one tick."""
 
-    def __init__(self, s: Supervisor, operator: Operator, at: Station, task: BridgeContact) -> None:
+    def __init__(self, s: Supervisor, lead: Lead, at: Station, task: BridgeContact) -> None:
         """`at` is the station whose spot is pressed on."""
         self.s, self.task, self.place = s, task, at.p_contact
         x = -at.normal
@@ -47,7 +47,7 @@ class HandPress:
         self.into = int(abs(x[2]) >= 0.9) * 2  # axis of the stick that leads into the structure
         self.asked = max(task.forces_n)
         self.help = Assistance(task.assistance, self.asked)
-        self.lead = Lead(s, operator)
+        self.lead = lead
         self.goal, self.force, self.exerts = self._measure(), 0.0, 0.0
         self.phase, self._felt, self._free = TOUCH, 0.0, 0.0
 
@@ -61,6 +61,7 @@ class HandPress:
     def fly(self) -> str:
         """Fly "free touch" and "free press"; returns why it was not done, or ""."""
         self.s.begin(TOUCH)
+        self.lead.begin()
         try:
             while not self.step():
                 pass

@@ -18,6 +18,7 @@ from skywright.missions.sensor_install.plan import InstallPlan
 from skywright.missions.sensor_install.surveyed import find_pipe, lead_to, place_platform
 from skywright.missions.sensor_install.task import SensorInstall
 from skywright.missions.skills.moves import set_rest
+from skywright.missions.skills.operated import Lead
 from skywright.missions.skills.ways import (
     differs,
     fly_way,
@@ -84,15 +85,15 @@ def fly(s: Supervisor[SensorInstall], way: InstallPlan) -> Flight:
     s.wait(PARK_S)
     if task.pose == "L":
         _tare(s)
-    if s.operator is not None:
-        reason = press_by_operator(s, s.operator, way)
-        _retract(s, task, way)
-        _go_back(s, way)
-        return Flight(not reason, reason)
     detour = Detour(
         lambda: _lower(s, task, way), lambda: _move_with_hand(s, way.p_near + correction, ready)
     )
-    reason = s.orders.attempt("the sensor's place", lambda: _install(s, task, way), "", detour)
+    lead = None if s.operator is None else Lead(s, s.operator)
+
+    def work() -> str:
+        return _install(s, task, way) if lead is None else press_by_operator(s, lead, way)
+
+    reason = s.orders.attempt("the sensor's place", work, "", detour)
     _retract(s, task, way)
     _go_back(s, way)
     return Flight(not reason, reason)

@@ -21,7 +21,7 @@ from skywright.missions.sensor_install.task import SensorInstall
 from skywright.missions.skills.assistance import LIMIT, Assistance
 from skywright.missions.skills.moves import set_rest
 from skywright.missions.skills.operated import Lead, OperatorGone, compute_velocity
-from skywright.run.operator import Operator, Sight
+from skywright.run.operator import Sight
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import ArmModel, HandForce, Hands, HandState
 from skywright.vehicle.plant import MISSION_TICK
@@ -39,13 +39,14 @@ DAMPING = 0.03  # m, of the inverse Jacobian near a singularity
 LEAST_N = 0.1  # N: pulled back below it the hand is moved again
 
 
-def press_by_operator(s: Supervisor[SensorInstall], operator: Operator, way: InstallPlan) -> str:
+def press_by_operator(s: Supervisor[SensorInstall], lead: Lead, way: InstallPlan) -> str:
     """Fly "touch", "press" and "force" with the operator; returns why it was not done, or "".
 
     It is done when the operator presses the button in contact.
     """
-    press = _Press(s, operator, way)
+    press = _Press(s, lead, way)
     s.begin("touch")
+    lead.begin()
     try:
         while not press.step():
             pass
@@ -60,9 +61,8 @@ def press_by_operator(s: Supervisor[SensorInstall], operator: Operator, way: Ins
 class _Press:
     """The state of an operated press; each step is one tick."""
 
-    def __init__(self, s: Supervisor[SensorInstall], operator: Operator, way: InstallPlan) -> None:
-        self.s, self.task = s, s.task
-        self.lead = Lead(s, operator)
+    def __init__(self, s: Supervisor[SensorInstall], lead: Lead, way: InstallPlan) -> None:
+        self.s, self.task, self.lead = s, s.task, lead
         x = rot_z(way.yaw)[:, 0]
         self.R = np.column_stack([x, np.cross(way.normal, x), way.normal])
         self.contact = way.contact

@@ -66,3 +66,16 @@ def build_grip(robot: Robot, tool: Handled, gravity: float) -> Grip:
         q_low[here] = found.q
     handle = tool.list_frames()["handle"].p
     return Grip(q, q_low, hands, reach * (hook + back), mouth, handle)
+
+
+def compute_entry(robot: Robot, grip: Grip) -> tuple[float, float]:
+    """Return where hooks may pass beside the handle of a grip, both in m.
+
+    First how far beside the handle they may be to go round it on their way up, then how far below
+    their place (negative) their tips do not reach it yet.
+    """
+    assert robot.arm is not None
+    reach = float(np.linalg.norm(grip.cradle)) / math.sqrt(2.0)  # radii of handle and hook
+    R = rot_y(-FORE)
+    tip = (robot.arm.hand.hook_length_m - reach) * R[:, 0] - reach * R[:, 2]  # from the handle
+    return float(tip[0]) - reach, -float(tip[2]) - reach

@@ -68,13 +68,18 @@ class Lead:
 
     def __init__(self, s: Supervisor, operator: Operator) -> None:
         self.s, self._operator = s, operator
-        self._ticks, self._began = 0, 0
+        self._ticks, self._began, self._piece = 0, 0, -1
         self._last: Stick | None = None
         self._ended = 0.0  # s since the recording's end
 
     def begin(self) -> None:
-        """Begin a stretch: its time counts anew."""
-        self._began = self._ticks
+        """Begin a stretch: its time counts anew, and a recording plays its rows."""
+        self._began, self._piece = self._ticks, self._piece + 1
+        self._last, self._ended = None, 0.0
+        t = self._ticks * MISSION_TICK
+        self.s.stretches.append(t)
+        if isinstance(self._operator, Recording):
+            self._operator.begin(self._piece, t)
 
     def read(self, sight: Sight) -> Stick:
         """Return the stick of this tick. Raises OperatorGone."""

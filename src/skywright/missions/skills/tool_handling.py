@@ -18,6 +18,7 @@ from skywright.description.world.thing import Frame
 from skywright.description.world.things import find_carrier, locate_thing
 from skywright.errors import InputError
 from skywright.missions.skills.moves import build_move, set_rest
+from skywright.run.orders import Detour
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import HandForce, Hands, HandState, Marker
 from skywright.vehicle.plant import MISSION_TICK
@@ -44,6 +45,8 @@ WAITS_S = 60.0  # s, for the way down
 MEETS_M = 0.005  # m, from its place that a tool may stand: half of what is allowed
 LATEST = 10  # ticks, over which its drift is measured: an eighth of a swing
 TILT_MAX = math.radians(12.0)  # of a handle that hangs in both hooks
+LEFT_OUT = "it was not put down"
+"""Why a tool stays on the hooks that an operator's order left there."""
 STRAY = 0.2  # m, from the hands: a tool further away, or tilted more, has fallen
 
 
@@ -124,16 +127,19 @@ def _build_move(s: Supervisor, p: Array, yaw: float, speed: float, acceleration:
     )
 
 
-def lead_hands(s: Supervisor, grip: Grip, along: float, speed: float) -> None:
+def lead_hands(
+    s: Supervisor, grip: Grip, along: float, speed: float, beside: Array | None = None
+) -> None:
     """Lead both hands on straight lines (23) to `along` (m) of the mouth from where they hold.
 
-    The goal is fixed to the tool, which is tracked all the time.
+    `beside` (3,) m, in O, is added. The goal is fixed to the tool, which is tracked all the time.
     """
     marker = find_marker(s.vehicle.world)
     goals = {}
     for name, hand in zip(("left", "right"), grip.hands, strict=True):
         side = np.array([0.0, hand[1], 0.0])
         p_O = grip.handle + side - grip.cradle + along * grip.mouth
+        p_O = p_O if beside is None else p_O + beside
         goals[name] = marker.R.T @ (p_O - marker.p)
     s.arms.hands_to_marker(goals, speed)
 
@@ -192,59 +198,87 @@ def hold_joints(s: Supervisor) -> None:
     s.until_arrived()
 
 
-def take_up(s: Supervisor, grip: Grip, most: float, speeds: tuple[float, float]) -> float | None:
-    """Grasp the handle and lift it; returns the tool's weight (N), or None for a miss.
-
-    `speeds` (m/s) are those of hands and platform; `most` (N) is what may be lifted. The platform
-    stands DROP below where `find_platform` says. After a miss the hands wait below the handle.
-    """
-    s.begin("grasp")
-    weight = Weight(s, 0.0)
-    start, _ = measure_tool(s)
-    if not _touch(s, grip, speeds[0]):
-        let_go(s, grip, speeds[0])
-        return None
-    s.begin("lift")
-    hold_joints(s)
-    up, ends = np.array([0.0, 0.0, speeds[1]]), s.vehicle.t + 3.0 * LIFT / speeds[1]
-    height, lifted = float(s.vehicle.reference["p_WB"][2]), 0.0
-    while s.vehicle.t < ends and lifted < LIFT:
-        risen = float(s.vehicle.reference["p_WB"][2]) - height
-        weight.step(s, up if risen < 1.5 * LIFT else np.zeros(3), most)
-        lifted = float((measure_tool(s)[0] - start)[2])
-    for _ in range(round(STEADY_S / MISSION_TICK)):
-        weight.step(s, np.zeros(3), most)
-    p, R = measure_tool(s)
-    if (p - start)[2] > 0.5 * LIFT and abs(R[2, 1]) < math.sin(TILT_MAX):
-        return weight.carried
-    down = -up
-    while float(s.vehicle.reference["p_WB"][2]) > height:
-        weight.step(s, down, most)
-    let_go(s, grip, speeds[0])
-    return None
-
-
 def take_up_again(
     s: Supervisor, grip: Grip, most: float, retries: int, speeds: tuple[float, float]
 ) -> float | None:
-    """`take_up`, and up to `retries` times again after a miss, where the tool is then.
+    """Grasp the handle and lift it; returns the tool's weight (N), or None where it was missed.
 
-    A tool that is not at hand any more, as one that was knocked over, is not followed.
+    `speeds` (m/s) are those of hands and platform; `most` (N) is what may be lifted. The platform
+    stands DROP below where `find_platform` says. After a miss the hands wait below the handle, and
+    grasp up to `retries` times again, where the tool is then. A tool that is not at hand any more,
+    as one that was knocked over, is not followed. An operator's order to draw back sets the tool
+    down and draws the hooks out.
     """
-    for k in range(retries + 1):
-        if k > 0:
-            s.begin("look again")
-            place = find_tool(s)
-            p = find_platform(grip, place) - [0.0, 0.0, DROP]
-            move_platform(s, p, place.yaw, NEAR_SPEED)
-            s.wait(STEADY_S)
-        weight = take_up(s, grip, most, speeds)
-        if weight is not None:
-            return weight
-        s.end("retry")
-        if not is_at_hand(s, grip):
-            break
-    return None
+    work = _TakeUp(s, grip, most, speeds)
+    detour = Detour(work.lower, lambda: None)
+    return s.orders.attempt("the handle", lambda: work.fly(retries), None, detour)
+
+
+class _TakeUp:
+    """The state of a grasp, in which an operator's order may end it."""
+
+    def __init__(self, s: Supervisor, grip: Grip, most: float, speeds: tuple[float, float]) -> None:
+        self.s, self.grip, self.most, self.speeds = s, grip, most, speeds
+        self.weight: Weight | None = None
+        self.height = math.inf  # m, of the platform from which it lifts; inf: it does not
+
+    def fly(self, retries: int) -> float | None:
+        """Grasp until the tool hangs."""
+        s, grip = self.s, self.grip
+        for k in range(retries + 1):
+            if k > 0:
+                s.begin("look again")
+                place = find_tool(s)
+                p = find_platform(grip, place) - [0.0, 0.0, DROP]
+                move_platform(s, p, place.yaw, NEAR_SPEED)
+                s.wait(STEADY_S)
+            weight = self._take_up()
+            if weight is not None:
+                return weight
+            self.lower()
+            s.end("retry")
+            if not is_at_hand(s, grip):
+                break
+        return None
+
+    def _take_up(self) -> float | None:
+        """Grasp once; returns the weight (N) on the hooks, None for a miss."""
+        s = self.s
+        s.begin("grasp")
+        weight = self.weight = Weight(s, 0.0)
+        start, _ = measure_tool(s)
+        if not _touch(s, self.grip, self.speeds[0]):
+            return None
+        s.begin("lift")
+        hold_joints(s)
+        speed = self.speeds[1]
+        up, ends = np.array([0.0, 0.0, speed]), s.vehicle.t + 3.0 * LIFT / speed
+        self.height, lifted = self._find_height(), 0.0
+        while s.vehicle.t < ends and lifted < LIFT:
+            risen = self._find_height() - self.height
+            weight.step(s, up if risen < 1.5 * LIFT else np.zeros(3), self.most)
+            lifted = float((measure_tool(s)[0] - start)[2])
+        for _ in range(round(STEADY_S / MISSION_TICK)):
+            weight.step(s, np.zeros(3), self.most)
+        p, R = measure_tool(s)
+        hangs = (p - start)[2] > 0.5 * LIFT and abs(R[2, 1]) < math.sin(TILT_MAX)
+        return weight.carried if hangs else None
+
+    def lower(self) -> None:
+        """Set down what is lifted, and draw the hooks out.
+
+        A tool hangs higher in hands that its weight is fed forward to: down until it stands.
+        """
+        s, weight, down = self.s, self.weight, np.array([0.0, 0.0, -self.speeds[1]])
+        while weight is not None and (above := self._find_height() - self.height) > -LOW:
+            if above <= 0.0 and weight.carried < LIGHT_N:
+                break
+            weight.step(s, down, self.most)
+        self.height = math.inf
+        let_go(s, self.grip, self.speeds[0])
+
+    def _find_height(self) -> float:
+        return float(self.s.vehicle.reference["p_WB"][2])
 
 
 def _touch(s: Supervisor, grip: Grip, speed: float) -> bool:
@@ -265,41 +299,70 @@ def _touch(s: Supervisor, grip: Grip, speed: float) -> bool:
 
 def put_down(
     s: Supervisor, grip: Grip, place: Place, weight_n: float, speeds: tuple[float, float],
-    phase: str,
+    phase: str, must: str = "",
 ) -> str:  # fmt: skip
     """Bring the hanging tool over `place`, lower it (`phase`), and draw the hooks out.
 
+    An operator's order to draw back lifts it again; `must` says why it cannot be left out. Returns
+    "", or why the tool was lifted again and stays on the hooks.
+    """
+    work = _PutDown(s, place, weight_n, speeds[1], phase)
+    p, yaw = np.array(s.vehicle.reference["p_WB"]), place.yaw
+    detour = Detour(work.lift, lambda: move_platform(s, p, yaw, NEAR_SPEED))
+    reason = s.orders.attempt(f"the place of {phase!r}", work.fly, LEFT_OUT, detour, must)
+    if not reason:
+        let_go(s, grip, speeds[0])
+    return reason
+
+
+class _PutDown:
+    """The state of a tool that is lowered, in which an operator's order may end it.
+
     The platform makes up for where the tool hangs until it stands. Gusts move both by more than
     that in the seconds of the way down, so the tool waits READY_M above its place until it will
-    meet it. Returns "", or why the tool was lifted again and stays on the hooks.
+    meet it.
     """
-    weight = Weight(s, weight_n)
-    align_tool(s, weight, place, 1.5 * weight_n)
-    s.begin(phase)
-    height, ends = float(s.vehicle.reference["p_WB"][2]), s.vehicle.t + WAITS_S
-    errors, meets = [place.p_WO - measure_tool(s)[0]], False
-    while weight.carried > LIGHT_N:
-        error = place.p_WO - measure_tool(s)[0]
-        errors = [*errors[-LATEST:], error]
-        if -error[2] < 1.5 * READY_M and not meets:
-            drift = (error - errors[0]) / (MISSION_TICK * (len(errors) - 1))
-            arrives = error + drift * (LAG_S - error[2] / speeds[1])
-            meets = max(math.hypot(*error[:2]), math.hypot(*arrives[:2])) < MEETS_M
-        if s.vehicle.t > ends or error[2] > DEEP:
-            while float(s.vehicle.reference["p_WB"][2]) < height:
-                weight.step(s, np.array([0.0, 0.0, speeds[1]]), 1.5 * weight_n)
-            if not meets:
-                return f"the tool did not come within {1e3 * MEETS_M:g} mm of its place: it swings"
-            return "nothing took the tool's weight at its place"
-        if weight.carried < 0.7 * weight_n:  # it stands
-            v = np.array([0.0, 0.0, -speeds[1]])
-        else:
-            v = _correct(error)
-            slow = LOWER_RATE * (error[2] + READY_M)
-            v[2] = -speeds[1] if meets else min(max(slow, -speeds[1]), speeds[1])
-        weight.step(s, v, 1.5 * weight_n)
-    let_go(s, grip, speeds[0])
-    return ""
+
+    def __init__(
+        self, s: Supervisor, place: Place, weight_n: float, speed: float, phase: str
+    ) -> None:
+        self.s, self.place, self.weight_n, self.phase = s, place, weight_n, phase
+        self.weight, self.most, self.speed = Weight(s, weight_n), 1.5 * weight_n, speed
+        self.height = float(s.vehicle.reference["p_WB"][2])
+
+    def fly(self) -> str:
+        """Lower it until it stands; returns "", or why it was lifted again."""
+        s, place, weight, speed = self.s, self.place, self.weight, self.speed
+        align_tool(s, weight, place, self.most)
+        s.begin(self.phase)
+        ends = s.vehicle.t + WAITS_S
+        errors, meets = [place.p_WO - measure_tool(s)[0]], False
+        while weight.carried > LIGHT_N:
+            error = place.p_WO - measure_tool(s)[0]
+            errors = [*errors[-LATEST:], error]
+            if -error[2] < 1.5 * READY_M and not meets:
+                drift = (error - errors[0]) / (MISSION_TICK * (len(errors) - 1))
+                arrives = error + drift * (LAG_S - error[2] / speed)
+                meets = max(math.hypot(*error[:2]), math.hypot(*arrives[:2])) < MEETS_M
+            if s.vehicle.t > ends or error[2] > DEEP:
+                self.lift()
+                if not meets:
+                    within = f"{1e3 * MEETS_M:g} mm"
+                    return f"the tool did not come within {within} of its place: it swings"
+                return "nothing took the tool's weight at its place"
+            if weight.carried < 0.7 * self.weight_n:  # it stands
+                v = np.array([0.0, 0.0, -speed])
+            else:
+                v = _correct(error)
+                slow = LOWER_RATE * (error[2] + READY_M)
+                v[2] = -speed if meets else min(max(slow, -speed), speed)
+            weight.step(s, v, self.most)
+        return ""
+
+    def lift(self) -> None:
+        """Lift it again to where it hung."""
+        while float(self.s.vehicle.reference["p_WB"][2]) < self.height:
+            self.weight.step(self.s, np.array([0.0, 0.0, self.speed]), self.most)
 
 
 def align_tool(s: Supervisor, weight: Weight, place: Place, most: float) -> None:

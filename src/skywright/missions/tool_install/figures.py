@@ -1,5 +1,7 @@
 """What a report shows of a tool's installation: the phases, the load, the hands at the handle."""
 
+from functools import partial
+
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -8,6 +10,7 @@ from skywright.missions.skills.tool_handling import LOW
 from skywright.missions.tool_install.metrics import (
     HOVER,
     INSTALL,
+    RETRIEVAL,
     compute_grasp_errors,
     compute_operated,
 )
@@ -28,6 +31,7 @@ from skywright.reports.figures.style import (
 )
 from skywright.run.kind import Chart, Figures
 from skywright.run.run import RunResult
+from skywright.run.where import Where
 
 
 def _find_index(result: RunResult[ToolInstall, ToolPlan]) -> int:
@@ -97,9 +101,9 @@ def draw_tracking(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
     return figure
 
 
-def draw_operator(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
+def draw_operator(where: Where, result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
     """What the operator's stick asked for, and what hands and tool made of it."""
-    s = result.samples[INSTALL.select(result.samples, result.phases)]
+    s = result.samples[where.select(result.samples, result.phases)]
     if not len(s) or not has_columns(s, "operator_stick") or not np.any(s["operator_stick"]):
         return None
     t, world = s["t"], result.description.true_world
@@ -112,7 +116,7 @@ def draw_operator(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
             "to the start",
          "way (mm)"),
         ("Displacement of the tool from its seat on the pipe", "distance (mm)"),
-        ("Weight on both hooks; zero when the tool is seated", "force (N)"),
+        ("Weight on both hooks; zero when the tool is seated, or not hooked yet", "force (N)"),
     )  # fmt: skip
     for a, (color, label) in enumerate(((BLUE, "ahead"), (ORANGE, "left"), (GREEN, "up"))):
         draw_line(axes[0], t, s["operator_stick"][:, a], color=color, lw=0.8, label=label)
@@ -151,7 +155,10 @@ PHASES = {
     "release": "The hooks move down and out of the handle.",
     "wait": "The tool inspects the pipe; the robot waits.",
     "retrieve": "The hooks move below the handle of the tool on the pipe.",
-    "take up again": "The input ended before the tool was seated; the hands move up.",
+    "take up again": "The input ended before the work was done; the hands move up.",
+    "hook": "The operator leads the hooks below the handle and raises them until they carry the "
+    "tool.",
+    "lift off": "The operator lifts the tool off the pipe.",
     "carry back": "The robot returns along the same path with the tool.",
     "back to the bench": "The robot descends over the initial position of the tool.",
     "lower": "The tool is lowered until the bench carries its weight.",
@@ -191,7 +198,13 @@ FIGURES = Figures(
             "Input of the operator in the frame of the seat, and the resulting motion. "
             "The stick moves the goal of both hands, (24); the hands follow with their "
             "springs; the three distances of the tool from its seat converge to zero.",
-            draw_operator,
+            partial(draw_operator, INSTALL),
+        ),
+        "tool_retrieval": Chart(
+            "The operator takes the tool again",
+            "Input of the operator while the hooks are led below the handle, take up the weight "
+            "of the tool and lift it off the pipe.",
+            partial(draw_operator, RETRIEVAL),
         ),
     },
     phases=PHASES,

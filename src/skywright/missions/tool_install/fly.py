@@ -1,8 +1,9 @@
 """Put an inspection tool onto a pipe and take it back (Suarez 2020, section VI-A), on its own.
 
 The paper's twelve phases; what the paper leaves to a human operator, the installation, is done by
-tracking the tool. All places follow from tool, bench, pipe and robot: the pose of the arms from
-the landing gear, which the handle has to clear, the platform's places from the tool's.
+tracking the tool where nobody is at the stick. All places follow from tool, bench, pipe and robot:
+the pose of the arms from the landing gear, which the handle has to clear, the platform's places
+from the tool's.
 """
 
 import math
@@ -12,6 +13,7 @@ import numpy as np
 
 from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
+from skywright.missions.skills.operated import Lead
 from skywright.missions.skills.tool_handling import (
     DROP,
     LOW,
@@ -30,6 +32,7 @@ from skywright.missions.skills.tool_handling import (
     take_up_again,
 )
 from skywright.missions.tool_install.operated_install import install_by_operator
+from skywright.missions.tool_install.operated_retrieval import HAND_OVER, retrieve_by_operator
 from skywright.missions.tool_install.plan import (
     ABOVE,
     CALM_SPEED,
@@ -53,6 +56,9 @@ The arms are 3.6 cm below the handle."""
 UNPLANNED = 0.008
 """m, that a robot may come nearer to the tool than its plan: the arm's length is wrong by 4 mm, and
 20 % more drag leans the robot by as much (plant)."""
+
+BECAME = {True: "it was carried back to the bench", False: "it was lost on the way back"}
+"""Of a tool that the operator did not bring to its place."""
 
 
 def fly(s: Supervisor[ToolInstall], way: ToolPlan) -> Flight:
@@ -87,8 +93,9 @@ def fly(s: Supervisor[ToolInstall], way: ToolPlan) -> Flight:
         _go_home(s, way, from_pipe=True)
         return Flight(False, "the tool was lost on the way to the pipe")
     seat = _measure_seat(s, task)
-    if s.operator is not None:
-        reason = install_by_operator(s, s.operator, way.grip, seat, weight, speeds)
+    lead = None if s.operator is None else Lead(s, s.operator)
+    if lead is not None:
+        reason = install_by_operator(s, lead, way.grip, seat, weight, speeds)
     else:
         reason = put_down(s, way.grip, seat, weight, speeds, "install")
     if reason:
@@ -101,15 +108,21 @@ def fly(s: Supervisor[ToolInstall], way: ToolPlan) -> Flight:
     if _is_elsewhere(s, found, seat):
         _go_home(s, way, from_pipe=True)
         return Flight(False, "the tool is no longer on the pipe")
-    _come(s, way, found)
+    by_hand = lead is not None and task.retrieve_by_hand
+    _come(s, way, found, HAND_OVER if by_hand else None)
     s.senses.room = None
-    weight = take_up_again(s, way.grip, way.most_n, task.retries, speeds)
+    if lead is not None and by_hand:
+        weight, reason = retrieve_by_operator(s, lead, way.grip, found, weight, speeds)
+    else:
+        weight = take_up_again(s, way.grip, way.most_n, task.retries, speeds)
     if weight is None:
         s.begin("return")
         _leave(s, way, seat)
         _go_home(s, way, from_pipe=True)
-        return Flight(False, "the tool could not be retrieved: it stays on the pipe")
+        return Flight(False, f"{reason or 'the tool could not be retrieved'}: it stays on the pipe")
     returned = _carry_back(s, way, place, weight, speeds)
+    if reason:
+        return Flight(False, f"{reason}; {BECAME[returned]}")
     return Flight(returned, "" if returned else "the tool was lost on the way back")
 
 
@@ -143,7 +156,8 @@ def _carry_back(
     move_platform(s, find_platform(way.grip, place) + [0.0, 0.0, ABOVE], place.yaw, NEAR_SPEED)
     held = _is_held(s, way.grip)
     if held:
-        put_down(s, way.grip, place, weight, speeds, "lower")
+        must = "the tool would stay on the hooks"
+        put_down(s, way.grip, place, weight, speeds, "lower", must)
         s.begin("return")
     _leave(s, way, place)
     _go_home(s, way)
@@ -159,7 +173,7 @@ def _give_up(
     """
     if _is_held(s, way.grip):
         returned = _carry_back(s, way, place, weight, speeds)
-        return "it was carried back to the bench" if returned else "it was lost on the way back"
+        return BECAME[returned]
     s.begin("return")
     _leave(s, way, way.seat)
     _go_home(s, way, from_pipe=True)
@@ -171,13 +185,18 @@ def _measure_seat(s: Supervisor, task: ToolInstall) -> Place:
     return find_seat(s.vehicle.world, task, *s.devices.surveyor.survey(PIPE))
 
 
-def _come(s: Supervisor[ToolInstall], way: ToolPlan, place: Place) -> None:
-    """Come up to a tool that stands at `place`, hands low; then they wait below its handle."""
+def _come(
+    s: Supervisor[ToolInstall], way: ToolPlan, place: Place, beside: Array | None = None
+) -> None:
+    """Come up to a tool that stands at `place`, hands low; then they wait below its handle.
+
+    `beside` (3,) m, ahead, left, up, is how far beside that they wait.
+    """
     p = find_platform(way.grip, place)
     move_platform(s, behind(p, place.yaw), place.yaw, NEAR_SPEED)
     s.senses.room = _build_room(s, way, place)
     move_platform(s, p - [0.0, 0.0, DROP], place.yaw, NEAR_SPEED)
-    lead_hands(s, way.grip, -LOW, 0.05)
+    lead_hands(s, way.grip, -LOW, 0.05, beside)
     s.wait(STEADY_S)
 
 

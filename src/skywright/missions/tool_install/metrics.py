@@ -42,6 +42,11 @@ MEASURES: Measures = {
         "mm",
         "rms distance of the hands' midpoint from the goal set by the operator's stick, (24)",
     ),
+    "operator.retrieval_time_s": ("s", "time under operator control while the tool is retrieved"),
+    "operator.retrieval_force_max_n": (
+        "N",
+        "largest true contact force of a hand under operator control while the tool is retrieved",
+    ),
     "platform.drift_max_mm": (
         "mm",
         "largest displacement of the platform since the start of the tracking of grasp points",
@@ -49,15 +54,16 @@ MEASURES: Measures = {
 }
 """Metric -> unit and meaning, of those that only this kind has."""
 
-WAIT, RETURN, INSTALL, HOVER = (
+WAIT, RETURN, INSTALL, HOVER, RETRIEVAL = (
     Where(("wait",), "at its end"), Where(("return",), "at its end"), Where(("install",)),
-    Where(("hover check",)),
+    Where(("hover check",)), Where(("hook", "lift off")),
 )  # fmt: skip
 WHERE = {
     "tool.seat": WAIT,
     "tool.return": RETURN,
     "tool.retries": WHOLE,
     "operator.": INSTALL,
+    "operator.retrieval": RETRIEVAL,
     "tip.": HOVER,
     "platform.": HOVER,
 }
@@ -103,6 +109,8 @@ def compute_metrics(run: Flown[ToolInstall, ToolPlan]) -> dict[str, float]:
         out["tool.returned"] = float(near)
     out["tool.retries"] = float(sum(p.outcome == "retry" for p in phases))
     out |= _judge_operator(samples[INSTALL.select(samples, phases)])
+    retrieval = _measure_operated(samples[RETRIEVAL.select(samples, phases)])
+    out |= {k.replace("operator.", "operator.retrieval_"): v for k, v in retrieval.items()}
     hover = HOVER.select(samples, phases)
     if np.any(hover):
         out |= _judge_hover(samples[hover], i, way)
@@ -125,12 +133,17 @@ def compute_operated(samples: Samples, index: int, seat: Place) -> dict[str, Arr
     }
 
 
-def _judge_operator(samples: Samples) -> dict[str, float]:
-    """How long somebody was at the stick, and how well the hands followed (24)."""
+def _measure_operated(samples: Samples) -> dict[str, float]:
+    """How long somebody was at the stick, and the largest true force (N) of a hand meanwhile."""
     if not has_columns(samples, "operator_stick"):
         return {}
     force = np.maximum(*(np.linalg.norm(samples[f"{x}_f_W"], axis=1) for x in ("left", "right")))
-    out = measure_operated(samples, force)
+    return measure_operated(samples, force)
+
+
+def _judge_operator(samples: Samples) -> dict[str, float]:
+    """How long somebody was at the stick, and how well the hands followed (24)."""
+    out = _measure_operated(samples)
     if not out:
         return {}
     error = np.zeros((len(samples), 3))

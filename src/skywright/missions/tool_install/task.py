@@ -12,6 +12,9 @@ class ToolInstall(OperatedTask, Clearances):
 
     tool: str = "tool"  # name of the thing that is installed
     along_pipe_m: Coordinate = 0.0  # place on the pipe, along the axis from its middle
+    # with an operator at the stick: whether the operator takes the tool from the pipe again, or the
+    # robot does
+    retrieve_by_hand: bool = True
     wait_s: NonNegative = 10.0  # time for which the tool stays on the pipe
     hover_s: NonNegative = 50.0  # time for which the hands track the grasp points before the grasp
     # largest mass of the tool; 0.3 kg each arm (Suarez 2020, table 2)
