@@ -43,6 +43,18 @@ def write_stl(path: Path, vertices: Array = CORNERS, faces: Array = FACES) -> Pa
     return path
 
 
+def write_text_stl(path: Path) -> Path:
+    """The same in text."""
+    facets = "".join(
+        "facet normal 0 0 0\nouter loop\n"
+        + "".join(f"  vertex {x:e} {y} {z}\n" for x, y, z in CORNERS[f])
+        + "endloop\nendfacet\n"
+        for f in FACES
+    )
+    path.write_text(f"solid part\n{facets}endsolid part\n")
+    return path
+
+
 def write_obj(path: Path) -> Path:
     """The same as a Wavefront file."""
     lines = [f"v {x} {y} {z}" for x, y, z in CORNERS]
@@ -85,6 +97,7 @@ def check_corners(found: Array, want: Array = WANT, atol: float = 2e-6) -> None:
 
 @pytest.mark.parametrize("uri", [
     "package://flyer_description/meshes/part.stl", "meshes/part.stl", "../lib/part.obj",
+    "../lib/text.stl",
     "file://{}/flyer_description/meshes/part.stl",
 ])  # fmt: skip
 def test_a_mesh_is_found_scaled_and_placed(tmp_path: Path, uri: str) -> None:
@@ -92,6 +105,7 @@ def test_a_mesh_is_found_scaled_and_placed(tmp_path: Path, uri: str) -> None:
     write_stl(root / "meshes" / "part.stl")
     write_stl(root / "urdf" / "meshes" / "part.stl")
     write_obj(root / "lib" / "part.obj")
+    write_text_stl(root / "lib" / "text.stl")
     file = draw(models.write_urdf_quad(root / "urdf"), mesh_tag(uri.format(tmp_path)), before=RED)
     made, robot = take(file, tmp_path)
     assert made.meshes == 1
@@ -161,7 +175,7 @@ def test_what_is_no_mesh_is_left_out_with_the_reason(
     here = tmp_path / "a" / "b" / "c" / "d" / "e"
     here.mkdir(parents=True)
     for name in ("part.dae", "part.png", "text.stl"):
-        (here / name).write_text("solid of no triangles")
+        (here / name).write_text("solid of no triangles; vertex 1 2 3")
     whole = write_stl(here / "part.stl").read_bytes()
     (here / "cut.stl").write_bytes(whole[:150])
     write_stl(here / "nan.stl", CORNERS * np.nan)
