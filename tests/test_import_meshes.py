@@ -204,7 +204,7 @@ def test_meshes_can_be_left_out(tmp_path: Path) -> None:
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), most=st.integers(50, 600))
 def test_a_simplified_mesh_is_small_and_in_the_same_place(seed: int, most: int) -> None:
-    """Cells of a grid: no vertex moves by more than the cell, no triangle is made up."""
+    """Cells of a grid: the surface stays within a cell of where it was, and the limit is used."""
     rng = np.random.default_rng(seed)
     n = 40
     u, v = np.meshgrid(np.linspace(0, np.pi, n), np.linspace(0, 2 * np.pi, n), indexing="ij")
@@ -213,10 +213,12 @@ def test_a_simplified_mesh_is_small_and_in_the_same_place(seed: int, most: int) 
     i, j = (x.ravel() for x in np.meshgrid(np.arange(n - 1), np.arange(n - 1), indexing="ij"))
     a = i * n + j
     faces = np.concatenate([np.stack([a, a + 1, a + n], 1), np.stack([a + 1, a + n + 1, a + n], 1)])
-    vertices, kept = visuals.simplify(ball.reshape(-1, 3), faces, most)
-    assert 0 < len(kept) <= most
-    off = np.abs(np.linalg.norm(vertices / size, axis=1) - 1.0)
-    assert np.max(off) < 12.0 / math.sqrt(most), "the surface stays near"
+    original = ball.reshape(-1, 3)
+    vertices, kept = visuals.simplify(original, faces, most)
+    assert 0.8 * most <= len(kept) <= most
+    # a vertex is the mean of those in a cell; there are some 2 triangles a cell
+    away = np.linalg.norm(vertices[:, None] - original[None], axis=2).min(axis=1)
+    assert np.max(away) < 1.5 * np.ptp(original, axis=0).max() / math.sqrt(most)
     text = encode_mesh(vertices, kept)
     back, same = decode_mesh(text)
     np.testing.assert_array_equal(same, kept)
