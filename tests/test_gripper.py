@@ -11,9 +11,12 @@ import pytest
 
 import skywright
 from skywright.core.arrays import Array
+from skywright.description.robot.arm import Hand
 from skywright.description.robot.loader import load_robot
 from skywright.description.world.spec import World
 from skywright.errors import InputError
+from skywright.models.docking_body import NOSLIP_ITERATIONS
+from skywright.models.gripper_body import add_fingers, add_grip_motor
 from skywright.models.importing.chain import combine
 from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.scene import build_scene
@@ -208,3 +211,41 @@ def test_a_gripper_without_fingers_is_refused(tmp_path: Path) -> None:
     file.write_text(ROBOT.replace("mass_kg = 0.04\n", ""))
     with pytest.raises(InputError, match="length_m and mass_kg must be above 0"):
         load_robot(file)
+
+
+@pytest.mark.parametrize("step", [0.001, 0.002])
+@pytest.mark.parametrize(("friction", "force"), [(0.3, 2.0), (0.5, 12.0), (0.8, 6.0)])
+def test_two_pads_hold_twice_the_friction(friction: float, force: float, step: float) -> None:
+    """Coulomb's limit 2 mu F: 95 % of it is held without creep, 105 % falls."""
+    moved = [_hang(friction, force, share, step) for share in (0.95, 1.05)]
+    assert abs(moved[0]) < 2e-5
+    assert moved[1] > 0.1
+
+
+def _hang(friction: float, force: float, share: float, step: float) -> float:
+    """How far (m) a block falls in 1 s whose weight is a share of what the pads can hold."""
+    hand = Hand(kind="gripper", length_m=0.06, mass_kg=0.04, radius_m=0.008, stroke_m=0.05,
+                grip_force_n=15.0, grip_speed_mps=0.2)  # fmt: skip
+    touch = {
+        "friction": [friction, 0.005, 0.0001], "condim": 4, "priority": 1, "mass": 0.0,
+        "solref": [0.008, 0.5], "solimp": [0.9, 0.9, 0.001, 0.5, 2.0],
+    }  # fmt: skip
+    spec = mujoco.MjSpec()
+    spec.option.timestep, spec.option.noslip_iterations = step, NOSLIP_ITERATIONS
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    body = spec.worldbody.add_body(name="hand0", pos=[0, 0, 1], quat=[0, 1, 0, 0])  # z down
+    add_fingers(body, hand, 1.0, True, touch)
+    add_grip_motor(spec, "hand0", hand)
+    block = spec.worldbody.add_body(name="block", pos=[0, 0, 1.03])
+    block.add_freejoint()
+    block.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.015, 0.02, 0.05],
+                   mass=share * 2.0 * friction * force / 9.81)  # fmt: skip
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.ctrl[0], model.opt.gravity[:] = force, 0.0
+    mujoco.mj_step(model, data, round(0.8 / step))
+    model.opt.gravity[2] = -9.81
+    start = data.body("block").xpos[2]
+    mujoco.mj_step(model, data, round(1.0 / step))
+    return float(start - data.body("block").xpos[2])

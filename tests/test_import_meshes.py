@@ -43,6 +43,18 @@ def write_stl(path: Path, vertices: Array = CORNERS, faces: Array = FACES) -> Pa
     return path
 
 
+def write_text_stl(path: Path) -> Path:
+    """The same in text."""
+    facets = "".join(
+        "facet normal 0 0 0\nouter loop\n"
+        + "".join(f"  vertex {x:e} {y} {z}\n" for x, y, z in CORNERS[f])
+        + "endloop\nendfacet\n"
+        for f in FACES
+    )
+    path.write_text(f"solid part\n{facets}endsolid part\n")
+    return path
+
+
 def write_obj(path: Path) -> Path:
     """The same as a Wavefront file."""
     lines = [f"v {x} {y} {z}" for x, y, z in CORNERS]
@@ -85,6 +97,7 @@ def check_corners(found: Array, want: Array = WANT, atol: float = 2e-6) -> None:
 
 @pytest.mark.parametrize("uri", [
     "package://flyer_description/meshes/part.stl", "meshes/part.stl", "../lib/part.obj",
+    "../lib/text.stl",
     "file://{}/flyer_description/meshes/part.stl",
 ])  # fmt: skip
 def test_a_mesh_is_found_scaled_and_placed(tmp_path: Path, uri: str) -> None:
@@ -92,6 +105,7 @@ def test_a_mesh_is_found_scaled_and_placed(tmp_path: Path, uri: str) -> None:
     write_stl(root / "meshes" / "part.stl")
     write_stl(root / "urdf" / "meshes" / "part.stl")
     write_obj(root / "lib" / "part.obj")
+    write_text_stl(root / "lib" / "text.stl")
     file = draw(models.write_urdf_quad(root / "urdf"), mesh_tag(uri.format(tmp_path)), before=RED)
     made, robot = take(file, tmp_path)
     assert made.meshes == 1
@@ -161,7 +175,7 @@ def test_what_is_no_mesh_is_left_out_with_the_reason(
     here = tmp_path / "a" / "b" / "c" / "d" / "e"
     here.mkdir(parents=True)
     for name in ("part.dae", "part.png", "text.stl"):
-        (here / name).write_text("solid of no triangles")
+        (here / name).write_text("solid of no triangles; vertex 1 2 3")
     whole = write_stl(here / "part.stl").read_bytes()
     (here / "cut.stl").write_bytes(whole[:150])
     write_stl(here / "nan.stl", CORNERS * np.nan)
@@ -190,7 +204,7 @@ def test_meshes_can_be_left_out(tmp_path: Path) -> None:
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), most=st.integers(50, 600))
 def test_a_simplified_mesh_is_small_and_in_the_same_place(seed: int, most: int) -> None:
-    """Cells of a grid: no vertex moves by more than the cell, no triangle is made up."""
+    """Cells of a grid: the surface stays within a cell of where it was, and the limit is used."""
     rng = np.random.default_rng(seed)
     n = 40
     u, v = np.meshgrid(np.linspace(0, np.pi, n), np.linspace(0, 2 * np.pi, n), indexing="ij")
@@ -199,10 +213,12 @@ def test_a_simplified_mesh_is_small_and_in_the_same_place(seed: int, most: int) 
     i, j = (x.ravel() for x in np.meshgrid(np.arange(n - 1), np.arange(n - 1), indexing="ij"))
     a = i * n + j
     faces = np.concatenate([np.stack([a, a + 1, a + n], 1), np.stack([a + 1, a + n + 1, a + n], 1)])
-    vertices, kept = visuals.simplify(ball.reshape(-1, 3), faces, most)
-    assert 0 < len(kept) <= most
-    off = np.abs(np.linalg.norm(vertices / size, axis=1) - 1.0)
-    assert np.max(off) < 12.0 / math.sqrt(most), "the surface stays near"
+    original = ball.reshape(-1, 3)
+    vertices, kept = visuals.simplify(original, faces, most)
+    assert 0.8 * most <= len(kept) <= most
+    # a vertex is the mean of those in a cell; there are some 2 triangles a cell
+    away = np.linalg.norm(vertices[:, None] - original[None], axis=2).min(axis=1)
+    assert np.max(away) < 1.5 * np.ptp(original, axis=0).max() / math.sqrt(most)
     text = encode_mesh(vertices, kept)
     back, same = decode_mesh(text)
     np.testing.assert_array_equal(same, kept)

@@ -1,4 +1,4 @@
-"""What an imported file looks like: its meshes, read by MuJoCo, simplified, part by part.
+"""What an imported file looks like: its meshes, simplified, part by part.
 
 They are drawn only: contacts, distances and planning take capsules (docs/adr/0049). A mesh that
 cannot be read is left out with the reason; the part keeps its shapes, and the import goes on.
@@ -29,6 +29,7 @@ LARGEST_FILE = 60_000_000
 """Bytes of a mesh file that is read."""
 LEAST_TRIANGLES = 100
 """Of a mesh, when simplified."""
+_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
 READ = (".stl", ".obj", ".msh")
 UP = 3
 """Folders above the file that `../` may lead to."""
@@ -157,7 +158,7 @@ def _cluster(vertices: Array, faces: Ints, cell: float) -> tuple[Array, Ints]:
 
 @lru_cache(maxsize=64)
 def read_mesh(path: Path) -> tuple[Array, Ints]:
-    """Return vertices (n, 3) and triangles (m, 3) of a file; InputError in MuJoCo's words."""
+    """Return vertices (n, 3) and triangles (m, 3) of a file; InputError where it is no mesh."""
     if path.suffix.lower() == ".dae":
         raise InputError(f"{path}: COLLADA is not read; convert it to STL or OBJ beside it")
     if path.suffix.lower() not in READ:
@@ -165,6 +166,8 @@ def read_mesh(path: Path) -> tuple[Array, Ints]:
     size = path.stat().st_size
     if size > LARGEST_FILE:
         raise InputError(f"{path}: {size / 1e6:.0f} MB; at most {LARGEST_FILE / 1e6:.0f} are read")
+    if path.suffix.lower() == ".stl":
+        return _read_stl(path, path.read_bytes())
     spec = mujoco.MjSpec()
     # of a surface: open, flat and inside-out meshes are drawn, too
     spec.add_mesh(name="m", file=str(path), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
@@ -179,6 +182,25 @@ def read_mesh(path: Path) -> tuple[Array, Ints]:
     if not np.all(np.isfinite(vertices)):
         raise InputError(f"{path}: has a vertex that is not finite")
     return vertices, np.array(model.mesh_face, dtype=np.int64)
+
+
+def _read_stl(path: Path, data: bytes) -> tuple[Array, Ints]:
+    """Read binary STL and STL in text: MuJoCo reads neither the latter nor 200,000 triangles."""
+    n = int.from_bytes(data[80:84], "little")
+    if len(data) == 84 + _TRIANGLE.itemsize * n:
+        corners = np.frombuffer(data, _TRIANGLE, n, 84)["corners"].astype(float)
+    else:
+        found = re.findall(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", data)
+        try:
+            corners = np.array(found, dtype=float)
+        except ValueError:
+            corners = np.zeros(0)
+    if corners.size == 0 or corners.size % 9:
+        raise InputError(f"{path}: holds no triangles, neither as binary STL nor as text")
+    if not np.all(np.isfinite(corners)):
+        raise InputError(f"{path}: has a vertex that is not finite")
+    vertices, faces = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    return vertices, faces.reshape(-1, 3)
 
 
 def find_mesh(file: Path, uri: str) -> Path:
