@@ -10,7 +10,8 @@ grows until it ends; what it grows by in a minute is printed.
 
 With --browser a page in headless Chromium watches as a third, and the table is
 benchmarks/soak-browser.csv: it has the browser's memory (without what its processes share) and its
-JavaScript heap after a collection, which must not grow either.
+JavaScript heap after a collection, which must not grow either; `taken` counts how often the first
+page took control again because this process stood.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ COLUMNS = (
     "t_s", "flights", "station_mb", "flight_mb", "frames_per_s", "cost_ms", "stick_ms",
     "refused",
 )  # fmt: skip
-BROWSER = ("flown_s", "browser_mb", "heap_mb", "drawn_per_s", "watched_per_s")
+BROWSER = ("flown_s", "taken", "browser_mb", "heap_mb", "drawn_per_s", "watched_per_s")
 EVERY_S = 20.0
 POINTS = "mission.task.points=[{ x_m = 0.6, y_m = 0.0, z_m = 1.2, hold_s = 60.0 }]"
 SHARE, MEGABYTES = 0.03, 2.0
@@ -133,8 +134,11 @@ def soak(minutes: float, browser: bool) -> list[dict[str, float]]:
                 first.wait(lambda: "invited" in first.words, 30.0)
                 chromium.open(first.words["invited"]["address"])
             began = last = time.monotonic()
-            flights = frames = 0
+            flights = frames = taken = 0
             while time.monotonic() < began + 60.0 * minutes:
+                if first.state.get("mine") is False:  # this process stood for 2 s
+                    first.send("take")
+                    taken += first.wait(lambda: first.state.get("mine") is True, 10.0)
                 if first.state.get("flying") is False:
                     first.send("start", mission="waypoints", seed=flights + 1, sets=[POINTS])
                     flights += 1
@@ -149,6 +153,7 @@ def soak(minutes: float, browser: bool) -> list[dict[str, float]]:
                 status = first.status
                 row = {
                     "t_s": now - began, "flights": flights, "flown_s": status.get("t", 0.0),
+                    "taken": taken,
                     "station_mb": read_memory(process.pid),
                     "flight_mb": read_memory(find_child(process.pid)),
                     "frames_per_s": (first.frames - frames) / (now - last),
@@ -159,7 +164,7 @@ def soak(minutes: float, browser: bool) -> list[dict[str, float]]:
                 if chromium is not None:
                     memory, heap, *seen = chromium.measure()
                     rates = [(n - m) / (now - last) for n, m in zip(seen, shown, strict=True)]
-                    row |= dict(zip(BROWSER[1:], (memory, heap, *rates), strict=True))
+                    row |= dict(zip(BROWSER[2:], (memory, heap, *rates), strict=True))
                     shown = (seen[0], seen[1])
                 last, frames = now, first.frames
                 rows.append(row)

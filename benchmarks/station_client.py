@@ -55,7 +55,7 @@ class Page:
         if cookie is None:
             raise RuntimeError("the address has been used")
         self.sock = connect(
-            f"ws://{url.netloc}/ws", open_timeout=60, max_size=None,
+            f"ws://{url.netloc}/ws", open_timeout=60, max_size=None, ping_interval=None,
             additional_headers={
                 "Origin": f"http://{url.netloc}", "Cookie": cookie.split(";")[0],
             },

@@ -177,6 +177,7 @@ export class Live {
     this.loaded();
     this.trainBox.parentElement.hidden = !data.disturbances.length;
     this.numbersBox.parentElement.hidden = false;
+    this.plots?.destroy();
     this.plotBox.replaceChildren();
     this.plots = new Plots(this.plotBox, data.layout.channels, null);
     this.loadIndex = data.layout.channels.findIndex((c) => c.name === 'busiest rotor');

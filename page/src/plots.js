@@ -23,7 +23,14 @@ export class Plots {
     parent.append(this.box);
     this.plots = channels.map((c, i) => (c.plotted ? this.build(c, i, onseek) : null));
     this.cursor = null;
-    new ResizeObserver(() => this.resize()).observe(this.box);
+    this.observer = new ResizeObserver(() => this.resize());
+    this.observer.observe(this.box);
+  }
+
+  // uPlot listens to the window: without this its plots are kept for ever.
+  destroy() {
+    this.observer.disconnect();
+    for (const p of this.plots) p?.destroy();
   }
 
   build(c, i, onseek) {
