@@ -269,7 +269,7 @@ def test_make_venv_without_python_says_what_to_install(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("no_skip", "code"), [("", 0), ("1", 1)])
 def test_a_skip_is_a_failure_where_ci_says_so(tmp_path: Path, no_skip: str, code: int) -> None:
-    for name in ("conftest.py", "command_server.py"):
+    for name in ("conftest.py", "command_server.py", "slow.txt"):
         shutil.copy(ROOT / "tests" / name, tmp_path / name)
     (tmp_path / "test_skips.py").write_text(
         "import pytest\n"

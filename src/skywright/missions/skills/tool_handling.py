@@ -75,10 +75,7 @@ def find_platform(grip: Grip, place: Place) -> Array:
 
 
 def measure_tool(s: Supervisor, marker: Frame | None = None) -> tuple[Array, Array]:
-    """Return (p_WO, R_WO) of the tool as motion capture sees it now.
-
-    `marker` is what `find_marker` returns, for who asks in every tick.
-    """
+    """Return (p_WO, R_WO) of the tool as motion capture sees it now; `marker`: of find_marker."""
     marker, seen = marker or find_marker(s.vehicle.world), s.vehicle.read(Marker)
     R = seen.R_WO @ marker.R.T
     return seen.p_WO - R @ marker.p, R
