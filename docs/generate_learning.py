@@ -55,10 +55,6 @@ def build_result() -> str:
     told = json.loads((KEPT / "training.json").read_text(encoding="utf-8"))
     judged = json.loads((KEPT / "judged.json").read_text(encoding="utf-8"))
     rows = judged["episodes"]
-    spent = (
-        f"{told['cpu_s'] / 60:.0f} min of processor time" if "cpu_s" in told
-        else "the script did not write its processor time then"
-    )  # fmt: skip
     with (KEPT / "curve.csv").open(encoding="utf-8") as file:
         curve = list(csv.DictReader(file))
     picked = [curve[i] for i in sorted({0, *np.linspace(0, len(curve) - 1, 7).astype(int)})]
@@ -79,7 +75,7 @@ def build_result() -> str:
         f"{told['conditions']} conditions, {told['wall_s'] / 60:.0f} min of wall time, of which "
         f"{told['build_s'] / 60:.0f} min were the flights to where episodes begin; on one of "
         f"{told['cores']} cores shared with other work (load {told['load_1_min']:.0f}, nice "
-        f"{told['nice']}); {spent}.",
+        f"{told['nice']}); {told['cpu_s'] / 60:.0f} min of processor time.",
         "",
         "| steps | " + " | ".join(f"{int(r['steps']):,}".replace(",", " ") for r in picked) + " |",
         "|---|" + "---|" * len(picked),
