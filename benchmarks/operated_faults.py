@@ -93,7 +93,8 @@ WORKS = {
 }  # fmt: skip
 LINKS = {"link 0.2 s": 0.2, "link 2 s": 2.0, "link lost": math.inf}
 FAULTS = ("killed", "silent", "pilot", "battery", "fence", *LINKS)
-OTHERS = ("unintended_contact", "strayed")  # rules that would see the push before the fence's
+OTHERS = ("unintended_contact", "strayed", "excess_force")
+"""Rules that would see the push before the fence's does."""
 RULES = {"battery": "battery_low", "fence": "geofence"}
 
 

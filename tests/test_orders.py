@@ -176,7 +176,7 @@ def test_the_sensor_is_pressed_again_after_a_retract(tmp_path):
     assert "contact was lost" not in result.reason and "no surface" not in result.reason
 
 
-def test_the_sensor_is_pressed_again_by_hand_and_its_input_repeats_the_flight(tmp_path):
+def test_the_sensor_is_pressed_again_by_hand_and_its_input_goes_on(tmp_path):
     operator = Operator(("force", 0.5, "retract"), (WAITING, 1.0, "retry"))
     result = fly(
         tmp_path, "sensor-install", operator, *INSTALL, stick=ModelOperator("careful", 1, 0.03)
