@@ -17,6 +17,7 @@ import mujoco
 import numpy as np
 
 from skywright.core.arrays import Array, Ints
+from skywright.core.rotations import rot_from_quat
 from skywright.description.robot.mesh import FAR, MAX_TRIANGLES, encode_mesh
 from skywright.errors import InputError
 from skywright.models.importing.chain import Chain
@@ -74,10 +75,13 @@ def build_meshes(
                 continue
             R, p = frames[part]
             W = data.xmat[body].reshape(3, 3)
-            placed = look.p + (vertices * look.scale) @ look.R.T
-            placed = ((data.xpos[body] + placed @ W.T) - p) @ R
-            if np.max(np.abs(placed)) > FAR:
-                notes[f"mesh left out: {path.name} reaches {np.max(np.abs(placed)):.3g} m"] = None
+            straight = (vertices - look.refpos) @ rot_from_quat(look.refquat)
+            with np.errstate(over="ignore", invalid="ignore"):
+                placed = look.p + (straight * look.scale) @ look.R.T
+                placed = ((data.xpos[body] + placed @ W.T) - p) @ R
+                reach = float(np.max(np.abs(placed)))
+            if not reach <= FAR:
+                notes[f"mesh left out: {path.name} reaches {reach:.3g} m"] = None
                 continue
             if np.prod(look.scale) < 0.0:
                 faces = faces[:, ::-1]
