@@ -241,6 +241,17 @@ def test_a_simplified_mesh_is_small_and_in_the_same_place(seed: int, most: int) 
     assert np.max(np.abs(back - vertices)) <= 1.01 * np.ptp(vertices, axis=0).max() / 65535.0
 
 
+def test_triangles_that_share_no_corner_fit_into_a_table() -> None:
+    rng = np.random.default_rng(1)
+    n = MAX_TRIANGLES - 500
+    soup = rng.uniform(-1, 1, (n, 1, 3)) + 0.01 * rng.normal(size=(n, 3, 3))
+    vertices, faces = visuals.simplify(soup.reshape(-1, 3), np.arange(3 * n).reshape(n, 3), n)
+    back, same = decode_mesh(encode_mesh(vertices, faces))
+    assert len(same) > 0.95 * (2**16 // 3), "the grid is as fine as the limit allows"
+    edges = back[same[:, 0]] - back[same[:, 1]]
+    assert np.linalg.norm(edges, axis=1).max() < 0.5, "no corner is that of another triangle"
+
+
 GOOD = encode_mesh(CORNERS, FACES)
 HEAVY = encode_mesh(np.zeros((3, 3)), np.zeros((MAX_TRIANGLES + 1, 3), int))
 
