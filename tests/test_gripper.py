@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import mujoco
@@ -179,6 +180,8 @@ def test_wrong_orders_are_refused(above: tuple[Uav, CommandedArms, SimulatedVehi
         arms.grasp(5.0, hand="right")
     with pytest.raises(InputError, match="of hands without fingers"):
         arms.grasp(5.0, [0, 0, 1], [0, 0.1, 1])
+    with pytest.raises(InputError, match="grip of left = nan"):
+        arms.plain.grip({"left": math.nan})
     with pytest.raises(InputError, match="force = -1"):
         arms.grasp(-1.0)
 
