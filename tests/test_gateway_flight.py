@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from skywright.description.loader import load_description
 from skywright.ground.gateway_operator import GatewayOperator
 from skywright.links.udp.client import ArmsClient
 from skywright.links.udp.flight import FlightGateway, open_gateway
+from skywright.links.udp.lead_arms import Lead
 from skywright.links.udp.packets import CODES
 from skywright.run.backends import build_vehicle
 from skywright.run.operator import FILE, load_recording
@@ -226,6 +228,19 @@ def test_joint_references_and_a_stick_lead_the_arms_and_stale_ones_stop(tmp_path
     assert first_hand["torque_off"][-1, 2] < first_hand["torque_off"][0, 2] - 0.05
     held = [x["q_ref"] for x in program.states["torque_on"][-20:]]
     assert np.ptp(np.array(held), axis=0).max() < 1e-6
+
+
+@pytest.mark.parametrize("hand", ["hook", "gripper"])
+def test_hands_with_fingers_do_not_press_what_they_grasp(hand: str) -> None:
+    fingers = ["robot.arm.hand.length_m=0.06", "robot.arm.hand.mass_kg=0.04"]
+    d = load_description(
+        ROOT / "examples" / "gateway" / "external-arms.toml",
+        sets=["robot.arm.encoders=both", f"robot.arm.hand.kind={hand}", *fingers],
+    )
+    s: Any = SimpleNamespace(vehicle=build_vehicle(d), surroundings=None)
+    gateway: Any = SimpleNamespace(robot=d.robot)
+    offered = Lead(s, gateway, 0.05, 2.0)._list_offered()
+    assert "force" in offered and ("grasp" in offered) == (hand == "hook")
 
 
 def test_without_a_gateway_the_example_says_what_it_needs(tmp_path: Path) -> None:

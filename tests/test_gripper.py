@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import mujoco
@@ -120,6 +121,20 @@ def find_block(vehicle: SimulatedVehicle) -> Array:
     return np.array(vehicle.sim.data.body("object block").xpos)
 
 
+def test_fingers_that_close_slowly_do_not_stand(
+    above: tuple[Uav, CommandedArms, SimulatedVehicle],
+) -> None:
+    """0.1 N close the opening by 0.7 mm/s: the way to the block takes a minute."""
+    uav, arms, vehicle = above
+    before = float(vehicle.look(GripperState).opening[0])
+    handle = arms.grasp(0.1, wait=False)
+    for _ in range(50):
+        uav.tick()
+    assert handle.result is None
+    closed = before - float(vehicle.look(GripperState).opening[0])
+    assert closed == pytest.approx(0.1 * 0.1 / 15.0, rel=0.3)
+
+
 def test_a_gripper_lifts_what_it_closes_on_and_puts_it_down(
     above: tuple[Uav, CommandedArms, SimulatedVehicle],
 ) -> None:
@@ -168,6 +183,8 @@ def test_wrong_orders_are_refused(above: tuple[Uav, CommandedArms, SimulatedVehi
         arms.grasp(5.0, hand="right")
     with pytest.raises(InputError, match="of hands without fingers"):
         arms.grasp(5.0, [0, 0, 1], [0, 0.1, 1])
+    with pytest.raises(InputError, match="grip of left = nan"):
+        arms.plain.grip({"left": math.nan})
     with pytest.raises(InputError, match="force = -1"):
         arms.grasp(-1.0)
 

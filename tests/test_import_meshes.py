@@ -145,6 +145,36 @@ def test_mjcf_places_its_geoms_by_itself(tmp_path: Path) -> None:
     check_corners(decode_mesh(mesh.data)[0], 0.01 * CORNERS @ rot_x(math.pi / 2).T + [0.1, 0, 0])
 
 
+@pytest.mark.parametrize(("mesh", "geom", "want"), [
+    ('scale=".01 .02 .03" refpos="1 2 3" refquat="0.6 0 0 0.8"', "",
+     (CORNERS - [1, 2, 3]) @ rot_z(2.0 * math.atan2(0.8, 0.6)) * [0.01, 0.02, 0.03]),
+    # a contact pair calls the geom by its name, and another shape is fitted to the mesh
+    ('scale=".01 .01 .01"', 'name="shell" mass=".01"', 0.01 * CORNERS),
+])  # fmt: skip
+def test_mjcf_meshes_have_frames_names_and_fitted_shapes(
+    tmp_path: Path, mesh: str, geom: str, want: Array
+) -> None:
+    file = models.write_quad(tmp_path)
+    write_obj(tmp_path / "body.obj")
+    text = file.read_text().replace('<mesh file="body.obj"/>', f'<mesh file="body.obj" {mesh}/>')
+    text = text.replace('mesh="body" material="skin"', f'mesh="body" {geom}')
+    if geom:
+        text = text.replace("</body></worldbody>", '<geom type="box" mesh="body" mass="0"/>'
+                            '</body><geom name="floor" type="plane" size="1 1 1"/></worldbody>'
+                            '<contact><pair geom1="shell" geom2="floor"/></contact>')  # fmt: skip
+    file.write_text(text)
+    (found,) = take(file, tmp_path)[1].meshes.values()
+    check_corners(decode_mesh(found.data)[0], want)
+
+
+def test_a_scale_beyond_numbers_leaves_the_mesh_out(tmp_path: Path) -> None:
+    write_stl(tmp_path / "part.stl")
+    file = draw(models.write_urdf_quad(tmp_path), mesh_tag("part.stl", "1e308 1e308 1e308"))
+    made, robot = take(file, tmp_path)
+    assert not robot.meshes
+    assert "mesh left out: part.stl reaches" in made.notes[-1]
+
+
 def test_sdf_finds_meshes_beside_the_model_that_it_includes(tmp_path: Path) -> None:
     file = models.write_hexa(tmp_path)
     write_stl(tmp_path / "hexa_base" / "body.stl")
@@ -213,16 +243,27 @@ def test_a_simplified_mesh_is_small_and_in_the_same_place(seed: int, most: int) 
     i, j = (x.ravel() for x in np.meshgrid(np.arange(n - 1), np.arange(n - 1), indexing="ij"))
     a = i * n + j
     faces = np.concatenate([np.stack([a, a + 1, a + n], 1), np.stack([a + 1, a + n + 1, a + n], 1)])
-    original = ball.reshape(-1, 3)
-    vertices, kept = visuals.simplify(original, faces, most)
-    assert 0.8 * most <= len(kept) <= most
-    # a vertex is the mean of those in a cell; there are some 2 triangles a cell
-    away = np.linalg.norm(vertices[:, None] - original[None], axis=2).min(axis=1)
-    assert np.max(away) < 1.5 * np.ptp(original, axis=0).max() / math.sqrt(most)
+    vertices, kept = visuals.simplify(ball.reshape(-1, 3), faces, most)
+    assert 0 < len(kept) <= most
+    # a ball of extent d in cells of c has about 2 pi (d / c)^2 triangles
+    off = np.linalg.norm(vertices[:, None] - ball.reshape(1, -1, 3), axis=2).min(axis=1)
+    cell = np.ptp(vertices, axis=0).max() * math.sqrt(2.0 * math.pi / most)
+    assert np.max(off) < cell, "the surface stays near"
     text = encode_mesh(vertices, kept)
     back, same = decode_mesh(text)
     np.testing.assert_array_equal(same, kept)
     assert np.max(np.abs(back - vertices)) <= 1.01 * np.ptp(vertices, axis=0).max() / 65535.0
+
+
+def test_triangles_that_share_no_corner_fit_into_a_table() -> None:
+    rng = np.random.default_rng(1)
+    n = MAX_TRIANGLES - 500
+    soup = rng.uniform(-1, 1, (n, 1, 3)) + 0.01 * rng.normal(size=(n, 3, 3))
+    vertices, faces = visuals.simplify(soup.reshape(-1, 3), np.arange(3 * n).reshape(n, 3), n)
+    back, same = decode_mesh(encode_mesh(vertices, faces))
+    assert len(same) > 0.95 * (2**16 // 3), "the grid is as fine as the limit allows"
+    edges = back[same[:, 0]] - back[same[:, 1]]
+    assert np.linalg.norm(edges, axis=1).max() < 0.5, "no corner is that of another triangle"
 
 
 GOOD = encode_mesh(CORNERS, FACES)

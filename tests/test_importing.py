@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
@@ -205,6 +206,31 @@ def test_other_fingers_are_frozen_or_joints_of_the_arm(
                        arm=models.sdf_gripper(tmp_path, **change), mount="0,0,-0.05,0,90,0")  # fmt: skip
     assert not made.gripper
     assert robot.arm.hand.kind == "ball"
+
+
+@pytest.mark.parametrize("change", [
+    (r"<upper>0.03</upper>", "<upper>1e15</upper>"),  # limits that are none
+    (r"<upper>0.03</upper>", "<upper>1e-9</upper>"),
+    (r"<mass>0.02</mass>", "<mass>1e-7</mass>"),
+    (r"<xyz>0 -?1.0 0</xyz>", "<xyz>1 0 0</xyz>"),  # along the arm
+])  # fmt: skip
+def test_slides_that_are_no_fingers_of_a_gripper_are_frozen(
+    tmp_path: Path, change: tuple[str, str]
+) -> None:
+    arm = models.sdf_gripper(tmp_path)
+    arm.write_text(re.sub(*change, arm.read_text()))
+    made, robot = take(models.write_quad(tmp_path), tmp_path, arm=arm, mount="0,0,-0.05,0,90,0")
+    assert not made.gripper and robot.arm.hand.kind == "ball"
+    assert sum("is frozen: a finger of the gripper" in note for note in made.notes) == 2
+
+
+def test_fingers_that_leave_no_palm_are_refused_and_can_be_welded(tmp_path: Path) -> None:
+    arm = models.sdf_gripper(tmp_path, mass=2.0)
+    file = models.write_quad(tmp_path)
+    with pytest.raises(InputError, match=r"fingers of 4 kg leave no body.*--weld arm/slide"):
+        take(file, tmp_path, arm=arm, mount="0,0,-0.05,0,90,0")
+    made, _ = take(file, tmp_path, arm=arm, mount="0,0,-0.05,0,90,0", weld=("arm/slide0",))
+    assert not made.gripper
 
 
 def test_heavy_fingers_leave_a_body_behind(tmp_path: Path) -> None:

@@ -138,6 +138,18 @@ def test_between_rows_the_stick_stays() -> None:
     assert r.read(0.52, NOWHERE) is None
 
 
+def test_a_piece_of_work_to_which_nobody_came_has_no_rows(tmp_path: Path) -> None:
+    """It began where the next one begins; what is written can be flown again."""
+    file = tmp_path / "operator.csv"
+    rows = [(k * MISSION_TICK, Stick(np.zeros(3), False)) for k in range(5)]
+    write_recording(file, rows, 0.03, [0.0, 0.0])
+    r = load_recording(file)
+    r.begin(0, 0.0)
+    assert r.read(0.0, NOWHERE) is None
+    r.begin(1, 0.0)
+    assert r.read(0.0, NOWHERE) is not None and r.read(rows[-1][0], NOWHERE) is not None
+
+
 def test_each_piece_of_work_has_its_own_rows() -> None:
     """However long the one before it lasts; a button at its end stays pressed."""
     t = np.arange(10) * MISSION_TICK
@@ -189,6 +201,7 @@ BAD = {
     "cut off": (f"{HEADER}\n0,0,0,0,0\n0.1,0,0\n", "line 3 has 3 values"),
     "speed": (f"# v_max_mps = fast\n{HEADER}\n0,0,0,0,0\n0.1,0,0,0,0\n", "v_max_mps is 'fast'"),
     "unit": (f"# v_max_mps = 3 cm/s\n{HEADER}\n0,0,0,0,0\n0.1,0,0,0,0\n", "v_max_mps is '3 cm/s'"),
+    "starts back": (f"# starts_s = 0, 0.1, 0\n{HEADER}\n0,0,0,0,0\n0.1,0,0,0,0\n", "in order"),
     "starts": (f"# starts_s = 0, 9\n{HEADER}\n0,0,0,0,0\n0.1,0,0,0,0\n", "starts_s is 0, 9"),
     "another speed": (
         f"# v_max_mps = 0.1\n{HEADER}\n0,0,0,0,0\n0.1,0,0,0,0\n",

@@ -11,6 +11,7 @@ import skywright
 from exact_map import EXACT
 from skywright.ground.operator_model import ModelOperator
 from skywright.run import orders
+from skywright.run.flight import Flight
 from skywright.run.operator import FILE, load_recording
 from skywright.run.orders import WAITING
 from skywright.run.run import RunResult, run_mission
@@ -194,16 +195,19 @@ def test_the_sensor_is_pressed_again_by_hand_and_its_input_goes_on(tmp_path):
     assert kept.t[-1] > 0.9 * result.metrics["operator.time_s"] / 2.0
 
 
-def test_a_tool_is_set_down_and_lifted_again_where_that_is_ordered(tmp_path):
-    """On the bench, over the pipe, and over the bench, where it cannot be left out."""
+def test_a_tool_is_set_down_and_lifted_again_where_that_is_ordered(tmp_path, monkeypatch):
+    """On the bench, over the pipe, and over the bench, where it cannot be left out.
+
+    There no order comes at last, and it is put down before the robot comes home.
+    """
+    monkeypatch.setattr(orders, "PATIENCE_S", 4.0)
     operator = Operator(
         ("lift", 1.0, "retract"), (WAITING, 1.0, "retry"), ("install", 1.5, "retract"),
         (WAITING, 1.0, "next"), ("lower", 4.5, "retract"), (WAITING, 0.5, "next"),
-        (WAITING, 1.0, "retry"),
     )  # fmt: skip
     result = fly(tmp_path, "tool-install", operator, *TOOL)
     must = "the contact cannot be left out: the tool would stay on the hooks; valid: retry"
-    assert [r.reason for r in operator.results] == ["", "", "", "", "", f"next refused: {must}", ""]
+    assert [r.reason for r in operator.results] == ["", "", "", "", "", f"next refused: {must}"]
     names = [n for n in name_phases(result) if n not in ("start", "take_off")]
     assert names == [
         "approach bench", "grasp", "lift", "draw back", "release", WAITING, "rejoin", "grasp",
@@ -260,6 +264,18 @@ def test_a_peg_is_drawn_out_and_inserted_again(tmp_path):
         "insert", "draw back", WAITING, "rejoin", "align", "lower", "insert"
     ]  # fmt: skip
     assert result.outcome == "succeeded", result.reason
+
+
+def test_a_contact_that_nobody_ended_is_told_as_that():
+    of = orders.Orders.__new__(orders.Orders)
+    late = "no order came for 120 s after retract"
+    for left_out, says in (
+        (["a"], "left out by the operator's order: a; lost"),
+        (["a", f"b ({late})"], f"left out: a, b ({late}); lost"),
+    ):
+        of.left_out = left_out
+        judged = of.judge(Flight(True, "lost"))
+        assert judged.reason == says and not judged.completed
 
 
 def test_without_an_order_it_comes_home(tmp_path, monkeypatch):

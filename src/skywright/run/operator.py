@@ -153,10 +153,10 @@ def load_recording(path: Path) -> Recording:
     if speeds and not speeds[0] > 0.0:
         raise InputError(f"{path}: v_max_mps is {speeds[0]:g}; a number above 0 is required")
     starts = _read_comment(path, lines, "starts_s", MOST_STARTS) or [0.0]
-    if starts[0] != 0.0 or np.any(np.diff(starts) <= 0.0) or starts[-1] > table[-1, 0]:
+    if starts[0] != 0.0 or np.any(np.diff(starts) < 0.0) or starts[-1] > table[-1, 0]:
         raise InputError(
-            f"{path}: starts_s is {', '.join(f'{x:g}' for x in starts[:8])}; valid: growing from 0 "
-            f"up to the last row at {table[-1, 0]:g}"
+            f"{path}: starts_s is {', '.join(f'{x:g}' for x in starts[:8])}; valid: from 0 in "
+            f"order, up to the last row at {table[-1, 0]:g}"
         )
     v_max = speeds[0] if speeds else None
     return Recording(table[:, 0], table[:, 1:4], table[:, 4] > 0.5, v_max, starts)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 R = TypeVar("R")
 
 PATIENCE_S = 120.0
-"""s without an order after a retract, from which the robot comes home."""
+"""s without an order after a retract: the robot then comes home, or ends the work as it can."""
 WAITING = "wait for order"
 """The phase after a retract."""
 
@@ -76,6 +76,7 @@ class Orders:
         self._contact = ""  # what is open
         self._holds = False  # a hold that may end early
         self._must = ""  # why the contact that was drawn back from cannot be left out
+        self._late = ""  # that no order came after the last retract
         self.waits = False
         """Whether the robot has drawn back, and `retry` or `next` is waited for."""
         self.left_out: list[str] = []
@@ -174,7 +175,7 @@ class Orders:
                 if not ended.repeats or (detour and isinstance(ended, GivenBack)):
                     raise
                 if self.go_on(ended, row, first, detour) == Order.NEXT:
-                    self.left_out.append(what)
+                    self.left_out.append(f"{what} ({self._late})" if self._late else what)
                     return left_out
 
     def go_on(
@@ -199,7 +200,8 @@ class Orders:
                 s.body.track(build_rest(s)[None])
             else:
                 detour.back()
-            order = ended.order if ended.order == Order.RETRY else self._wait(ended)
+            if ended.order != Order.RETRY:
+                order = self._wait(ended, detour is not None)
         if detour is None:
             rejoin(s, ended.first if first is None else first, row)
         else:
@@ -208,18 +210,24 @@ class Orders:
             s.wait(STEADY_S)
         return order
 
-    def _wait(self, ended: ContactEnded) -> Order:
-        """Hold until there is an order; raises GivenBack where none comes."""
+    def _wait(self, ended: ContactEnded, goes_on: bool) -> Order:
+        """Hold until there is an order.
+
+        Where none comes: with `goes_on` the contact is left out, or flown again where it must not
+        be, so that a load is put down before the robot comes home; else raises GivenBack.
+        """
         s = self._s
         s.begin(WAITING)
         end = s.vehicle.t - s.pilot.away_s + PATIENCE_S
-        self.waits, self._given = True, None
+        self.waits, self._given, self._late = True, None, ""
         try:
             while self._given is None:
                 s.tick()
                 if s.vehicle.t - s.pilot.away_s > end:
-                    says = f"no order came for {PATIENCE_S:g} s after retract"
-                    raise GivenBack(says, ended.taken, ended.first)
+                    self._late = f"no order came for {PATIENCE_S:g} s after retract"
+                    if not goes_on:
+                        raise GivenBack(self._late, ended.taken, ended.first)
+                    return Order.RETRY if self._must else Order.NEXT
             return self._given
         finally:
             self.waits, self._given = False, None
@@ -228,6 +236,11 @@ class Orders:
         """Return a flight; one in which a contact was left out has not succeeded."""
         if not self.left_out:
             return flight
-        told = f"left out by the operator's order: {', '.join(self.left_out)}"
+        by = (
+            ""
+            if any(" (no order" in what for what in self.left_out)
+            else " by the operator's order"
+        )
+        told = f"left out{by}: {', '.join(self.left_out)}"
         reason = f"{told}; {flight.reason}" if flight.reason else told
         return flight._replace(completed=False, reason=reason)

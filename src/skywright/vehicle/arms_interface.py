@@ -21,6 +21,7 @@ from skywright.core.types import (
 from skywright.description.robot.limbs import SIDES, list_grippers
 from skywright.errors import InputError
 from skywright.models.bimanual import Bar, compute_bar_hands
+from skywright.vehicle.arguments import check_number
 from skywright.vehicle.arms.ports import ArmModel, Hands, HandState
 from skywright.vehicle.interface import Array, Backend, fill_tips
 from skywright.vehicle.rest_to_rest import ROW_PERIOD, duration, quintic
@@ -152,12 +153,12 @@ class Arms:
     def grip(self, forces: dict[str, float]) -> None:
         """Close grippers with `forces` (N, by hand; negative: open them) until told otherwise.
 
-        Raises InputError on a hand that is no gripper.
+        Raises InputError on a hand that is no gripper, and on a force that is no number.
         """
         check_grippers(self.backend, forces)
         row = self._start()
         for name, force in forces.items():
-            row["grip"][SIDES.index(name)] = force
+            row["grip"][SIDES.index(name)] = check_number(f"grip of {name}", force)
         self.backend.track(row[None])
 
     def bar_to(

@@ -34,7 +34,8 @@ FELT, GRIPPED = 0.8, 0.6  # share of a push that has to be felt; of a grasp, whi
 LOOSE_N, LOOSEN_S = 0.1, 2.0  # N of a grasp before the hands part, and s until then
 APART_M = 0.1
 STILL_M, EMPTY_M = 2e-5, 1e-3
-"""Fingers that move less in a tick stand; grippers that are this near to an end are there."""
+"""Fingers that move less in a tick stand, slow ones that move less than half of what their motor
+would; grippers that are this near to an end are there."""
 
 
 class PositionSensor:
@@ -342,12 +343,12 @@ class CommandedArms:
         b, arm = self._uav.backend, self._uav.backend.robot.arm
         assert arm is not None
         speed = arm.hand.grip_speed_mps * min(abs(force) / arm.hand.grip_force_n, 1.0)
-        ends = b.t + arm.hand.stroke_m / speed + PATIENCE_S
+        ends, still = b.t + arm.hand.stroke_m / speed + PATIENCE_S, min(STILL_M, 0.5 * TICK * speed)
         stood, before = 0.0, np.full(len(hands), np.inf)
         while stood < DWELL_S - 1e-9:
             yield
             now = np.array(b.look(GripperState).opening)[hands]
-            stands = (np.abs(now - before) < STILL_M) | (now < EMPTY_M)  # pads on pads tremble
+            stands = (np.abs(now - before) < still) | (now < EMPTY_M)  # pads on pads tremble
             stood, before = stood + TICK if stands.all() else 0.0, now
             if b.t > ends:
                 return Result(False, f"the fingers still move, {1e3 * now[0]:.0f} mm apart")

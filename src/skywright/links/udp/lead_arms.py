@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from skywright.core.interrupt import check_interrupt
 from skywright.core.rotations import rot_z
 from skywright.core.types import TASK_JOINTS
-from skywright.description.robot.limbs import list_joints
+from skywright.description.robot.limbs import list_grippers, list_joints
 from skywright.links.udp.flight import FlightGateway
 from skywright.links.udp.packets import CODES, find_kind
 from skywright.links.udp.receiver import Arrived
@@ -98,8 +98,8 @@ class Lead:
         b = self.s.vehicle
         needs = {name: get_entry(command).needs for name, command in COMMANDS.items()}
         offered = [name for name in needs if not any(find_arms_lack(n, b) for n in needs[name])]
-        both = len(self._list_sensing()) == 2
-        return [name for name in offered if name != "grasp" or both]
+        presses = len(self._list_sensing()) == 2 and not list_grippers(b.robot)
+        return [name for name in offered if name != "grasp" or presses]
 
     def _list_sensing(self) -> list[str]:
         """The hands that feel a force: a joint of their arm measures its deflection."""

@@ -57,7 +57,10 @@ UNPLANNED = 0.008
 """m, that a robot may come nearer to the tool than its plan: the arm's length is wrong by 4 mm, and
 20 % more drag leans the robot by as much (plant)."""
 
-BECAME = {True: "it was carried back to the bench", False: "it was lost on the way back"}
+BECAME = {
+    True: "it was carried back to the bench",
+    False: "it was lost on the way back, or could not be put down",
+}
 """Of a tool that the operator did not bring to its place."""
 
 
@@ -123,7 +126,7 @@ def fly(s: Supervisor[ToolInstall], way: ToolPlan) -> Flight:
     returned = _carry_back(s, way, place, weight, speeds)
     if reason:
         return Flight(False, f"{reason}; {BECAME[returned]}")
-    return Flight(returned, "" if returned else "the tool was lost on the way back")
+    return Flight(returned, "" if returned else f"the tool: {BECAME[False]}")
 
 
 def withdraw(s: Supervisor[ToolInstall], way: ToolPlan) -> None:
@@ -148,7 +151,7 @@ def withdraw(s: Supervisor[ToolInstall], way: ToolPlan) -> None:
 def _carry_back(
     s: Supervisor, way: ToolPlan, place: Place, weight: float, speeds: tuple[float, float]
 ) -> bool:
-    """Bring the tool back to `place` on the bench, fly home; returns whether it was not lost."""
+    """Bring the tool back to `place` on the bench, fly home; returns whether it stands there."""
     s.begin("carry back")
     move_platform(s, way.to_pipe[-1, :3], way.seat.yaw, NEAR_SPEED)
     _follow(s, way.to_pipe[::-1], CALM_SPEED)
@@ -157,7 +160,7 @@ def _carry_back(
     held = _is_held(s, way.grip)
     if held:
         must = "the tool would stay on the hooks"
-        put_down(s, way.grip, place, weight, speeds, "lower", must)
+        held = not put_down(s, way.grip, place, weight, speeds, "lower", must)
         s.begin("return")
     _leave(s, way, place)
     _go_home(s, way)

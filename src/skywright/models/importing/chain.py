@@ -20,6 +20,10 @@ from skywright.errors import InputError
 TINY = 1e-9
 ALONG = 1.0 - 1e-4
 """Cosine of axes that are one line."""
+ACROSS = 0.7
+"""Cosine up to which fingers slide across the way to the tip."""
+STROKES, LIGHTEST, NEAREST = (1e-3, 1.0), 1e-4, 1e-3
+"""m that a gripper opens, kg of its fingers, and m from the last joint to their ends at least."""
 SHORTEST = 1e-5
 """m of the last link."""
 TIP_NAMES = ("tcp", "tip", "tool", "ee", "end_effector", "end_link", "pinch", "grasp", "gripper")
@@ -161,7 +165,9 @@ def find_chain(
             f"the tip ({tip_name}) is at joint {last!r}, the last: choose a link or site beyond it "
             f"with --tip, or freeze the joint with --weld {last}"
         )
-    gripper = _find_gripper(model, data, fingers, joints)
+    tip_at = p + R @ place
+    hands = [j for j in fingers if model.joint(j).name not in weld]
+    gripper = _find_gripper(model, data, hands, joints, tip_at)
     fingers_of = () if gripper is None else gripper.joints
     notes = [
         f"joint {name} is frozen: {why}"
@@ -178,7 +184,6 @@ def find_chain(
         b: part for b, part in _assign(model, root, joints).items()
         if not apart & {model.joint(j).name for j in _joints_to(model, b, {})}
     }  # fmt: skip
-    tip_at = p + R @ place
     return Chain(parts, tip_at, tip_name, carrier, qpos, joints, gripper, members, notes)
 
 
@@ -200,9 +205,12 @@ def _fingers(model: mujoco.MjModel, root: int) -> list[int]:
 
 
 def _find_gripper(
-    model: mujoco.MjModel, data: mujoco.MjData, fingers: list[int], joints: list[int]
+    model: mujoco.MjModel, data: mujoco.MjData, fingers: list[int], joints: list[int], tip: Array
 ) -> Gripper | None:
-    """Two slides with limits, along one line, that both hang on the last joint of the chain."""
+    """Two slides with limits, along one line, that both hang on the last joint of the chain.
+
+    They slide across the way from that joint to the `tip` (3,) m.
+    """
     if len(fingers) != 2 or not joints:
         return None
     moving = dict.fromkeys(range(model.njnt), "")
@@ -210,18 +218,23 @@ def _find_gripper(
         del moving[j]
     bodies = [int(model.jnt_bodyid[j]) for j in fingers]
     slides = [model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE for j in fingers]
-    axes, spans = data.xaxis[fingers], np.ptp(model.jnt_range[fingers], axis=1)
+    axes, stroke = data.xaxis[fingers], float(np.sum(np.ptp(model.jnt_range[fingers], axis=1)))
+    mass, way = float(np.sum(model.body_mass[bodies])), tip - data.xanchor[joints[-1]]
+    far = float(np.linalg.norm(way))
     if (
         not all(slides)
         or not all(model.jnt_limited[fingers])
         or abs(axes[0] @ axes[1]) < ALONG
+        or abs(axes[0] @ way) > ACROSS * far
         or any(_joints_to(model, b, moving) != joints for b in bodies)
+        or not STROKES[0] <= stroke <= STROKES[1]
+        or mass < LIGHTEST
+        or far < NEAREST
     ):
         return None
-    mass = float(sum(model.body_mass[b] for b in bodies))
     names = model.joint(fingers[0]).name, model.joint(fingers[1]).name
     middle = np.mean(data.xpos[bodies], axis=0)
-    return Gripper(names, mass, axes[0].copy(), middle, float(np.sum(spans)))
+    return Gripper(names, mass, axes[0].copy(), middle, stroke)
 
 
 def _joints_to(model: mujoco.MjModel, body: int, frozen: dict[int, str]) -> list[int]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from skywright.core.arrays import Array
 from skywright.core.rotations import rot_from_quat, rot_x, rot_y, rot_z
-from skywright.models.importing.opening import Opened
+from skywright.models.importing.opening import Opened, compile_spec
 from skywright.models.importing.sdf import read_pose
 from skywright.models.importing.xml_input import read_numbers
 
@@ -30,6 +30,8 @@ class Look(NamedTuple):
     p: Array  # (3,) m, in the body
     R: Array  # (3, 3)
     color: Color
+    refpos: Array = np.zeros(3)  # of the mesh's frame in its file, before it is scaled (MJCF)
+    refquat: Array = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def list_looks(opened: Opened, prefix: str) -> list[Look]:
@@ -106,17 +108,17 @@ def _read_rgba(element: ET.Element | None, key: str) -> Color | None:
 def _list_mjcf(path: Path) -> list[tuple[Look, bool]]:
     """The mesh geoms of an MJCF file; MuJoCo places them, with small balls in their stead."""
     spec = mujoco.MjSpec.from_file(str(path))
-    files = {m.name or Path(m.file).stem: (m.file, np.array(m.scale)) for m in spec.meshes}
+    meshes = {m.name or Path(m.file).stem: m for m in spec.meshes}
     paints = {m.name: m.rgba for m in spec.materials}
-    folder = spec.meshdir
     for things in (spec.keys, spec.sensors, spec.skins):
         for thing in list(things):
             spec.delete(thing)
-    rows: list[tuple[str, str, Array, Color, bool, str]] = []
+    found: list[tuple[str, Look, bool]] = []
     for body in spec.bodies:
         for geom in list(body.geoms):
-            mesh, is_mesh = geom.meshname, geom.type == mujoco.mjtGeom.mjGEOM_MESH
-            if geom.type == mujoco.mjtGeom.mjGEOM_HFIELD:
+            mesh, is_mesh = meshes.get(geom.meshname), geom.type == mujoco.mjtGeom.mjGEOM_MESH
+            # a shape that is fitted to a mesh is no look, and has no size of its own
+            if geom.type == mujoco.mjtGeom.mjGEOM_HFIELD or (geom.meshname and not is_mesh):
                 spec.delete(geom)
                 continue
             rgba = paints.get(geom.material, geom.rgba)
@@ -125,20 +127,21 @@ def _list_mjcf(path: Path) -> list[tuple[Look, bool]]:
             if not is_mesh:
                 continue
             geom.type, geom.size = mujoco.mjtGeom.mjGEOM_SPHERE, [1e-3, 0.0, 0.0]
-            geom.name = f"look {len(rows)}"
-            file, scale = files.get(mesh, ("", np.ones(3)))
-            color = (float(rgba[0]), float(rgba[1]), float(rgba[2]))
-            if body.name and file and rgba[3] > 0.0:
-                rows.append(
-                    (body.name, os.path.join(folder, file), scale, color, visual, geom.name)
-                )
+            geom.name = geom.name or f"look {len(found)}"  # contact pairs call it so
+            if body.name and mesh is not None and mesh.file and rgba[3] > 0.0:
+                color = (float(rgba[0]), float(rgba[1]), float(rgba[2]))
+                look = Look(
+                    body.name, os.path.join(spec.meshdir, mesh.file), np.array(mesh.scale),
+                    np.zeros(3), np.eye(3), color, np.array(mesh.refpos), np.array(mesh.refquat),
+                )  # fmt: skip
+                found.append((geom.name, look, visual))
     for things in (spec.meshes, spec.materials, spec.textures, spec.hfields):
         for thing in list(things):
             spec.delete(thing)
-    model = spec.compile()
+    model = compile_spec(path, spec)
     out = []
-    for name, uri, scale, color, visual, ball in rows:
+    for ball, look, visual in found:
         geom = model.geom(ball)
         R = rot_from_quat(np.array(geom.quat, dtype=float))
-        out.append((Look(name, uri, scale, np.array(geom.pos), R, color), visual))
+        out.append((look._replace(p=np.array(geom.pos), R=R), visual))
     return out

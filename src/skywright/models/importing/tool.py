@@ -8,6 +8,7 @@ import numpy as np
 
 from skywright.core.arrays import Array
 from skywright.description.robot.arm import Hand
+from skywright.errors import InputError
 from skywright.models.importing.chain import Gripper, Part
 from skywright.models.importing.values import PLACEHOLDER, Question, Value, imported
 from skywright.models.part_masses import build_hand_body
@@ -80,6 +81,11 @@ def build_gripper(
         rest = take(part, hand.mass_kg, end + R_LH @ com, R_LH @ inertia @ R_LH.T)
         if np.linalg.eigvalsh(0.5 * np.trace(rest.inertia) * np.eye(3) - rest.inertia)[0] > 0.0:
             break
+    else:
+        raise InputError(
+            f"{note}: the fingers of {gripper.mass:g} kg leave no body to the link that carries "
+            f"them; freeze them with --weld {gripper.joints[0]}"
+        )
     mass = imported(hand.mass_kg, note)
     if share < 1.0:
         mass = Value(hand.mass_kg, "derived", f"{share:g} of the fingers' mass; the palm is light")

@@ -17,7 +17,8 @@ import mujoco
 import numpy as np
 
 from skywright.core.arrays import Array, Ints
-from skywright.description.robot.mesh import FAR, MAX_TRIANGLES, encode_mesh
+from skywright.core.rotations import rot_from_quat
+from skywright.description.robot.mesh import FAR, MAX_TRIANGLES, MAX_VERTICES, encode_mesh
 from skywright.errors import InputError
 from skywright.models.importing.chain import Chain
 from skywright.models.importing.looks import list_looks
@@ -75,10 +76,13 @@ def build_meshes(
                 continue
             R, p = frames[part]
             W = data.xmat[body].reshape(3, 3)
-            placed = look.p + (vertices * look.scale) @ look.R.T
-            placed = ((data.xpos[body] + placed @ W.T) - p) @ R
-            if np.max(np.abs(placed)) > FAR:
-                notes[f"mesh left out: {path.name} reaches {np.max(np.abs(placed)):.3g} m"] = None
+            straight = (vertices - look.refpos) @ rot_from_quat(look.refquat)
+            with np.errstate(over="ignore", invalid="ignore"):
+                placed = look.p + (straight * look.scale) @ look.R.T
+                placed = ((data.xpos[body] + placed @ W.T) - p) @ R
+                reach = float(np.max(np.abs(placed)))
+            if not reach <= FAR:
+                notes[f"mesh left out: {path.name} reaches {reach:.3g} m"] = None
                 continue
             if np.prod(look.scale) < 0.0:
                 faces = faces[:, ::-1]
@@ -123,14 +127,15 @@ def simplify(vertices: Array, faces: Ints, most: int) -> tuple[Array, Ints]:
     The grid is as fine as that allows (Rossignac and Borrel, "Multi-resolution 3D approximations
     for rendering complex scenes", 1993).
     """
+    most = min(most, MAX_VERTICES // 3)  # of triangles that share none
     if len(faces) <= most and len(vertices) <= 3 * most:
         return vertices, faces
     size = float(np.max(np.ptp(vertices, axis=0)))
     fine, coarse = size / 4096.0, size
     best = _cluster(vertices, faces, fine)
+    if len(best[1]) <= most:
+        return best
     for _ in range(12):
-        if len(best[1]) <= most and fine == size / 4096.0:
-            return best
         cell = float(np.sqrt(fine * coarse))
         found = _cluster(vertices, faces, cell)
         if len(found[1]) <= most:
