@@ -66,7 +66,10 @@ def applies(robot: Robot, key: str) -> bool:
     if part == "robot.arm":
         return arm.sides == 2 if leaf == "separation_m" else leaf not in ("sides", "mount_y_m")
     if part == "robot.arm.hand":
-        return arm.hand.mass_kg > 0.0 and not (arm.hand.kind == "ball" and "hook" in leaf)
+        hand = arm.hand
+        if leaf in ("stroke_m", "grip_speed_mps", "grip_force_n"):
+            return hand.kind == "gripper"
+        return hand.mass_kg > 0.0 and not (hand.kind == "ball" and "hook" in leaf)
     if name in arm.servos:
         other = {"velocity": ("position_", "command_", "resolution_", "backlash_"),
                  "position": ("velocity_",),

@@ -247,7 +247,7 @@ def test_a_page_takes_the_robot_over_flies_it_and_gives_it_back(tmp_path: Path) 
 
         fake.on_status = command
         say(fake.end, "speed", x=2)
-        result = _fly(feed, tmp_path / "a", hold)
+        result = _fly(feed, tmp_path / "a", hold, "mission.task.settle_s=8")
     scene = json.loads((tmp_path / "w" / "scene.json").read_text())
     assert [m["name"] for m in scene["modes"]] == ["position", "attitude"]  # no angle: parallel
     assert scene["checklist"] == [c["name"] for c in fake.status["checklist"]]
