@@ -1,7 +1,9 @@
 """Where the time of a physics step goes, phase by phase of a mission.
 
-    python benchmarks/profile_steps.py MISSION [--set KEY=VALUE]... [--options]
+    python benchmarks/profile_steps.py MISSION [--set KEY=VALUE]... [--plain | --options]
 
+`--plain` leaves MuJoCo's timers off, which take as long as a small step does, and prints the
+processor time of a step with all of control and mission.
 `--options` flies nothing: the scene as it stands on the ground is stepped with other options of
 MuJoCo, in turns, and what differs after 300 steps is told.
 MuJoCo's own timers run on the processor time of this thread, so that other programs disturb them
@@ -133,6 +135,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("mission")
     parser.add_argument("--set", action="append", default=[], dest="sets", metavar="KEY=VALUE")
+    parser.add_argument("--plain", action="store_true")
     parser.add_argument("--options", action="store_true")
     args = parser.parse_args()
     d = load_description(args.mission, sets=args.sets)
@@ -144,11 +147,17 @@ def main() -> None:
         raise SystemExit(f"no plan: {plan.blocked_by}")
     model = vehicle.scene.model
     print(f"{model.nv} degrees of freedom, {model.ngeom} geometries")
+    height = vehicle.robot.platform.gear_height_m
+    if args.plain:
+        since = time.thread_time()
+        Supervisor(vehicle, d.mission, plan, height, lambda *_: None).fly()
+        steps = round(vehicle.t / model.opt.timestep)
+        print(f"{1e6 * (time.thread_time() - since) / steps:.1f} us a step, {steps} steps")
+        return
     callback = ctypes.CFUNCTYPE(ctypes.c_double)(read_cpu.address)
     mujoco.set_mjcb_time(callback)
     try:
         profile = Profile(vehicle)
-        height = vehicle.robot.platform.gear_height_m
         Supervisor(
             vehicle, d.mission, plan, height, profile.begin, on_tick=profile.look
         ).fly()  # fmt: skip
