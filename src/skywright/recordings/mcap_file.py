@@ -179,6 +179,26 @@ class McapWriter:
         crc = zlib.crc32(footer, zlib.crc32(summary))
         self._write(bytes(summary) + footer + struct.pack("<I", crc) + MAGIC)
 
+    def mark(self) -> tuple[int, ...]:
+        """Return where the file is now, for `roll_back`."""
+        counts = (self._counts.get(n + 1, 0) for n in range(len(self._channels)))
+        lengths = map(len, self._list_groups())
+        return self._offset, self._n_chunks, self._start, self._end, *lengths, *counts
+
+    def roll_back(self, mark: tuple[int, ...]) -> None:
+        """Forget what was added since `mark`, as after an interrupt in the middle of it."""
+        self._offset, self._n_chunks, self._start, self._end, *lengths = mark
+        groups = self._list_groups()
+        for group, length in zip(groups, lengths, strict=False):
+            del group[length:]
+        self._counts = {n + 1: count for n, count in enumerate(lengths[len(groups) :])}
+        if not self._stream.closed:
+            self._stream.seek(self._offset)
+            self._stream.truncate()
+
+    def _list_groups(self) -> list[Any]:
+        return [self._schemas, self._channels, self._chunks, self._attachments, self._metadata]
+
     def _write(self, *parts: bytes | bytearray) -> None:
         for part in parts:
             self._stream.write(part)

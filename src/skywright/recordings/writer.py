@@ -169,19 +169,24 @@ class RecordingWriter:
         self._channels[topic.name] = number
 
     def _append(self, samples: NDArray[Any], rows: Rows) -> None:
-        for start in range(0, len(samples), BATCH):
-            batch = samples[start : start + BATCH]
-            ns = self._nanoseconds(batch["t"])
-            data = rows.encode(batch, ns)
-            offsets = {channel: at[: len(batch)] for channel, at in rows.offsets.items()}
-            with self._writing():
+        with self._writing():
+            for start in range(0, len(samples), BATCH):
+                batch = samples[start : start + BATCH]
+                ns = self._nanoseconds(batch["t"])
+                data = rows.encode(batch, ns)
+                offsets = {channel: at[: len(batch)] for channel, at in rows.offsets.items()}
                 self._mcap.add_chunk(data, ns, offsets)
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
-        """Turn an error of the operating system into one line; every later call repeats it."""
+        """Turn an error of the operating system into one line; every later call repeats it.
+
+        Anything else that ends the writing, such as an interrupt, leaves the file as it was before.
+        """
         if self._error:
             raise InputError(self._error)
+        mcap: McapWriter | None = getattr(self, "_mcap", None)  # none yet: it opens the file
+        mark, channels = mcap.mark() if mcap else None, dict(self._channels)
         try:
             yield
         except OSError as error:
@@ -190,6 +195,11 @@ class RecordingWriter:
                 with suppress(OSError):
                     self._stream.close()
             raise InputError(self._error) from error
+        except BaseException:
+            if mcap is not None and mark is not None:
+                mcap.roll_back(mark)
+                self._channels = channels
+            raise
 
     def _nanoseconds(self, t: NDArray[Any]) -> NDArray[Any]:
         good = (t >= 0) & (t < _MAX_TIME)  # False for NaN
