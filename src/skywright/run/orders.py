@@ -29,6 +29,7 @@ R = TypeVar("R")
 
 PATIENCE_S = 120.0
 """s without an order after a retract: the robot then comes home, or ends the work as it can."""
+BY_ORDER = "left out by the operator's order"
 WAITING = "wait for order"
 """The phase after a retract."""
 
@@ -76,11 +77,11 @@ class Orders:
         self._contact = ""  # what is open
         self._holds = False  # a hold that may end early
         self._must = ""  # why the contact that was drawn back from cannot be left out
-        self._late = ""  # that no order came after the last retract
+        self._why = BY_ORDER  # the contact that was drawn back from is left out, if it is
         self.waits = False
         """Whether the robot has drawn back, and `retry` or `next` is waited for."""
-        self.left_out: list[str] = []
-        """Contacts that were left out by order."""
+        self.left_out: dict[str, list[str]] = {}
+        """Why contacts were left out -> their names."""
 
     # --- orders ------------------------------------------------------------------------------
 
@@ -175,7 +176,7 @@ class Orders:
                 if not ended.repeats or (detour and isinstance(ended, GivenBack)):
                     raise
                 if self.go_on(ended, row, first, detour) == Order.NEXT:
-                    self.left_out.append(f"{what} ({self._late})" if self._late else what)
+                    self.left_out.setdefault(self._why, []).append(what)
                     return left_out
 
     def go_on(
@@ -219,14 +220,14 @@ class Orders:
         s = self._s
         s.begin(WAITING)
         end = s.vehicle.t - s.pilot.away_s + PATIENCE_S
-        self.waits, self._given, self._late = True, None, ""
+        self.waits, self._given, self._why = True, None, BY_ORDER
         try:
             while self._given is None:
                 s.tick()
                 if s.vehicle.t - s.pilot.away_s > end:
-                    self._late = f"no order came for {PATIENCE_S:g} s after retract"
+                    self._why = f"no order came for {PATIENCE_S:g} s after retract"
                     if not goes_on:
-                        raise GivenBack(self._late, ended.taken, ended.first)
+                        raise GivenBack(self._why, ended.taken, ended.first)
                     return Order.RETRY if self._must else Order.NEXT
             return self._given
         finally:
@@ -236,11 +237,6 @@ class Orders:
         """Return a flight; one in which a contact was left out has not succeeded."""
         if not self.left_out:
             return flight
-        by = (
-            ""
-            if any(" (no order" in what for what in self.left_out)
-            else " by the operator's order"
-        )
-        told = f"left out{by}: {', '.join(self.left_out)}"
+        told = "; ".join(f"{why}: {', '.join(what)}" for why, what in self.left_out.items())
         reason = f"{told}; {flight.reason}" if flight.reason else told
         return flight._replace(completed=False, reason=reason)
