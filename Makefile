@@ -2,6 +2,7 @@
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+STAMP_RUN := $(VENV)/.installed-run
 
 # Each process imports a thousand modules; parsing them anew takes six seconds.
 unexport PYTHONDONTWRITEBYTECODE
@@ -15,13 +16,19 @@ WORKERS := 3
 help:  ## list these targets
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 12
 
-# A stamp, so that a second run installs nothing and works offline.
-$(STAMP): requirements.lock pyproject.toml scripts/make_venv.sh
+# Stamps, so that a second run installs nothing and works offline. A flight needs a third of what
+# tests and documentation need, and is the first that a newcomer asks for.
+$(STAMP_RUN): requirements-run.lock pyproject.toml scripts/make_venv.sh
 	@echo "Installing into $(VENV) (once) ..."
-	@sh scripts/make_venv.sh $(VENV)
+	@sh scripts/make_venv.sh $(VENV) requirements-run.lock
 	@touch $@
 
-demo: $(STAMP)  ## fly the pipe inspection: plan, scan, weld map, report
+$(STAMP): $(STAMP_RUN) requirements.lock
+	@echo "Installing what tests and documentation need into $(VENV) (once) ..."
+	@sh scripts/make_venv.sh $(VENV) requirements.lock
+	@touch $@
+
+demo: $(STAMP_RUN)  ## fly the pipe inspection: plan, scan, weld map, report
 	$(BIN)/skywright run pipe-weld-scan
 
 check: $(STAMP)  ## style, types, import contracts and the quick tests: before each commit
@@ -80,10 +87,12 @@ evidence: $(STAMP)  ## mutations that no test notices; the station for 30 minute
 # Every extra but `learn`: PyTorch would add several gigabytes.
 EXTRAS := cluster parquet pandas nde mavlink dicom serial ros2 foxglove envs dev
 
-lock:  ## resolve requirements.lock again (needs uv)
-	uv pip compile pyproject.toml --universal --python-version 3.11 --fork-strategy fewest \
-	  $(addprefix --extra ,$(EXTRAS)) --generate-hashes --no-emit-index-url --no-header --no-annotate --quiet \
-	  --upgrade -o requirements.lock
+RESOLVE := uv pip compile pyproject.toml --universal --python-version 3.11 --fork-strategy fewest \
+  --generate-hashes --no-emit-index-url --no-header --no-annotate --quiet
+
+lock:  ## resolve requirements.lock and requirements-run.lock again (needs uv)
+	$(RESOLVE) $(addprefix --extra ,$(EXTRAS)) --upgrade -o requirements.lock
+	echo hatchling | $(RESOLVE) - -c requirements.lock -o requirements-run.lock
 
 clean:  ## remove what make made, the runs excepted
 	rm -rf $(VENV) site build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache \

@@ -1,9 +1,11 @@
 #!/bin/sh
-# Make the virtual environment VENV with the exact versions of requirements.lock and this project,
-# editable. Uses uv if it is there, else python3's venv and pip. `make` calls it only when the lock
-# or pyproject.toml changed, so that later runs need no network.
+# make_venv.sh [VENV [LOCK]]: make the virtual environment VENV with the exact versions of LOCK
+# (requirements.lock) and this project, editable. Uses uv if it is there, else python3's venv and
+# pip. `make` calls it only when a lock or pyproject.toml changed, so that later runs need no
+# network.
 set -eu
 venv=${1:-.venv}
+lock=${2:-requirements.lock}
 in_range='import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 14))'
 
 fail() {
@@ -20,7 +22,7 @@ if command -v uv >/dev/null 2>&1; then
     [ -e "$venv" ] || uv venv --quiet --python '>=3.11,<3.14' "$venv" ||
         fail "uv found no Python 3.11 to 3.13: run 'uv python install 3.12', then make again"
     uv pip install --quiet --compile-bytecode --python "$venv/bin/python" --require-hashes \
-        -r requirements.lock
+        -r "$lock"
     uv pip install --quiet --python "$venv/bin/python" --no-deps --no-build-isolation -e .
     exit 0
 fi
@@ -43,6 +45,6 @@ if [ ! -e "$venv" ]; then
     fi
 fi
 "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --require-hashes \
-    -r requirements.lock
+    -r "$lock"
 "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps \
     --no-build-isolation -e .

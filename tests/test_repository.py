@@ -21,6 +21,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PROJECT = PYPROJECT["project"]
 LOCK = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+LOCK_RUN = (ROOT / "requirements-run.lock").read_text(encoding="utf-8")
 MARKDOWN = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
 
 
@@ -54,18 +55,27 @@ def _normalised(requirement: str) -> str:
 
 
 def test_lock_pins_every_dependency_exactly_with_hashes() -> None:
-    entries = re.split(r"\n(?=[a-z0-9])", LOCK.strip(), flags=re.IGNORECASE)
-    names = set()
-    for entry in entries:
-        first = entry.splitlines()[0]
-        assert re.match(r"[a-z0-9._-]+==[0-9][^ ]* ", first, re.IGNORECASE), first
-        assert "--hash=sha256:" in entry, first
-        names.add(_normalised(first))
-    wanted = [*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["dev"]]
-    missing = {_normalised(w) for w in wanted} - names
-    assert not missing, f"not in requirements.lock: {missing}; run `make lock`"
+    flies, tests = PROJECT["dependencies"], PROJECT["optional-dependencies"]["dev"]
     # `make` installs without build isolation, so the build back end must be locked too.
-    assert {_normalised(r) for r in PYPROJECT["build-system"]["requires"]} <= names
+    builds = PYPROJECT["build-system"]["requires"]
+    entries = _list_locked(LOCK)
+    for file, locked, wanted in (
+        ("requirements.lock", entries, [*flies, *builds, *tests]),
+        ("requirements-run.lock", _list_locked(LOCK_RUN), [*flies, *builds]),
+    ):
+        names = set()
+        for entry in locked:
+            first = entry.splitlines()[0]
+            assert re.match(r"[a-z0-9._-]+==[0-9][^ ]* ", first, re.IGNORECASE), first
+            assert "--hash=sha256:" in entry, first
+            names.add(_normalised(first))
+        missing = {_normalised(w) for w in wanted} - names
+        assert not missing, f"not in {file}: {missing}; run `make lock`"
+    assert set(_list_locked(LOCK_RUN)) < set(entries)  # the same versions for demo and tests
+
+
+def _list_locked(lock: str) -> list[str]:
+    return re.split(r"\n(?=[a-z0-9])", lock.strip(), flags=re.IGNORECASE)
 
 
 def test_make_lock_resolves_every_extra_but_the_one_with_pytorch() -> None:
@@ -75,8 +85,9 @@ def test_make_lock_resolves_every_extra_but_the_one_with_pytorch() -> None:
 
 
 def test_lock_names_no_index() -> None:
-    assert "://" not in LOCK
-    assert not re.search(r"^\s*(-i|--index-url|--extra-index-url|--find-links|-f)\b", LOCK, re.M)
+    for lock in (LOCK, LOCK_RUN):
+        assert "://" not in lock
+        assert not re.search(r"^\s*(-i|--index-url|--extra-index-url|--find-links|-f)\b", lock, re.M)
 
 
 # -- metadata ---------------------------------------------------------------------------------

@@ -31,6 +31,7 @@ BENCHMARKS = {
     "planning": Benchmark(HERE + "planning", "planning time, clearance queries, motion planners"),
     "startup": Benchmark(HERE + "startup", "the command line, imports, the first report"),
     "cold": Benchmark(HERE + "cold", "first run with an empty cache of compiled code", False),
+    "clone": Benchmark(HERE + "clone", "from a fresh clone to the first report", False),
     "run": Benchmark(HERE + "run", "real-time factor of whole runs"),
     "memory": Benchmark(HERE + "memory", "memory over a long flight and over many runs"),
     "workers": Benchmark(HERE + "workers", "a campaign on one and on two workers"),
