@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Iterator
 from multiprocessing import Pipe
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import gymnasium
@@ -16,6 +17,7 @@ from gymnasium.utils.env_checker import check_env
 
 import skywright
 from skywright import envs
+from skywright.analysis.campaign.local import count_cores
 from skywright.analysis.envs.env import ACT, JUDGE, OBSERVE
 from skywright.analysis.envs.parts import Observation, Observe
 from skywright.analysis.envs.registry import PLACES
@@ -105,8 +107,8 @@ def test_actions_move_what_is_seen_and_a_rest_is_no_fault(name: str) -> None:
 def test_a_new_vector_flies_the_same_episodes_in_processes() -> None:
     env = build("WeldPress")
     vector = envs.VectorEnv(
-        "WeldPress", 2, workers=1, sets=QUICK["WeldPress"], states=2, episode_s=0.24,
-        autoreset="same_step",
+        "WeldPress", 2, workers=min(2, count_cores()), sets=QUICK["WeldPress"], states=2,
+        episode_s=0.24, autoreset="same_step",
     )  # fmt: skip
     try:
         seen, _ = vector.reset(seed=[5, 5])
@@ -127,9 +129,12 @@ def test_a_new_vector_flies_the_same_episodes_in_processes() -> None:
             vector.step(np.array([[0.0], [np.nan]]))
         with pytest.raises(InputError, match=r"the shape is \(1,\)"):
             vector.step(np.zeros(1))
-        vector._workers[0].process.kill()
-        with pytest.raises(SimulationError, match=r"environments 0 to 1 ended"):
-            vector.step(np.zeros((2, 1)))
+        for worker in vector._workers:  # none on one core
+            worker.process.kill()
+            with pytest.raises(SimulationError, match=r"environments 1 to 1 ended"):
+                vector.step(np.zeros((2, 1)))
+            with pytest.raises(InputError, match="the vector is closed"):
+                vector.step(np.zeros((2, 1)))
     finally:
         vector.close()
 
@@ -249,9 +254,24 @@ def test_a_refusal_leaves_no_answer_for_the_next_command() -> None:
     assert vector._hear_all() == ["b"] * 3
 
 
+def test_an_interrupt_of_the_callers_share_closes_the_vector() -> None:
+    """The answers of the other processes would stay unread, and answer the next step."""
+    vector: Any = object.__new__(envs.VectorEnv)
+    ended = SimpleNamespace(wait=lambda timeout: 0)
+    vector._mine, vector._workers = object(), [_Worker(ended, *Pipe()[:1], 1, 1)]  # type: ignore[arg-type]
+
+    def interrupt() -> Any:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        vector._do(interrupt)
+    with pytest.raises(InputError, match="the vector is closed"):
+        vector.step(np.zeros((1, 1)))
+
+
 def test_a_closed_vector_and_wrong_seeds_are_told() -> None:
     vector: Any = object.__new__(envs.VectorEnv)
-    vector.num_envs, vector._workers = 2, []
+    vector.num_envs, vector._workers, vector._mine = 2, [], None
     for seed in (-1, 1.5, "ab", [1, -2], np.array([0.5, 1.0])):
         with pytest.raises(InputError, match=r"seed = .* valid: whole numbers from 0"):
             vector.reset(seed=seed)

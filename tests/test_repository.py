@@ -87,7 +87,9 @@ def test_make_lock_resolves_every_extra_but_the_one_with_pytorch() -> None:
 def test_lock_names_no_index() -> None:
     for lock in (LOCK, LOCK_RUN):
         assert "://" not in lock
-        assert not re.search(r"^\s*(-i|--index-url|--extra-index-url|--find-links|-f)\b", lock, re.M)
+        assert not re.search(
+            r"^\s*(-i|--index-url|--extra-index-url|--find-links|-f)\b", lock, re.M
+        )
 
 
 # -- metadata ---------------------------------------------------------------------------------

@@ -1,7 +1,8 @@
 """Environments beside each other, over processes: a gymnasium.vector.VectorEnv.
 
-Each process steps its share of the environments one after the other and answers once a step, so
-that the cost of messages is shared. Observations and actions are in memory that all map.
+The caller and each further process step their shares of the environments, one environment after
+the other; a process answers once a step, so that the cost of messages is shared. Observations and
+actions are in memory that all map. The caller flies too, since a core is idle while it waits.
 """
 
 from __future__ import annotations
@@ -9,8 +10,9 @@ from __future__ import annotations
 import os
 import pickle
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from itertools import pairwise
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
@@ -24,9 +26,9 @@ from numpy.typing import NDArray
 from skywright.analysis.campaign.forks import Fork, start_fork
 from skywright.analysis.campaign.local import count_cores
 from skywright.analysis.envs.parts import LIMIT
-from skywright.analysis.envs.registry import find_class
+from skywright.analysis.envs.registry import find_class, make
 from skywright.analysis.envs.shared import Layout, map_arrays, open_file
-from skywright.analysis.envs.worker import MORE, STEP, Info
+from skywright.analysis.envs.worker import MORE, STEP, Info, Share
 from skywright.errors import InputError, SimulationError
 
 Numbers = NDArray[np.float32]
@@ -50,10 +52,12 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
     ) -> None:  # fmt: skip
         """`options` are those of the environment; `conditions` are flown for each of them.
 
-        `workers` is by default the number of cores. `autoreset`: an environment that ended begins
+        `workers` is the number of processes that fly, the caller's among them: by default that of
+        the cores. `autoreset`: an environment that ended begins
         anew in the next step ("next_step") or in the same ("same_step"), as Gymnasium has it.
         Raises InputError on anything that is wrong.
         """
+        self._mine: Share | None = None
         self._workers: list[_Worker] = []
         cls = find_class(name)
         if not isinstance(num_envs, int) or isinstance(num_envs, bool) or num_envs < 1:
@@ -78,14 +82,20 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
         layout = Layout(num_envs, acts, sees, len(cls.values))
         file = open_file()
         self._shared = map_arrays(file, layout)
+        starts = [k * num_envs // n for k in range(n + 1)]
+        same = autoreset == "same_step"
         try:
-            for k in range(n):
-                first, last = k * num_envs // n, (k + 1) * num_envs // n
+            for first, last in pairwise(starts[1:]):
                 self._workers.append(_start(file, first, last - first))
                 self._workers[-1].connection.send(
-                    (name, options, first, last - first, tuple(layout), autoreset == "same_step")
+                    (name, options, first, last - first, tuple(layout), same)
                 )
-            self.refused: list[str] = self._hear_all()
+            self._mine = Share(
+                [make(name, **options, first=i, every=num_envs) for i in range(starts[1])],
+                0, self._shared, same,
+            )  # fmt: skip
+            self.refused: list[str] = [r for env in self._mine.envs for r in env.refused]
+            self.refused += self._hear_all()
             """What was said of conditions that never came to where episodes begin."""
         except BaseException:
             self.close()
@@ -111,17 +121,17 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
         if not all(x is None or (isinstance(x, int | np.integer) and x >= 0) for x in seeds):
             raise InputError(f"seed = {seed!r}; valid: whole numbers from 0")
         seeds = [None if x is None else int(x) for x in seeds]
-        self._check_open()
+        mine = self._check_open()
         for w in self._workers:
             self._send(w, MORE, ("reset", seeds[w.first : w.first + w.n], options))
-        told = self._hear_all()
+        told = self._do(lambda: mine.reset(seeds[: len(mine.envs)], options))
         return self._shared.seen.copy(), self._tell(told)
 
     def step(
         self, actions: Any
     ) -> tuple[Numbers, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Step all; raises InputError for actions of another shape or with NaN in them."""
-        self._check_open()
+        mine = self._check_open()
         try:
             given = np.asarray(actions, np.float32)
         except (TypeError, ValueError):
@@ -136,7 +146,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
         self._shared.actions[:] = given
         for w in self._workers:
             self._send(w, STEP)
-        told = self._hear_all()
+        told = self._do(mine.step)
         s, infos = self._shared, self._tell(told)
         for k, value in enumerate(self.values):
             infos[value.name] = s.values[:, k].copy()
@@ -146,13 +156,34 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
 
     def tick(self, n: int) -> list[float]:
         """Tick the bare vehicles of every process `n` times; returns the time (s) of each."""
+        mine = self._check_open()
         for w in self._workers:
             self._send(w, MORE, ("tick", n))
-        return [self._hear(w) for w in self._workers]
+        return [mine.tick(n), *(self._hear(w) for w in self._workers)]
 
-    def _check_open(self) -> None:
-        if not self._workers:
+    def _check_open(self) -> Share:
+        if self._mine is None:
             raise InputError("the vector is closed: build another one")
+        return self._mine
+
+    def _do(self, own: Callable[[], list[Info]]) -> list[Info]:
+        """Do the caller's share, and return what it and the processes say, in order.
+
+        Raises the first InputError after all have answered. The vector is closed where something
+        else ends the caller's share: answers would stay unread.
+        """
+        told, error = list[Info](), None
+        try:
+            told = own()
+        except InputError as found:
+            error = found
+        except BaseException:
+            self.close()
+            raise
+        told += self._hear_all()
+        if error is not None:
+            raise error
+        return told
 
     def _send(self, worker: _Worker, what: bytes, more: Any = None) -> None:
         with suppress(BrokenPipeError, ConnectionResetError):  # dead: hearing tells
@@ -212,7 +243,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
             except subprocess.TimeoutExpired:
                 w.process.kill()
                 w.process.wait()
-        self._workers = []
+        self._workers, self._mine = [], None
 
     def __del__(self) -> None:
         with suppress(Exception):
