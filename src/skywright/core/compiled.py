@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import warnings
 from collections.abc import Callable
-from functools import cached_property, update_wrapper
+from functools import cached_property, partial, update_wrapper
 from typing import Any, Generic, ParamSpec, TypeVar
 
 import numpy as np
@@ -65,13 +65,10 @@ class Helper(Generic[P, R]):
         self, function: Callable[P, R], python: Callable[P, R] | None = None, **options: Any
     ) -> None:
         self.py_func = python or function
-        self._function, self._options = function, options
+        self._build = partial(njit(**{**COMPILE, **options}), function)
         update_wrapper(self, function)
 
-    @cached_property
-    def dispatcher(self) -> Any:
-        """What numba compiles; made when it is asked for: code that is kept needs few of them."""
-        return njit(**{**COMPILE, **self._options})(self._function)
+    dispatcher: Any = cached_property(lambda self: self._build())  # kept code needs few of them
 
     @property
     def _numba_type_(self) -> Any:
