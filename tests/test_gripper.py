@@ -178,6 +178,10 @@ def test_a_gripper_lifts_what_it_closes_on_and_puts_it_down(
     assert state.opening[0] == pytest.approx(width, abs=1e-3)
     assert uav.go_to((0.0, 0.0, 1.2)).result
     np.testing.assert_allclose(find_block(vehicle), start, atol=0.04)
+    ended = arms.grasp(12.0).result
+    assert ended is not None
+    assert (ended.ok, ended.reason) == (False, "the left gripper closed on nothing")
+    assert state.opening[0] == pytest.approx(0.0, abs=1e-3)
 
 
 @pytest.mark.parametrize("finger", ["slide", "turn"])
