@@ -85,7 +85,7 @@ evidence: $(STAMP)  ## mutations that no test notices; the station for 30 minute
 	$(BIN)/python benchmarks/fly_betaflight.py
 
 # Every extra but `learn`: PyTorch would add several gigabytes.
-EXTRAS := cluster parquet pandas nde mavlink dicom serial ros2 foxglove envs dev
+EXTRAS := cluster parquet pandas nde mavlink dicom serial ros2 foxglove collada envs dev
 
 RESOLVE := uv pip compile pyproject.toml --universal --python-version 3.11 --fork-strategy fewest \
   --generate-hashes --no-emit-index-url --no-header --no-annotate --quiet

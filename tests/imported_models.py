@@ -9,6 +9,8 @@
 - `urdf_arm`: URDF; four hinges, products of inertia, package:// meshes, a gripper of two fingers with
   mimic, placeholder efforts.
 - `sdf_gripper`: SDF; one hinge and fingers that slide along one line.
+- `turning_gripper`: URDF, MJCF or SDF; one hinge and fingers that turn, the second one a mimic, by
+  an equality or with mirrored limits; of fingertips that are links of their own.
 - `mjcf_arm`: MJCF; six joints, names with a prefix, inertias turned by quaternions, fingers that an
   equality couples, meshes that are not there.
 """
@@ -240,4 +242,63 @@ def sdf_gripper(folder: Path, fingers: int = 2, mass: float = 0.02, turned: str 
 <joint name="shoulder" type="revolute"><parent>base</parent><child>palm</child>
 <axis><xyz>0 1 0</xyz><limit><lower>-1.5</lower><upper>1.5</upper><effort>2</effort>
 <velocity>5</velocity></limit></axis></joint>{links}{joints}</model></sdf>""",
+    )
+
+
+PALM = 0.05  # m, from the shoulder to the pivots of turning fingers
+PIVOT, LEAN, SPAN, AWAY = 0.025, 0.2, (-0.7, 0.3), 0.02
+"""m from the middle; rad that a finger leans outward at zero; its limits; m to a finger's centre."""
+
+
+def turning_gripper(folder: Path, kind: str) -> Path:
+    """An arm of one joint along x with fingers that turn in the plane of x and y."""
+    low, high = SPAN
+    if kind == "urdf":
+        text = f'''<link name="base">{inertial("urdf", 0.1, "0 0 0", SMALL)}</link>
+<link name="palm">{inertial("urdf", 0.08, "0.02 0 0", SMALL)}</link>
+<joint name="shoulder" type="revolute"><parent link="base"/><child link="palm"/><axis xyz="0 1 0"/>
+<limit lower="-1.5" upper="1.5" effort="2" velocity="5"/></joint>
+<joint name="end" type="fixed"><parent link="palm"/><child link="tcp"/>
+<origin xyz="{PALM + 0.05} 0 0"/></joint><link name="tcp"/>'''
+        for k, side in enumerate((1, -1)):
+            mimic = '<mimic joint="turn0" multiplier="-1"/>' if k else ""
+            text += f'''<joint name="turn{k}" type="revolute"><parent link="palm"/>
+<child link="finger{k}"/><origin xyz="{PALM} {side * PIVOT} 0" rpy="0 0 {side * LEAN}"/>
+<axis xyz="0 0 1"/><limit lower="{low}" upper="{high}" effort="0.6" velocity="2"/>{mimic}</joint>
+<link name="finger{k}">{inertial("urdf", 0.004, "0.01 0 0", TINY)}</link>
+<joint name="pad{k}" type="fixed"><parent link="finger{k}"/><child link="fingertip{k}"/>
+<origin xyz="0.02 0 0"/></joint>
+<link name="fingertip{k}">{inertial("urdf", 0.004, "0.01 0 0", TINY)}</link>'''
+        return write(folder / "claw.urdf", f'<robot name="claw">{text}</robot>')
+    if kind == "sdf":
+        text = f"""<link name="base">{inertial("sdf", 0.1, "0 0 0", SMALL)}</link>
+<link name="palm">{inertial("sdf", 0.08, "0.02 0 0", SMALL)}</link>
+<joint name="shoulder" type="revolute"><parent>base</parent><child>palm</child>
+<axis><xyz>0 1 0</xyz><limit><lower>-1.5</lower><upper>1.5</upper><effort>2</effort>
+<velocity>5</velocity></limit></axis></joint>"""
+        for k, side in enumerate((1, -1)):
+            text += f"""<link name="finger{k}">
+<pose relative_to="palm">{PALM} {side * PIVOT} 0 0 0 {side * LEAN}</pose>
+{inertial("sdf", 0.008, "0.02 0 0", TINY)}</link>
+<joint name="turn{k}" type="revolute"><parent>palm</parent><child>finger{k}</child>
+<axis><xyz>0 0 {side}</xyz><limit><lower>{low}</lower><upper>{high}</upper><effort>0.6</effort>
+<velocity>2</velocity></limit></axis></joint>"""
+        return write(
+            folder / "claw" / "model.sdf",
+            f'<sdf version="1.9"><model name="claw">{text}</model></sdf>',
+        )
+    fingers = ""
+    for k, side in enumerate((1, -1)):
+        limits = "" if k else f'range="{low} {high}"'
+        fingers += f'''<body name="finger{k}" pos="{PALM} {side * PIVOT} 0" euler="0 0 {side * LEAN}">
+<joint name="turn{k}" axis="0 0 1" {limits}/>
+<inertial pos="0.02 0 0" mass="0.008" diaginertia="1e-6 1e-6 1e-6"/></body>'''
+    return write(
+        folder / "claw.xml",
+        f"""<mujoco model="claw"><compiler angle="radian" autolimits="true"/><worldbody>
+<body name="base"><inertial pos="0 0 0" mass="0.1" diaginertia="2e-5 3e-5 4e-5"/>
+<body name="palm"><joint name="shoulder" axis="0 1 0" range="-1.5 1.5"/>
+<inertial pos="0.02 0 0" mass="0.08" diaginertia="2e-5 3e-5 4e-5"/>{fingers}</body></body></worldbody>
+<equality><joint joint1="turn1" joint2="turn0" polycoef="0 -1 0 0 0"/></equality>
+<actuator><motor joint="turn0" forcerange="-0.6 0.6"/></actuator></mujoco>""",
     )

@@ -190,8 +190,8 @@ def test_sdf_finds_meshes_beside_the_model_that_it_includes(tmp_path: Path) -> N
 @pytest.mark.parametrize(("uri", "says"), [
     ("package://lost/meshes/part.stl", "lost/meshes/part.stl' of flyer.urdf was not found"),
     ("../../../../../../../../outside.stl", "lies outside of the model's folders"),
-    ("part.dae", "COLLADA is not read; convert it to STL or OBJ"),
-    ("part.png", r"valid meshes: .stl, .obj, .msh"),
+    ("part.dae", "part.dae: not XML"),
+    ("part.png", r"valid meshes: .stl, .obj, .msh, .dae"),
     ("text.stl", "text.stl"),
     ("cut.stl", "cut.stl"),
     ("nan.stl", "nan.stl"),

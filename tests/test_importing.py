@@ -196,6 +196,59 @@ def test_sliding_fingers_of_sdf_become_a_gripper(tmp_path: Path) -> None:
     np.testing.assert_allclose(tip, [0.1, 0.0, -0.05 - 0.1 - 0.05 - 0.04], atol=1e-9)
 
 
+@pytest.mark.parametrize("kind", ["urdf", "mjcf", "sdf"])
+def test_turning_fingers_become_a_gripper(tmp_path: Path, kind: str) -> None:
+    """Pivots and angles are those of the joints; torque and speed become those of the pads."""
+    made, robot = take(models.write_quad(tmp_path), tmp_path, mount="0.1,0,-0.05,0,90,0",
+                       arm=models.turning_gripper(tmp_path, kind))  # fmt: skip
+    hand, sources = robot.arm.hand, load_robot(made.path)[1]
+    assert made.gripper and made.joints == ["arm/shoulder"]
+    assert (hand.kind, hand.finger) == ("gripper", "turn")
+    assert hand.pivot_m == pytest.approx(models.PIVOT)
+    angles = np.degrees(models.LEAN + np.array(models.SPAN))
+    np.testing.assert_allclose([hand.closed_deg, hand.open_deg], angles, atol=1e-9)
+    # to the tip of the URDF file, or twice as far as the centres of mass
+    assert hand.length_m == pytest.approx(0.05 if kind == "urdf" else 2.0 * models.AWAY)
+    assert hand.mass_kg == pytest.approx(0.016)
+    assert hand.grip_force_n == pytest.approx(0.6 / hand.length_m)
+    if kind != "mjcf":
+        assert hand.grip_speed_mps == pytest.approx(2.0 * hand.length_m * 2.0)
+    assert sources["robot.arm.hand.grip_force_n"].kind == "derived"
+    assert any("a gripper whose fingers turn by 57.3 deg" in note for note in made.notes)
+    # in B, the arm hanging: pads beside the tip, the fingers' way along y
+    drawing = build_drawing(robot, World(name="nowhere"))
+    poses = compute_part_poses(drawing, np.zeros((1, 3)), np.eye(4)[:1], np.zeros((1, 1)),
+                               np.zeros(1), opening=np.array([[0.03]]))  # fmt: skip
+    fingers = [k for k, part in enumerate(drawing.parts) if part.motion == "turning finger"]
+    pivots = sorted(find_place(drawing.parts, poses, k).tolist() for k in fingers)
+    want = [[0.1, side * models.PIVOT, -0.05 - models.PALM] for side in (-1.0, 1.0)]
+    np.testing.assert_allclose(sorted(pivots, key=lambda p: p[1]), want, atol=1e-9)
+
+
+@pytest.mark.parametrize(("old", "new", "times"), [
+    ('mass value="0.004"', 'mass value="1e-5"', 4),
+    ("0.01 0 0", "-0.02 0 0", 4),  # centres behind the pivots
+    ('multiplier="-1"', 'multiplier="1"', 1),  # both to the same side
+    ('<axis xyz="0 0 1"/>', '<axis xyz="0 1 1"/>', 1),  # in two planes
+    ('upper="0.3" effort', 'upper="-0.69" effort', 2),
+    (f"{models.PALM} {-models.PIVOT} 0", f"{models.PALM + 0.02} {-models.PIVOT} 0", 1),
+    (f"{models.PALM} {-models.PIVOT} 0", f"{models.PALM} {models.PIVOT} 0", 1),  # scissors
+    ('"pad1" type="fixed"><', '"pad1" type="revolute"><limit lower="-1" upper="1"/><', 1),
+    ('"turn1" type="revolute"><', '"turn1" type="fixed"><', 1),
+])  # fmt: skip
+def test_hinges_that_are_no_fingers_of_a_gripper_are_frozen(
+    tmp_path: Path, old: str, new: str, times: int
+) -> None:
+    arm = models.turning_gripper(tmp_path, "urdf")
+    text = arm.read_text()
+    assert text.count(old) == times or times == 1
+    arm.write_text(text.replace(old, new, times))
+    made, _ = take(models.write_quad(tmp_path), tmp_path, arm=arm, mount="0,0,-0.05,0,90,0",
+                   tip="arm/tcp")  # fmt: skip
+    assert not made.gripper and made.joints == ["arm/shoulder"]
+    assert any(note.startswith("joint arm/turn0 is frozen: ") for note in made.notes)
+
+
 @pytest.mark.parametrize(
     "change", [{"fingers": 3}, {"fingers": 1}, {"turned": "0 0 1"}], ids=lambda c: next(iter(c))
 )

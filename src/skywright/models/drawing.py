@@ -50,7 +50,8 @@ class Part(NamedTuple):
     position: Array  # (3,) m, in the parent's frame with the joint at zero
     quaternion: Array  # (4,) wxyz, likewise
     motion: str
-    """free (the platform), hinge, slide, spring (the probe's tip), finger, object or fixed"""
+    """free (the platform), hinge, slide, spring (the probe's tip), finger, turning finger, object
+    or fixed"""
     joint: int  # index into the joint angles (object: the world's; finger: hands); -1 without
     axis: Array  # (3,) of the motion, in the part's frame
     turned: (
@@ -117,7 +118,8 @@ def _build_part(scene: Scene, robot: Robot, world: World, body: int) -> Part:
     elif name.startswith(OBJECT):
         motion, joint = "object", list_movers(world.things).index(name.removeprefix(OBJECT))
     elif " finger" in name:  # likewise its gripper's opening
-        motion, joint = "finger", int(name[len("hand")])
+        turns = robot.arm is not None and robot.arm.hand.finger == "turn"
+        motion, joint = "turning finger" if turns else "finger", int(name[len("hand")])
     elif name == "slider":  # rigid in the nominal scene; a recording tells its compression
         motion, axis = "spring", np.array([-1.0, 0.0, 0.0])
     elif count:
@@ -169,9 +171,19 @@ def compute_part_poses(
                 away = 0.5 * opening[:, part.joint] + part.shapes[0].size[1]
                 position = np.array(position)
                 position[:, 1] = np.copysign(away, position[:, 1])
+            elif part.motion == "turning finger" and opening is not None:
+                quaternion = _turn_finger(part, opening[:, part.joint])
             pose = position, quaternion
         out.append(pose)
     return out
+
+
+def _turn_finger(part: Part, opening: Array) -> Array:
+    """Return the quaternions (n, 4) of a finger that turns, whose pad has the first shape."""
+    pad, side = part.shapes[0], part.position[1]
+    out = 0.5 * opening + pad.size[0] - abs(side)  # m, of the pad's axis from the pivot
+    half = -0.5 * np.sign(side) * np.arcsin(np.clip(out / pad.position[2], -1.0, 1.0))
+    return np.stack([np.cos(half), np.sin(half), 0.0 * half, 0.0 * half], axis=1)
 
 
 def _repeat(row: Array, n: int) -> Array:

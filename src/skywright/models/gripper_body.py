@@ -2,19 +2,22 @@
 
 The hand's body has frame H (z out of the robot, y along the fingers' way). In the plant its joints
 count how far each finger has closed; the motor pulls at both together, and a hold between them is
-the screw that keeps them in step.
+the screw that keeps them in step. Fingers that turn have a lever: the motor's force is that of the
+pads while the fingers are parallel.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from skywright.core.arrays import Array
+from skywright.core.rotations import quat_from_rot
 from skywright.description.robot.arm import Hand
-from skywright.models.part_masses import find_finger, finger_inertia, set_inertia
+from skywright.models.part_masses import finger_inertia, place_fingers, set_inertia
 
 MOTOR_TIME = 0.005
 """s in which the unloaded motor gets up to speed, as small gear motors do. What it reflects through
@@ -29,23 +32,46 @@ def add_fingers(
     body: mujoco.MjsBody, hand: Hand, mass_factor: float, plant: bool, touch: dict[str, Any]
 ) -> None:
     """Add fingers to a hand's body, which is in frame H; `touch` is what its pads are made of."""
-    reflected = 2.0 * MOTOR_TIME * hand.grip_force_n / hand.grip_speed_mps
-    place = find_finger(hand)
-    for k, sign in enumerate((1.0, -1.0)):
+    reflected = 2.0 * MOTOR_TIME * hand.grip_force_n / hand.grip_speed_mps * lever(hand) ** 2
+    for k, placed in enumerate(place_fingers(hand)):
         name = f"{body.name} finger{k}"
-        finger = body.add_body(name=name, pos=place * [1.0, sign, 1.0])
-        finger.mass, finger.ipos = 0.5 * hand.mass_kg * mass_factor, np.zeros(3)
+        finger = body.add_body(name=name, pos=placed.p, quat=quat_from_rot(placed.R))
+        finger.mass, finger.ipos = 0.5 * hand.mass_kg * mass_factor, placed.com
         set_inertia(finger, finger_inertia(hand) * mass_factor)
-        finger.add_geom(
-            name=f"{name} pad", type=mujoco.mjtGeom.mjGEOM_BOX,
-            size=[hand.radius_m, hand.radius_m, 0.5 * hand.length_m], **touch,
-        )  # fmt: skip
+        if hand.finger == "turn":
+            _add_round_pad(finger, hand, touch)
+            motion = {"type": mujoco.mjtJoint.mjJNT_HINGE, "axis": [placed.sign, 0.0, 0.0]}
+            far = math.radians(hand.open_deg - hand.closed_deg)
+        else:
+            finger.add_geom(
+                name=f"{name} pad", type=mujoco.mjtGeom.mjGEOM_BOX,
+                size=[hand.radius_m, hand.radius_m, 0.5 * hand.length_m], **touch,
+            )  # fmt: skip
+            motion = {"type": mujoco.mjtJoint.mjJNT_SLIDE, "axis": [0.0, -placed.sign, 0.0]}
+            far = 0.5 * hand.stroke_m
         if plant:
             finger.add_joint(
-                name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, -sign, 0.0],
-                limited=LIMITED, range=[0.0, 0.5 * hand.stroke_m], armature=reflected,
-                solref_limit=END_STOP,
+                name=name, limited=LIMITED, range=[0.0, far], armature=reflected,
+                solref_limit=END_STOP, **motion,
             )  # fmt: skip
+
+
+def lever(hand: Hand) -> float:
+    """Return the way of a pad over that of its finger's joint: m/rad, or 1."""
+    return hand.length_m if hand.finger == "turn" else 1.0
+
+
+def _add_round_pad(finger: mujoco.MjsBody, hand: Hand, touch: dict[str, Any]) -> None:
+    """A pad that lies along a flat side at every angle of the finger, and the finger's rod."""
+    r, along = hand.radius_m, hand.length_m
+    for part, size, ends in (
+        ("pad", r, [-r, 0.0, along, r, 0.0, along]),
+        ("rod", 0.5 * r, [0.0, 0.0, 0.0, 0.0, 0.0, along]),
+    ):
+        finger.add_geom(
+            name=f"{finger.name} {part}", type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[size, 0, 0],
+            fromto=ends, **touch,
+        )  # fmt: skip
 
 
 def add_grip_motor(spec: mujoco.MjSpec, name: str, hand: Hand) -> None:
@@ -58,7 +84,7 @@ def add_grip_motor(spec: mujoco.MjSpec, name: str, hand: Hand) -> None:
     step.data = np.eye(12)[1]  # both have closed as far
     tendon = spec.add_tendon(name=f"{name} grip")
     for finger in fingers:
-        tendon.wrap_joint(finger, 1.0)
+        tendon.wrap_joint(finger, lever(hand))
     slope = hand.grip_force_n / hand.grip_speed_mps
     spec.add_actuator(
         name=f"{name} grip", target=f"{name} grip", trntype=mujoco.mjtTrn.mjTRN_TENDON,

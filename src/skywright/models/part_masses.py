@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skywright.core.arrays import Array
-from skywright.core.rotations import rot_y
+from skywright.core.rotations import rot_x, rot_y
 from skywright.description.robot.arm import Hand, Link
 from skywright.description.robot.docking import Docking
 from skywright.description.robot.inertia import build_inertia
@@ -114,18 +114,37 @@ def build_hand_body(hand: Hand) -> tuple[Array, Array]:
     """
     if hand.kind != "gripper":
         return np.zeros(3), 0.4 * hand.mass_kg * hand.radius_m**2 * np.eye(3)
-    _, y, z = find_finger(hand)
-    return np.array([0.0, 0.0, z]), 2.0 * finger_inertia(hand) + (
-        hand.mass_kg * y**2 * np.diag([1.0, 0.0, 1.0])
-    )
+    inertia = np.zeros((3, 3))
+    for finger in place_fingers(hand):
+        _, y, z = finger.p + finger.R @ finger.com
+        inertia += finger.R @ finger_inertia(hand) @ finger.R.T
+        inertia += 0.5 * hand.mass_kg * y**2 * np.diag([1.0, 0.0, 1.0])
+    return np.array([0.0, 0.0, z]), inertia
 
 
-def find_finger(hand: Hand) -> Array:
-    """Return the centre (3,) m in frame H of a gripper's open finger on the side of y."""
-    return np.array([0.0, 0.5 * hand.stroke_m + hand.radius_m, -0.5 * hand.length_m])
+class Finger(NamedTuple):
+    """The body of a gripper's open finger in frame H; its z is along the finger."""
+
+    sign: float  # side: of y, or of -y
+    p: Array  # (3,) m: the finger's centre, or the pivot of one that turns
+    R: Array  # (3, 3)
+    com: Array  # (3,) m, in its frame
+
+
+def place_fingers(hand: Hand) -> list[Finger]:
+    """Return both fingers of a gripper."""
+    centre, out = np.array([0.0, 0.0, 0.5 * hand.length_m]), []
+    for sign in (1.0, -1.0):
+        if hand.finger == "turn":
+            p = np.array([0.0, sign * hand.pivot_m, -hand.length_m])
+            out.append(Finger(sign, p, rot_x(-sign * math.radians(hand.open_deg)), centre))
+        else:
+            p = np.array([0.0, sign * (0.5 * hand.stroke_m + hand.radius_m), -centre[2]])
+            out.append(Finger(sign, p, np.eye(3), np.zeros(3)))
+    return out
 
 
 def finger_inertia(hand: Hand) -> Array:
-    """Return the (3, 3) inertia of one finger about its centre: a rod along z of frame H."""
+    """Return the (3, 3) inertia of one finger about its centre: a rod along z of its body."""
     rod = rod_inertia(0.5 * hand.mass_kg, hand.length_m, hand.radius_m)
     return np.diag(np.diag(rod)[::-1])

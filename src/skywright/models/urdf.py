@@ -31,11 +31,11 @@ from skywright.models.part_masses import (
     build_docking_parts,
     build_hand_body,
     build_probe_parts,
-    find_finger,
     finger_inertia,
     link_com,
     link_direction,
     link_inertia,
+    place_fingers,
     platform_inertia,
     rod_inertia,
     tip_rotation,
@@ -96,11 +96,11 @@ def _add_ends(out: _Writer, robot: Robot, limbs: list[Limb]) -> None:
         place = (link.length_m + hand.length_m) * link_direction(link)
         out.add_fixed(name, limbs[i].name, place, turn)
         if hand.kind == "gripper":
-            for k, sign in enumerate((1.0, -1.0)):
+            for k, placed in enumerate(place_fingers(hand)):
                 finger, shapes = f"{name}_finger{k}", out.shapes[f"hand{side} finger{k}"]
-                out.add_fixed(finger, name, find_finger(hand) * [1.0, sign, 1.0], np.eye(3))
+                out.add_fixed(finger, name, placed.p, placed.R)
                 mass, inertia = 0.5 * hand.mass_kg, finger_inertia(hand)
-                out.fill_link(finger, mass, np.zeros(3), inertia, shapes)
+                out.fill_link(finger, mass, placed.com, inertia, shapes)
         elif hand.mass_kg > 0.0:
             inertia, shapes = build_hand_body(hand)[1], out.shapes[f"hand{side}"]
             out.fill_link(name, hand.mass_kg, np.zeros(3), inertia, shapes, turn.T)

@@ -343,19 +343,21 @@ class CommandedArms:
         b, arm = self._uav.backend, self._uav.backend.robot.arm
         assert arm is not None
         speed = arm.hand.grip_speed_mps * min(abs(force) / arm.hand.grip_force_n, 1.0)
-        ends, still = b.t + arm.hand.stroke_m / speed + PATIENCE_S, min(STILL_M, 0.5 * TICK * speed)
+        least, most = arm.hand.opening_min_m, arm.hand.opening_max_m
+        ends, still = b.t + (most - least) / speed + PATIENCE_S, min(STILL_M, 0.5 * TICK * speed)
         stood, before = 0.0, np.full(len(hands), np.inf)
         while stood < DWELL_S - 1e-9:
             yield
             now = np.array(b.look(GripperState).opening)[hands]
-            stands = (np.abs(now - before) < still) | (now < EMPTY_M)  # pads on pads tremble
+            empty = now < least + EMPTY_M
+            stands = (np.abs(now - before) < still) | empty  # pads on pads tremble
             stood, before = stood + TICK if stands.all() else 0.0, now
             if b.t > ends:
                 return Result(False, f"the fingers still move, {1e3 * now[0]:.0f} mm apart")
         for h, opening in zip(hands, before, strict=True):
-            if force > 0.0 and opening < EMPTY_M:
+            if force > 0.0 and opening < least + EMPTY_M:
                 return Result(False, f"the {SIDES[h]} gripper closed on nothing")
-            if force < 0.0 and opening < arm.hand.stroke_m - EMPTY_M:
+            if force < 0.0 and opening < most - EMPTY_M:
                 return Result(False, f"the {SIDES[h]} gripper opened by {1e3 * opening:.0f} mm")
         return Result(True)
 

@@ -170,24 +170,57 @@ class Hand(Spec):
 
     A gripper's two fingers reach from the link's end to the tip and move along y of the link, the
     same way each. Its motor's force falls linearly with its speed: `grip_force_n` stalled, none at
-    `grip_speed_mps`.
+    `grip_speed_mps`. Fingers that turn have their pivots beside the link's end and round pads
+    `length_m` from them; force and speed are those of the pads while the fingers are parallel.
     """
 
     kind: Literal["ball", "hook", "gripper"] = "ball"
     length_m: float = Field(default=0.0, ge=0, le=100)  # from the link's end to the tip
     mass_kg: NonNegative = 0.0  # of a gripper: of both fingers
-    radius_m: Length = 0.012  # of the ball; of a gripper half the width of a finger
+    radius_m: Length = 0.012  # of the ball; of a gripper half the width of a finger, or of its pad
     hook_length_m: Length = 0.05  # of the hook's cross bar, forward
     friction: NonNegative = 0.5
-    stroke_m: Length = 0.06  # of a gripper: between its open fingers
-    grip_speed_mps: Positive = 0.1  # at which that distance changes without a load
+    finger: Literal["slide", "turn"] = "slide"  # how a gripper's fingers move
+    stroke_m: Length = 0.06  # of a gripper that slides: between its open fingers
+    pivot_m: NonNegative = 0.03  # of fingers that turn: from the link's axis to each pivot
+    open_deg: float = Field(default=30.0, ge=-80, le=80)  # finger from the link's axis, outward
+    closed_deg: float = Field(default=-30.0, ge=-80, le=80)  # likewise, as far as it closes
+    grip_speed_mps: Positive = 0.1  # at which the distance of the pads changes without a load
     grip_force_n: Positive = 20.0  # of each finger
 
     @model_validator(mode="after")
     def _fingers_are_bodies(self) -> Hand:
         if self.kind == "gripper" and not (self.length_m > 0.0 and self.mass_kg > 0.0):
             raise ValueError("a gripper has fingers: length_m and mass_kg must be above 0")
+        if self.kind == "gripper" and self.finger == "turn":
+            if 2.0 * self.pivot_m <= self.radius_m:
+                raise ValueError(
+                    f"pivot_m is {self.pivot_m:g}; fingers of radius_m = {self.radius_m:g} need "
+                    f"more than {0.5 * self.radius_m:g}"
+                )
+            if self.open_deg <= self.closed_deg or self.opening(math.radians(self.open_deg)) <= 0:
+                raise ValueError(
+                    f"open_deg is {self.open_deg:g}, closed_deg {self.closed_deg:g}: the pads do "
+                    "not part; open_deg must be above closed_deg, and pivot_m + length_m "
+                    "sin(open_deg) above radius_m"
+                )
         return self
+
+    def opening(self, angle: float) -> float:
+        """Return the distance (m) of the pads of fingers that turn, at `angle` (rad) outward."""
+        return 2.0 * (self.pivot_m + self.length_m * math.sin(angle) - self.radius_m)
+
+    @property
+    def opening_max_m(self) -> float:
+        """Distance of a gripper's pads when its fingers are open."""
+        turns = self.finger == "turn"
+        return self.opening(math.radians(self.open_deg)) if turns else self.stroke_m
+
+    @property
+    def opening_min_m(self) -> float:
+        """Distance of a gripper's pads when its fingers have closed on nothing."""
+        turns = self.finger == "turn"
+        return max(self.opening(math.radians(self.closed_deg)), 0.0) if turns else 0.0
 
 
 TAKEN = re.compile(

@@ -2,7 +2,7 @@
 
 Joints that do not lead to the tip (fingers, gimbals, legs, the rotors' own) are frozen at zero, or
 at the end of their range that is nearest to it; what hangs on them becomes part of the link before.
-Two fingers that slide towards each other at the tip are a gripper.
+Two fingers that move towards each other at the tip are a gripper.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ import numpy as np
 from skywright.core.arrays import Array
 from skywright.core.types import MAX_JOINTS
 from skywright.errors import InputError
+from skywright.models.importing.fingers import (
+    SHORTEST,
+    Gripper,
+    find_ends,
+    find_fingers,
+    find_gripper,
+    joints_to,
+)
 
 TINY = 1e-9
-ALONG = 1.0 - 1e-4
-"""Cosine of axes that are one line."""
-ACROSS = 0.7
-"""Cosine up to which fingers slide across the way to the tip."""
-STROKES, LIGHTEST, NEAREST = (1e-3, 1.0), 1e-4, 1e-3
-"""m that a gripper opens, kg of its fingers, and m from the last joint to their ends at least."""
-SHORTEST = 1e-5
-"""m of the last link."""
 TIP_NAMES = ("tcp", "tip", "tool", "ee", "end_effector", "end_link", "pinch", "grasp", "gripper")
 
 
@@ -41,16 +41,6 @@ class Part(NamedTuple):
     p: Array  # (3,) m, of the joint
     axis: Array  # (3,)
     span: tuple[float, float] | None  # rad or m
-
-
-class Gripper(NamedTuple):
-    """Two fingers that slide, in the frame of the root body with all joints at zero."""
-
-    joints: tuple[str, str]
-    mass: float  # kg, of both
-    axis: Array  # (3,) along which they move
-    middle: Array  # (3,) m, of their frames
-    stroke: float  # m, of both together
 
 
 class Chain(NamedTuple):
@@ -139,11 +129,11 @@ def find_chain(
                 f"body {model.body(body).name!r} has {model.body_jntnum[body]} joints; valid: one "
                 "hinge or slide a body"
             )
-    fingers = _fingers(model, root)
+    fingers = find_fingers(model, data, root)
     for j in fingers:
         frozen.setdefault(j, "a finger of the gripper")
     carrier, place, tip_name = _find_tip(model, data, root, frozen, fingers, tip)
-    joints = _joints_to(model, carrier, frozen)
+    joints = joints_to(model, carrier, frozen)
     for j in range(model.njnt):
         body = int(model.jnt_bodyid[j])
         if model.body_rootid[body] == root and body != root and j not in (*joints, *frozen):
@@ -167,7 +157,7 @@ def find_chain(
         )
     tip_at = p + R @ place
     hands = [j for j in fingers if model.joint(j).name not in weld]
-    gripper = _find_gripper(model, data, hands, joints, tip_at)
+    gripper = find_gripper(model, data, hands, joints, tip_at)
     fingers_of = () if gripper is None else gripper.joints
     notes = [
         f"joint {name} is frozen: {why}"
@@ -175,77 +165,18 @@ def find_chain(
         if why and name not in fingers_of
     ]
     if gripper is not None:
-        notes.append(
-            f"joints {' and '.join(gripper.joints)}: a gripper of {1e3 * gripper.stroke:.3g} mm"
-        )
+        turn = gripper.turn
+        what = f"of {1e3 * gripper.stroke:.3g} mm" if turn is None else (
+            f"whose fingers turn by {np.degrees(turn.open - turn.closed):.3g} deg"
+        )  # fmt: skip
+        notes.append(f"joints {' and '.join(gripper.joints)}: a gripper {what}")
     parts = _collect(model, data, root, joints)
     apart = rotor_joints | set(fingers_of)
     members = {
         b: part for b, part in _assign(model, root, joints).items()
-        if not apart & {model.joint(j).name for j in _joints_to(model, b, {})}
+        if not apart & {model.joint(j).name for j in joints_to(model, b, {})}
     }  # fmt: skip
     return Chain(parts, tip_at, tip_name, carrier, qpos, joints, gripper, members, notes)
-
-
-def _fingers(model: mujoco.MjModel, root: int) -> list[int]:
-    """Joints that an equality couples, and slides beside each other at the ends of a tree."""
-    out = set()
-    for e in range(model.neq):
-        if model.eq_type[e] == mujoco.mjtEq.mjEQ_JOINT and model.eq_obj2id[e] >= 0:
-            out |= {int(model.eq_obj1id[e]), int(model.eq_obj2id[e])}
-    parents = set(model.body_parentid[1:].tolist())
-    by_parent: dict[int, list[int]] = {}
-    for j in range(model.njnt):
-        body = int(model.jnt_bodyid[j])
-        if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE and body not in parents:
-            by_parent.setdefault(int(model.body_parentid[body]), []).append(j)
-    for joints in by_parent.values():
-        out |= set(joints) if len(joints) > 1 else set()
-    return sorted(j for j in out if model.body_rootid[model.jnt_bodyid[j]] == root)
-
-
-def _find_gripper(
-    model: mujoco.MjModel, data: mujoco.MjData, fingers: list[int], joints: list[int], tip: Array
-) -> Gripper | None:
-    """Two slides with limits, along one line, that both hang on the last joint of the chain.
-
-    They slide across the way from that joint to the `tip` (3,) m.
-    """
-    if len(fingers) != 2 or not joints:
-        return None
-    moving = dict.fromkeys(range(model.njnt), "")
-    for j in joints:
-        del moving[j]
-    bodies = [int(model.jnt_bodyid[j]) for j in fingers]
-    slides = [model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE for j in fingers]
-    axes, stroke = data.xaxis[fingers], float(np.sum(np.ptp(model.jnt_range[fingers], axis=1)))
-    mass, way = float(np.sum(model.body_mass[bodies])), tip - data.xanchor[joints[-1]]
-    far = float(np.linalg.norm(way))
-    if (
-        not all(slides)
-        or not all(model.jnt_limited[fingers])
-        or abs(axes[0] @ axes[1]) < ALONG
-        or abs(axes[0] @ way) > ACROSS * far
-        or any(_joints_to(model, b, moving) != joints for b in bodies)
-        or not STROKES[0] <= stroke <= STROKES[1]
-        or mass < LIGHTEST
-        or far < NEAREST
-    ):
-        return None
-    names = model.joint(fingers[0]).name, model.joint(fingers[1]).name
-    middle = np.mean(data.xpos[bodies], axis=0)
-    return Gripper(names, mass, axes[0].copy(), middle, stroke)
-
-
-def _joints_to(model: mujoco.MjModel, body: int, frozen: dict[int, str]) -> list[int]:
-    """Moving joints from the root to a body, in this order."""
-    out: list[int] = []
-    while body > 0:
-        for j in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):
-            if j not in frozen and model.jnt_type[j] != mujoco.mjtJoint.mjJNT_FREE:
-                out.insert(0, j)
-        body = int(model.body_parentid[body])
-    return out
 
 
 def _find_tip(
@@ -266,12 +197,12 @@ def _find_tip(
             raise InputError(f"--tip {tip!r} is neither a body (link) nor a site of the model")
         return int(model.site_bodyid[site]), model.site_pos[site].copy(), tip
     mine = [b for b in range(1, model.nbody) if model.body_rootid[b] == root]
-    length = {b: len(_joints_to(model, b, frozen)) for b in mine}
+    length = {b: len(joints_to(model, b, frozen)) for b in mine}
     deepest = max(length.values())
     ends = [b for b in mine if length[b] == deepest]
     if deepest == 0:
         return root, np.zeros(3), "none"
-    last = {tuple(_joints_to(model, b, frozen)) for b in ends}
+    last = {tuple(joints_to(model, b, frozen)) for b in ends}
     if len(last) > 1:
         names = ", ".join(model.joint(joints[-1]).name for joints in sorted(last))
         raise InputError(f"several arms end after {deepest} joints ({names}); choose with --tip")
@@ -281,10 +212,10 @@ def _find_tip(
         for b in ends:
             if word in model.body(b).name.lower().split("/")[-1] and away[b] > 1e-3:
                 return b, np.zeros(3), model.body(b).name
-    grip = [b for j in fingers if (b := int(model.jnt_bodyid[j])) in ends]
+    grip = [j for j in fingers if int(model.jnt_bodyid[j]) in ends]
     if grip:
-        palm = int(model.body_parentid[grip[0]])
-        ends_at = _find_ends(model, data, grip, at) - data.xpos[palm]
+        palm = int(model.body_parentid[model.jnt_bodyid[grip[0]]])
+        ends_at = find_ends(model, data, grip, at) - data.xpos[palm]
         return palm, data.xmat[palm].reshape(3, 3).T @ ends_at, "middle of the fingers' ends"
     far = max(ends, key=away.__getitem__)
     if away[far] > 1e-3:
@@ -300,30 +231,6 @@ def _assign(model: mujoco.MjModel, root: int, joints: list[int]) -> dict[int, in
         if model.body_rootid[b] == root:
             member[b] = movers.get(b, member[int(model.body_parentid[b])])
     return member
-
-
-def _find_ends(
-    model: mujoco.MjModel, data: mujoco.MjData, fingers: list[int], start: Array
-) -> Array:
-    """Return the middle (3,) m of the fingers' ends, as seen from the last joint at `start`.
-
-    They reach as far as their shapes, or twice to their centres of mass where those are farther.
-    """
-    middle = np.mean([data.xpos[b] for b in fingers], axis=0)
-    axis = data.xaxis[model.body_jntadr[fingers[0]]]
-    way = middle - start - ((middle - start) @ axis) * axis
-    size = float(np.linalg.norm(way))
-    if size < SHORTEST:
-        return middle
-    way /= size
-    reach = 2.0 * max(float((data.xipos[b] - middle) @ way) for b in fingers)
-    for g in range(model.ngeom):
-        if int(model.geom_bodyid[g]) in fingers:
-            R = data.geom_xmat[g].reshape(3, 3)
-            centre, half = model.geom_aabb[g, :3], model.geom_aabb[g, 3:]
-            far = (data.geom_xpos[g] + R @ centre - middle) @ way + np.abs(R.T @ way) @ half
-            reach = max(reach, float(far))
-    return np.asarray(middle + max(reach, 0.0) * way)
 
 
 def _collect(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
@@ -17,7 +18,6 @@ from skywright.models.importing.opening import Opened, compile_spec
 from skywright.models.importing.sdf import read_pose
 from skywright.models.importing.xml_input import read_numbers
 
-GREY = (0.54, 0.57, 0.61)
 Color = tuple[float, float, float]
 
 
@@ -29,7 +29,7 @@ class Look(NamedTuple):
     scale: Array  # (3,)
     p: Array  # (3,) m, in the body
     R: Array  # (3, 3)
-    color: Color
+    color: Color | None  # None: the file has none for it
     refpos: Array = np.zeros(3)  # of the mesh's frame in its file, before it is scaled (MJCF)
     refquat: Array = np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -77,7 +77,7 @@ def _list_urdf(opened: Opened) -> Iterator[tuple[Look, bool]]:
                 scale = np.array(read_numbers(mesh.get("scale"), 3, where, [1.0] * 3))
                 R = rot_z(rpy[2]) @ rot_y(rpy[1]) @ rot_x(rpy[0])
                 uri = mesh.get("filename", "")
-                yield Look(name, uri, scale, np.array(xyz), R, color or GREY), tag == "visual"
+                yield Look(name, uri, scale, np.array(xyz), R, color), tag == "visual"
 
 
 def _list_sdf(opened: Opened) -> Iterator[tuple[Look, bool]]:
@@ -91,7 +91,7 @@ def _list_sdf(opened: Opened) -> Iterator[tuple[Look, bool]]:
                     continue
                 scale = read_numbers(element.findtext("geometry/mesh/scale"), 3, where, [1.0] * 3)
                 at = read_pose(element.find("pose"), where)
-                color = _read_rgba(element.find("material/diffuse"), "") or GREY
+                color = _read_rgba(element.find("material/diffuse"), "")
                 yield Look(name, uri, np.array(scale), at.p, at.R, color), tag == "visual"
 
 
@@ -102,7 +102,8 @@ def _read_rgba(element: ET.Element | None, key: str) -> Color | None:
         values = [float(x) for x in (text or "").split()]
     except ValueError:
         return None
-    return (values[0], values[1], values[2]) if len(values) in (3, 4) else None
+    good = len(values) in (3, 4) and all(map(math.isfinite, values))
+    return (values[0], values[1], values[2]) if good else None
 
 
 def _list_mjcf(path: Path) -> list[tuple[Look, bool]]:

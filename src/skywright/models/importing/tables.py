@@ -19,6 +19,7 @@ from skywright.description.robot.arm import TAKEN, Arm
 from skywright.models.importing.chain import Chain, Part
 from skywright.models.importing.rotors import FoundRotors
 from skywright.models.importing.tool import (
+    FINGER_RADIUS,
     LINK_RADIUS,
     TOOL_INERTIA,
     TOOL_MASS,
@@ -200,9 +201,15 @@ def _build_arm(
         tool = gripper is not None or (last and not _is_reached(R, along, length, part.p, end))
         body = part
         if tool:
-            R_tool, at = turn_tool(end - part.p, gripper), end
+            R_tool, at, start = turn_tool(end - part.p, gripper), end, part.p
             if gripper is not None:
                 hand, at, body = build_gripper(gripper, part, R_tool, end, limits, questions)
+                # its capsule leaves the fingers room
+                short = max(length - float(np.linalg.norm(end - at)), SHORT)
+                table["length_m"] = Value(short, "derived", "to the fingers")
+                if gripper.turn is not None:  # along the fingers, wherever the joint is
+                    way = R_tool[:, 0]
+                    start = at - max(float((at - part.p) @ way), FINGER_RADIUS) * way
             body = take(body, TOOL_MASS, at, TOOL_INERTIA * np.eye(3))
         table |= _body(body, R, part.p, f"link {part.name}")
         table |= _span(part)
@@ -211,7 +218,8 @@ def _build_arm(
         R_parent, p_parent = R, part.p
         frames.append((R, part.p))
         if tool:
-            out |= build_tool(name, R.T @ R_tool, float(np.linalg.norm(at - part.p))) | hand
+            length = float(np.linalg.norm(at - start))
+            out |= build_tool(name, R.T @ R_tool, R.T @ (start - part.p), length) | hand
     for name, part in zip(names, moving, strict=True):
         out |= _servo(name, part, limits.get(part.joint, (None, None)), questions)
     return out, lowest, names

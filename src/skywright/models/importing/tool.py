@@ -9,7 +9,8 @@ import numpy as np
 from skywright.core.arrays import Array
 from skywright.description.robot.arm import Hand
 from skywright.errors import InputError
-from skywright.models.importing.chain import Gripper, Part
+from skywright.models.importing.chain import Part
+from skywright.models.importing.fingers import Gripper
 from skywright.models.importing.values import PLACEHOLDER, Question, Value, imported
 from skywright.models.part_masses import build_hand_body
 from skywright.models.urdf import roll_pitch_yaw
@@ -34,7 +35,11 @@ def take(part: Part, mass: float, com: Array, inertia: Array) -> Part:
 
 
 def turn_tool(way: Array, gripper: Gripper | None) -> Array:
-    """Return the axes (3, 3) of a link along `way` (3,); y is the way of a gripper's fingers."""
+    """Return the axes (3, 3) of a link along `way` (3,); y is the way of a gripper's fingers.
+
+    Fingers that turn do so about the link's z, and x is the way out of them.
+    """
+    way = way if gripper is None or gripper.turn is None else gripper.turn.way
     x = way / np.linalg.norm(way)
     y = np.eye(3)[int(np.argmin(np.abs(x)))] if gripper is None else gripper.axis
     y = np.cross(x, np.cross(y, x)) if gripper is not None else np.cross(y, x)
@@ -42,11 +47,15 @@ def turn_tool(way: Array, gripper: Gripper | None) -> Array:
     return np.column_stack([x, y, np.cross(x, y)])
 
 
-def build_tool(parent: str, turn: Array, length: float) -> dict[str, Value]:
-    """Return the table of a link without a joint of its own, `turn` (3, 3) in its parent."""
+def build_tool(parent: str, turn: Array, place: Array, length: float) -> dict[str, Value]:
+    """Return the table of a link without a joint of its own.
+
+    `turn` (3, 3) and `place` (3,) m are in its parent.
+    """
     note = "frame of the tip; its mass is taken off the link before"
     table = {"joint": Value("fixed"), "parent": Value(parent)}
-    table |= {f"{axis}_m": Value(0.0, "derived", note) for axis in "xyz"}
+    for axis, x in zip("xyz", place, strict=True):
+        table[f"{axis}_m"] = Value(float(x), "derived", note)
     angles = roll_pitch_yaw(turn)
     for key, angle in zip(("roll_deg", "pitch_deg", "yaw_deg"), angles, strict=True):
         table[key] = Value(float(np.degrees(angle)), "derived", note)
@@ -68,14 +77,20 @@ def build_gripper(
     `R` are the axes of the tool's link, `end` (3,) m is the tip. The fingers' mass is taken off the
     part, as much of it as leaves a body there.
     """
-    note, way = f"joints {' and '.join(gripper.joints)}", float(np.linalg.norm(end - part.p))
+    note = f"joints {' and '.join(gripper.joints)}"
     seen = float((end - gripper.middle) @ R[:, 0])
-    length = round(min(seen if seen > 0.005 else FINGER, 0.6 * way), 4)
+    if gripper.turn is None:
+        length = min(seen if seen > 0.005 else FINGER, 0.6 * float(np.linalg.norm(end - part.p)))
+    else:
+        length = seen if seen > 0.005 else gripper.turn.length
+    length = round(length, 4)
+    lever = 1.0 if gripper.turn is None else length
+    shape = _shape_fingers(gripper, length, note)
     R_LH = R @ np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
     for share in (1.0, 0.3, 0.1, 0.03, 0.01):
         hand = Hand(
-            kind="gripper", length_m=length, mass_kg=share * gripper.mass, radius_m=FINGER_RADIUS,
-            stroke_m=gripper.stroke,
+            kind="gripper", length_m=length, mass_kg=share * gripper.mass,
+            **{key: value.value for key, value in shape.items()},
         )  # fmt: skip
         com, inertia = build_hand_body(hand)
         rest = take(part, hand.mass_kg, end + R_LH @ com, R_LH @ inertia @ R_LH.T)
@@ -89,24 +104,48 @@ def build_gripper(
     mass = imported(hand.mass_kg, note)
     if share < 1.0:
         mass = Value(hand.mass_kg, "derived", f"{share:g} of the fingers' mass; the palm is light")
-    out = {
-        "kind": Value("gripper"),
-        "stroke_m": imported(gripper.stroke, f"ranges of {note}"),
-        "mass_kg": mass,
-        "length_m": Value(length, "assumed", "from the fingers' joints to the tip", (0.01, 0.2)),
-        "radius_m": Value(FINGER_RADIUS, "assumed", "half the width of a finger", (0.003, 0.05)),
-        "friction": Value(0.5, "assumed", "rubber pads on a dry object", (0.2, 1.0)),
-    }
+    out = {"kind": Value("gripper"), **shape, "mass_kg": mass}
+    out["length_m"] = Value(length, "assumed", "from the fingers' joints to the tip", (0.01, 0.2))
+    out["friction"] = Value(0.5, "assumed", "rubber pads on a dry object", (0.2, 1.0))
     force, speed = limits.get(gripper.joints[0], (None, None))
-    for key, value, text, guess, usual in (
-        ("grip_force_n", force, "force of each finger of the gripper, N", 20.0, PLACEHOLDER),
-        ("grip_speed_mps", speed and 2.0 * speed, "speed at which the gripper's opening changes "
-         "without load, m/s", 0.1, 2.0),
+    for key, value, factor, text, guess, usual in (
+        ("grip_force_n", force, 1.0 / lever, "force of each finger of the gripper, N", 20.0,
+         PLACEHOLDER),
+        ("grip_speed_mps", speed, 2.0 * lever, "speed at which the gripper's opening changes "
+         "without load, m/s", 0.1, 1.0 if gripper.turn is None else 50.0),
     ):  # fmt: skip
         if value is not None and 0.0 < value < usual:
-            out[key] = imported(value, f"limit of {note}")
+            origin = "imported" if gripper.turn is None else "derived"
+            by = "" if gripper.turn is None else f" at {length:g} m"
+            out[key] = Value(factor * value, origin, f"limit of {note}{by}")
         else:
             span = (guess / 5.0, guess * 5.0)
             questions.append(Question(f"robot.arm.hand.{key}", text, guess, span))
     fingers_at = end - length * R[:, 0]
     return {f"robot.arm.hand.{key}": value for key, value in out.items()}, fingers_at, rest
+
+
+def _shape_fingers(gripper: Gripper, length: float, note: str) -> dict[str, Value]:
+    """Return how the fingers move and how wide they are; raises InputError where they cannot."""
+    turn = gripper.turn
+    if turn is None:
+        radius = Value(FINGER_RADIUS, "assumed", "half the width of a finger", (0.003, 0.05))
+        return {"stroke_m": imported(gripper.stroke, f"ranges of {note}"), "radius_m": radius}
+    room = turn.pivot + length * float(np.sin(turn.open))
+    radius = Value(
+        round(min(FINGER_RADIUS, turn.pivot, 0.5 * room), 5), "assumed", "of the pads",
+        (0.001, 0.05),
+    )  # fmt: skip
+    if radius.value < 1e-3:
+        raise InputError(
+            f"{note}: the fingers do not part before the tip, {length:g} m away; freeze them with "
+            f"--weld {gripper.joints[0]}"
+        )
+    way = f"limits of {note}, and the way to the centres of mass"
+    return {
+        "finger": Value("turn"),
+        "pivot_m": imported(turn.pivot, f"places of {note}"),
+        "open_deg": Value(float(np.degrees(turn.open)), "derived", way),
+        "closed_deg": Value(float(np.degrees(turn.closed)), "derived", way),
+        "radius_m": radius,
+    }

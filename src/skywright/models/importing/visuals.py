@@ -21,7 +21,8 @@ from skywright.core.rotations import rot_from_quat
 from skywright.description.robot.mesh import FAR, MAX_TRIANGLES, MAX_VERTICES, encode_mesh
 from skywright.errors import InputError
 from skywright.models.importing.chain import Chain
-from skywright.models.importing.looks import list_looks
+from skywright.models.importing.collada_meshes import Surface, read_collada
+from skywright.models.importing.looks import Look, list_looks
 from skywright.models.importing.opening import Opened
 from skywright.models.importing.sdf import RESOURCES
 from skywright.models.importing.values import Value
@@ -31,7 +32,10 @@ LARGEST_FILE = 60_000_000
 LEAST_TRIANGLES = 100
 """Of a mesh, when simplified."""
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
-READ = (".stl", ".obj", ".msh")
+READ = (".stl", ".obj", ".msh", ".dae")
+GREY = (0.54, 0.57, 0.61)
+MOST_PIECES = 60
+"""Parts and colours that are drawn apart; beyond, a part has the colour of most of it."""
 UP = 3
 """Folders above the file that `../` may lead to."""
 
@@ -70,27 +74,45 @@ def build_meshes(
                 continue
             try:
                 path = find_mesh(file.path, look.uri)
-                vertices, faces = read_mesh(path)
+                surfaces = read_mesh(path)
             except InputError as error:
                 notes[f"mesh left out: {error}"] = None
                 continue
             R, p = frames[part]
             W = data.xmat[body].reshape(3, 3)
-            straight = (vertices - look.refpos) @ rot_from_quat(look.refquat)
             with np.errstate(over="ignore", invalid="ignore"):
-                placed = look.p + (straight * look.scale) @ look.R.T
-                placed = ((data.xpos[body] + placed @ W.T) - p) @ R
-                reach = float(np.max(np.abs(placed)))
+                inside = [_place(surface.vertices, look) for surface in surfaces]
+                placed = [((data.xpos[body] + v @ W.T) - p) @ R for v in inside]
+                reach = float(np.max([np.max(np.abs(v)) for v in placed]))
             if not reach <= FAR:
                 notes[f"mesh left out: {path.name} reaches {reach:.3g} m"] = None
                 continue
-            if np.prod(look.scale) < 0.0:
-                faces = faces[:, ::-1]
-            color = "#" + "".join(f"{round(255 * x):02x}" for x in np.clip(look.color, 0, 1))
-            piece = Piece(part, color, placed, faces, (path.name,))
-            found.setdefault((part, color), []).append(piece)
+            for surface, vertices in zip(surfaces, placed, strict=True):
+                faces = surface.faces if np.prod(look.scale) > 0.0 else surface.faces[:, ::-1]
+                rgb = np.clip(look.color or surface.color or GREY, 0.0, 1.0)
+                color = "#" + "".join(f"{round(255 * x):02x}" for x in rgb)
+                piece = Piece(part, color, vertices, faces, (path.name,))
+                found.setdefault((part, color), []).append(piece)
+    if len(found) > MOST_PIECES:
+        found = _paint_plainly(found)
     pieces = [merge(group) for group in found.values()]
     return dict(_write(pieces, names)), list(notes)
+
+
+def _place(vertices: Array, look: Look) -> Array:
+    """Return vertices (n, 3) of a mesh's file in the frame of the body that it is on."""
+    straight = (vertices - look.refpos) @ rot_from_quat(look.refquat)
+    return look.p + (straight * look.scale) @ look.R.T
+
+
+def _paint_plainly(found: dict[tuple[int, str], list[Piece]]) -> dict[tuple[int, str], list[Piece]]:
+    """Return all of a part in the colour that most of its triangles have."""
+    out = {}
+    for part in {part for part, _ in found}:
+        mine = {color: group for (p, color), group in found.items() if p == part}
+        most = max(mine, key=lambda color: sum(len(piece.faces) for piece in mine[color]))
+        out[part, most] = [piece._replace(color=most) for group in mine.values() for piece in group]
+    return out
 
 
 def _write(pieces: list[Piece], names: Sequence[str]) -> Iterator[tuple[str, Value]]:
@@ -162,17 +184,17 @@ def _cluster(vertices: Array, faces: Ints, cell: float) -> tuple[Array, Ints]:
 
 
 @lru_cache(maxsize=64)
-def read_mesh(path: Path) -> tuple[Array, Ints]:
-    """Return vertices (n, 3) and triangles (m, 3) of a file; InputError where it is no mesh."""
-    if path.suffix.lower() == ".dae":
-        raise InputError(f"{path}: COLLADA is not read; convert it to STL or OBJ beside it")
+def read_mesh(path: Path) -> tuple[Surface, ...]:
+    """Return the triangles of a file by colour; InputError where it is no mesh."""
     if path.suffix.lower() not in READ:
         raise InputError(f"{path}: valid meshes: {', '.join(READ)}")
     size = path.stat().st_size
     if size > LARGEST_FILE:
         raise InputError(f"{path}: {size / 1e6:.0f} MB; at most {LARGEST_FILE / 1e6:.0f} are read")
+    if path.suffix.lower() == ".dae":
+        return read_collada(path, LARGEST_FILE)
     if path.suffix.lower() == ".stl":
-        return _read_stl(path, path.read_bytes())
+        return (_read_stl(path, path.read_bytes()),)
     spec = mujoco.MjSpec()
     # of a surface: open, flat and inside-out meshes are drawn, too
     spec.add_mesh(name="m", file=str(path), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
@@ -186,10 +208,10 @@ def read_mesh(path: Path) -> tuple[Array, Ints]:
     vertices = model.geom_pos[0] + model.mesh_vert.astype(float) @ R.reshape(3, 3).T
     if not np.all(np.isfinite(vertices)):
         raise InputError(f"{path}: has a vertex that is not finite")
-    return vertices, np.array(model.mesh_face, dtype=np.int64)
+    return (Surface(vertices, np.array(model.mesh_face, dtype=np.int64), None),)
 
 
-def _read_stl(path: Path, data: bytes) -> tuple[Array, Ints]:
+def _read_stl(path: Path, data: bytes) -> Surface:
     """Read binary STL and STL in text: MuJoCo reads neither the latter nor 200,000 triangles."""
     n = int.from_bytes(data[80:84], "little")
     if len(data) == 84 + _TRIANGLE.itemsize * n:
@@ -205,7 +227,7 @@ def _read_stl(path: Path, data: bytes) -> tuple[Array, Ints]:
     if not np.all(np.isfinite(corners)):
         raise InputError(f"{path}: has a vertex that is not finite")
     vertices, faces = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-    return vertices, faces.reshape(-1, 3)
+    return Surface(vertices, faces.reshape(-1, 3), None)
 
 
 def find_mesh(file: Path, uri: str) -> Path:

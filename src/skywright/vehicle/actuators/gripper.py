@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Annotated, Any, ClassVar
 
@@ -56,7 +57,11 @@ class GripperDrive(Component):
 
 
 class GripperMotors(Component):
-    """Writes MuJoCo's controls of the motors, and measures the opening."""
+    """Writes MuJoCo's controls of the motors, and measures the opening.
+
+    The pad of a finger that turns by the angle a from the parallel presses with the motor's torque
+    over length_m cos(a); the drive makes up for the cosine, by its encoder.
+    """
 
     slots: ClassVar[dict[str, str]] = {"measure": "sense", "move": "actuate"}
     side = "plant"
@@ -65,7 +70,9 @@ class GripperMotors(Component):
         n: int  # hands
         control: Annotated[Integers, MAX_HANDS]  # -1: no gripper
         fingers: Annotated[Integers, MAX_HANDS, 2]  # address in qpos
-        stroke: float  # m
+        open: float  # m, between open fingers; that turn: twice pivot_m less radius_m
+        length: float  # m, of a finger that turns; 0: slides
+        angle: float  # rad, of an open finger
 
     columns = (
         Recorded("opening", GripperState, "opening", "m", "between a gripper's fingers",
@@ -81,8 +88,11 @@ class GripperMotors(Component):
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Look up motors and fingers."""
-        scene = context.scene
-        me.n, me.stroke = len(scene.places.hand_sites), context.robot.arm.hand.stroke_m
+        scene, hand = context.scene, context.robot.arm.hand
+        me.n, me.open = len(scene.places.hand_sites), hand.opening_max_m
+        if hand.finger == "turn":
+            me.open, me.length = hand.opening(0.0), hand.length_m
+            me.angle = math.radians(hand.open_deg)
         me.control[:] = -1
         for h, (motor, fingers) in find_grippers(scene.model, me.n).items():
             me.control[h], me.fingers[h] = motor, fingers
@@ -93,11 +103,18 @@ class GripperMotors(Component):
         for h in range(me.n):
             if me.control[h] >= 0:
                 closed = qpos[me.fingers[h, 0]] + qpos[me.fingers[h, 1]]
-                out.opening[h] = me.stroke - closed
+                if me.length > 0.0:
+                    angle = me.angle - 0.5 * closed
+                    out.opening[h] = me.open + 2.0 * me.length * math.sin(angle)
+                else:
+                    out.opening[h] = me.open - closed
 
     @staticmethod
     def move(me: Me, drive: GripDrive, mj: MuJoCo) -> None:
-        ctrl = words(mj.ctrl, mj.nu)
+        ctrl, qpos = words(mj.ctrl, mj.nu), words(mj.qpos, mj.nq)
         for h in range(me.n):
             if me.control[h] >= 0:
                 ctrl[me.control[h]] = drive.force[h]
+                if me.length > 0.0:
+                    closed = qpos[me.fingers[h, 0]] + qpos[me.fingers[h, 1]]
+                    ctrl[me.control[h]] *= math.cos(me.angle - 0.5 * closed)

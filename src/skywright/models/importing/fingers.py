@@ -1,0 +1,228 @@
+"""The fingers of an imported model: which joints they are, and whether they are a gripper.
+
+Two fingers that slide towards each other, or turn towards each other, at the end of the arm are
+one. Fingers with joints of their own (linkages) and more than two fingers are not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from skywright.core.arrays import Array
+
+ALONG = 1.0 - 1e-4
+"""Cosine of axes that are one line."""
+ACROSS = 0.7
+"""Cosine up to which fingers slide across the way to the tip, and above which turning ones point
+along it."""
+STROKES, LIGHTEST, NEAREST = (1e-3, 1.0), 1e-4, 1e-3
+"""m that a gripper opens, kg of its fingers, and m from the last joint to their ends at least."""
+ALIKE, STEEPEST, LONGEST = np.radians(3.0), np.radians(80.0), 0.3
+"""rad between mirrored limits, rad from the arm's direction, and m, of fingers that turn."""
+SHORTEST = 1e-5
+"""m of the last link."""
+
+
+class Turn(NamedTuple):
+    """How two fingers turn: mirrored, in one plane."""
+
+    pivot: float  # m, from the middle to each pivot
+    length: float  # m, of a finger: twice the way to its centre of mass
+    closed: float  # rad, of a finger from the way out, outward
+    open: float
+    way: Array  # (3,) out of the hand
+
+
+class Gripper(NamedTuple):
+    """Two fingers, in the frame of the root body with all joints at zero."""
+
+    joints: tuple[str, str]
+    mass: float  # kg, of both
+    axis: Array  # (3,) along which they move
+    middle: Array  # (3,) m, of their frames; of their pivots
+    stroke: float  # m, of both together
+    turn: Turn | None = None
+
+
+def find_fingers(model: mujoco.MjModel, data: mujoco.MjData, root: int) -> list[int]:
+    """Joints that an equality couples, and slides or mirrored hinges beside each other at the ends.
+
+    `data` has the model's kinematics.
+    """
+    out = set()
+    for e in range(model.neq):
+        if model.eq_type[e] == mujoco.mjtEq.mjEQ_JOINT and model.eq_obj2id[e] >= 0:
+            out |= {int(model.eq_obj1id[e]), int(model.eq_obj2id[e])}
+    parents = set(model.body_parentid[1:].tolist())
+    slides: dict[int, list[int]] = {}
+    hinges: dict[int, list[int]] = {}
+    for j in range(model.njnt):
+        body = int(model.jnt_bodyid[j])
+        parent = int(model.body_parentid[body])
+        if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE and body not in parents:
+            slides.setdefault(parent, []).append(j)
+        elif model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE and joints_to(model, parent, {}):
+            hinges.setdefault(parent, []).append(j)
+    for joints in slides.values():
+        out |= set(joints) if len(joints) > 1 else set()
+    for joints in hinges.values():
+        out |= set(joints) if len(joints) == 2 and _find_turn(model, data, joints) else set()
+    return sorted(j for j in out if model.body_rootid[model.jnt_bodyid[j]] == root)
+
+
+def find_gripper(
+    model: mujoco.MjModel, data: mujoco.MjData, fingers: list[int], joints: list[int], tip: Array
+) -> Gripper | None:
+    """Two slides or hinges with limits that both hang on the last joint of the chain.
+
+    Slides move along one line across the way from that joint to the `tip` (3,) m; hinges are
+    mirrored and point along it.
+    """
+    if len(fingers) != 2 or not joints:
+        return None
+    moving = dict.fromkeys(range(model.njnt), "")
+    for j in joints:
+        del moving[j]
+    bodies = [int(model.jnt_bodyid[j]) for j in fingers]
+    mass, way = float(np.sum(model.body_subtreemass[bodies])), tip - data.xanchor[joints[-1]]
+    far = float(np.linalg.norm(way))
+    if (
+        any(joints_to(model, b, moving) != joints for b in bodies)
+        or mass < LIGHTEST
+        or far < NEAREST
+    ):
+        return None
+    names = model.joint(fingers[0]).name, model.joint(fingers[1]).name
+    turn = _find_turn(model, data, fingers)
+    if turn is not None and turn.way @ way > ACROSS * far:
+        anchors, axis = data.xanchor[fingers], np.cross(turn.way, data.xaxis[fingers[0]])
+        return Gripper(names, mass, axis, np.mean(anchors, axis=0), 0.0, turn)
+    axes, stroke = data.xaxis[fingers], float(np.sum(np.ptp(model.jnt_range[fingers], axis=1)))
+    if (
+        not all(model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE for j in fingers)
+        or not all(model.jnt_limited[fingers])
+        or abs(axes[0] @ axes[1]) < ALONG
+        or abs(axes[0] @ way) > ACROSS * far
+        or not STROKES[0] <= stroke <= STROKES[1]
+    ):
+        return None
+    return Gripper(names, mass, axes[0].copy(), np.mean(data.xpos[bodies], axis=0), stroke)
+
+
+def _find_turn(model: mujoco.MjModel, data: mujoco.MjData, pair: list[int]) -> Turn | None:
+    """Return how two hinges turn mirrored fingers; None where they do not.
+
+    A finger points from its joint to its centre of mass; the way out is between both.
+    """
+    bodies, spans = [int(model.jnt_bodyid[j]) for j in pair], _list_spans(model, pair)
+    below = [b for b in range(model.nbody) if int(model.body_parentid[b]) in bodies]
+    if (
+        any(model.jnt_type[j] != mujoco.mjtJoint.mjJNT_HINGE for j in pair)
+        or any(_has_joint(model, b) for b in below)
+        or spans is None
+        or abs(data.xaxis[pair[0]] @ data.xaxis[pair[1]]) < ALONG
+    ):
+        return None
+    x, pivots = data.xaxis[pair[0]], data.xanchor[pair]
+    arms = data.subtree_com[bodies] - pivots
+    arms = arms - np.outer(arms @ x, x)
+    sizes = np.linalg.norm(arms, axis=1)
+    if min(sizes) < NEAREST:
+        return None
+    arms = arms / sizes[:, None]
+    z = arms[0] + arms[1]
+    if np.linalg.norm(z) < 2.0 * np.cos(STEEPEST):
+        return None
+    z = z / np.linalg.norm(z)
+    y = np.cross(z, x)
+    gap = pivots[0] - pivots[1]
+    y = y if gap @ y > 0.0 else -y  # the first finger is on the side of y
+    found = np.zeros((2, 2))
+    for k, sign in enumerate((1.0, -1.0)):
+        angle = float(np.arctan2(sign * arms[k] @ y, arms[k] @ z))
+        outward = np.cos(angle) * sign * y - np.sin(angle) * z
+        rate = np.sign(np.cross(data.xaxis[pair[k]], arms[k]) @ outward)
+        here = data.qpos[model.jnt_qposadr[pair[k]]]
+        found[k] = np.sort(angle + rate * (spans[k] - here))
+    closed, most = np.clip(np.mean(found, axis=0), -STEEPEST, STEEPEST).tolist()
+    pivot, length = float(0.5 * gap @ y), float(np.sum(sizes))  # twice the mean
+    if (
+        np.max(np.abs(found[0] - found[1])) > ALIKE
+        or abs(gap @ z) > 0.1 * length
+        or not NEAREST <= length <= LONGEST
+        or pivot < STROKES[0]
+        or pivot + length * np.sin(most) < 2.0 * STROKES[0]
+        or most - closed < ALIKE
+    ):
+        return None
+    return Turn(pivot, length, closed, most, z)
+
+
+def _has_joint(model: mujoco.MjModel, body: int) -> bool:
+    """Whether a body or one that hangs on it has a joint."""
+    return bool(model.body_jntnum[body]) or any(
+        _has_joint(model, b) for b in range(body + 1, model.nbody) if model.body_parentid[b] == body
+    )
+
+
+def _list_spans(model: mujoco.MjModel, pair: list[int]) -> list[Array] | None:
+    """Return the limits (2,) of two joints; where an equality couples them, one has them for both.
+
+    None without limits.
+    """
+    spans = [np.array(model.jnt_range[j]) if model.jnt_limited[j] else None for j in pair]
+    for e in range(model.neq):
+        ends = [int(model.eq_obj1id[e]), int(model.eq_obj2id[e])]
+        if model.eq_type[e] != mujoco.mjtEq.mjEQ_JOINT or sorted(ends) != sorted(pair):
+            continue
+        follower, leader = pair.index(ends[0]), pair.index(ends[1])
+        offset, rate = (float(c) for c in model.eq_data[e, :2])
+        led, follows = spans[leader], spans[follower]
+        if led is not None:
+            spans[follower] = offset + rate * led
+        elif follows is not None and rate:
+            spans[leader] = (follows - offset) / rate
+    first, second = spans
+    return None if first is None or second is None else [first, second]
+
+
+def joints_to(model: mujoco.MjModel, body: int, frozen: Mapping[int, str]) -> list[int]:
+    """Moving joints from the root to a body, in this order."""
+    out: list[int] = []
+    while body > 0:
+        for j in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):
+            if j not in frozen and model.jnt_type[j] != mujoco.mjtJoint.mjJNT_FREE:
+                out.insert(0, j)
+        body = int(model.body_parentid[body])
+    return out
+
+
+def find_ends(model: mujoco.MjModel, data: mujoco.MjData, joints: list[int], start: Array) -> Array:
+    """Return the middle (3,) m of the fingers' ends, as seen from the last joint at `start`.
+
+    They reach as far as their shapes, or twice to their centres of mass where those are farther.
+    Two that turn are taken as parallel.
+    """
+    turn = _find_turn(model, data, joints) if len(joints) == 2 else None
+    if turn is not None:
+        return np.asarray(np.mean(data.xanchor[joints], axis=0) + turn.length * turn.way)
+    fingers = [int(model.jnt_bodyid[j]) for j in joints]
+    middle = np.mean([data.xpos[b] for b in fingers], axis=0)
+    axis = data.xaxis[model.body_jntadr[fingers[0]]]
+    way = middle - start - ((middle - start) @ axis) * axis
+    size = float(np.linalg.norm(way))
+    if size < SHORTEST:
+        return middle
+    way /= size
+    reach = 2.0 * max(float((data.xipos[b] - middle) @ way) for b in fingers)
+    for g in range(model.ngeom):
+        if int(model.geom_bodyid[g]) in fingers:
+            R = data.geom_xmat[g].reshape(3, 3)
+            centre, half = model.geom_aabb[g, :3], model.geom_aabb[g, 3:]
+            far = (data.geom_xpos[g] + R @ centre - middle) @ way + np.abs(R.T @ way) @ half
+            reach = max(reach, float(far))
+    return np.asarray(middle + max(reach, 0.0) * way)
