@@ -219,10 +219,15 @@ def test_joint_references_and_a_stick_lead_the_arms_and_stale_ones_stop(tmp_path
     first_hand = {k: np.array([x["p_hand"][:3] for x in v]) for k, v in program.states.items()}
     assert first_hand["force"][-1, 2] > first_hand["force"][0, 2] + 0.01
     assert np.ptp(first_hand["grasp"][-30:], axis=0).max() < 0.02
-    # (23): the places in the marker's frame move at the stick's share of v_max
-    left = first_hand["visual"][-1] - first_hand["visual"][10]
-    seconds = program.states["visual"][-1]["t"] - program.states["visual"][10]["t"]
-    assert left[1] / seconds == pytest.approx(0.05 * 0.6, rel=0.35) and abs(left[2]) < 0.02
+    # (23): the places in the marker's frame move at the stick's share of v_max, to the left of the
+    # robot, which faces +y; where the hands are depends on the force before and on gusts, too
+    visual = select(6)
+    left = visual["left_ref_p_WH"][-1] - visual["left_ref_p_WH"][10]
+    seconds = visual["t"][-1] - visual["t"][10]
+    assert -left[0] / seconds == pytest.approx(0.05 * 0.6, rel=0.05)
+    assert np.max(np.abs(left[1:])) < 1e-3
+    felt = first_hand["visual"][-1] - first_hand["visual"][10]
+    assert 0.5 < felt[1] / (0.05 * 0.6 * seconds) < 2.0
     # without torque the springs carry nothing and the arms hang; with it they stay so
     assert np.max(np.abs(program.states["torque_off"][-1]["tau"])) < 0.25
     assert first_hand["torque_off"][-1, 2] < first_hand["torque_off"][0, 2] - 0.05

@@ -1,0 +1,81 @@
+"""Run the whole suite again and again: `python scripts/repeat_suite.py [--runs N] [--load K]`.
+
+A test that fails now and then is found by repetition, on an idle machine and on a loaded one.
+`--load K` keeps K processes busy beside each run. Appends a row a run to
+benchmarks/suite-runs.csv; exits with 1 where a run failed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import os
+import re
+import resource
+import subprocess
+import sys
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+TABLE = ROOT / "benchmarks" / "suite-runs.csv"
+COLUMNS = (
+    "when_utc", "commit", "cores", "busy_processes", "passed", "failed", "wall_s", "processor_s",
+    "failures",
+)  # fmt: skip
+
+
+def run(load: int) -> list[object]:
+    """Run the suite once beside `load` busy processes; returns the row."""
+    when = datetime.now(UTC).strftime("%Y-%m-%d %H:%M")
+    commit = subprocess.run(
+        ["git", "describe", "--always", "--dirty", "--abbrev=10"],
+        cwd=ROOT, capture_output=True, text=True, check=True,
+    ).stdout.strip()  # fmt: skip
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(load)]
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    begin = time.perf_counter()
+    try:
+        done = subprocess.run(
+            ["make", "test"], cwd=ROOT, env={**os.environ, "SKYWRIGHT_NO_SKIP": "1"},
+            capture_output=True, text=True, stdin=subprocess.DEVNULL,
+        )  # fmt: skip
+        wall, after = time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+    spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    names = re.findall(r"^(?:FAILED|ERROR) (\S+)", done.stdout, re.M)
+    passed = re.search(r"(\d+) passed", done.stdout)
+    if done.returncode != 0 and not names:
+        print(done.stdout[-3000:], done.stderr[-3000:], sep="\n", file=sys.stderr)
+        names = [f"exit code {done.returncode}"]
+    return [
+        when, commit, os.cpu_count(), load, int(passed[1]) if passed else 0, len(names),
+        round(wall), round(spent), " ".join(names),
+    ]  # fmt: skip
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=1)
+    parser.add_argument("--load", type=int, default=0)
+    asked = parser.parse_args()
+    failed = 0
+    for _ in range(asked.runs):
+        row = run(asked.load)
+        new = not TABLE.exists()
+        with TABLE.open("a", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            if new:
+                writer.writerow(COLUMNS)
+            writer.writerow(row)
+        print(*row, flush=True)
+        failed += bool(row[5])
+    return int(failed > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
