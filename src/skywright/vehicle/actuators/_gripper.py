@@ -6,19 +6,11 @@ from collections.abc import Iterable
 from typing import Annotated, Any, ClassVar
 
 from skywright.core.record import Array, Integers, Record
-from skywright.core.types import HOLD, MAX_HANDS
+from skywright.core.types import MAX_HANDS
 from skywright.description.robot.limbs import list_grippers
 from skywright.models.gripper_body import find_grippers
-from skywright.vehicle.bus import GripDrive, MuJoCo
-from skywright.vehicle.component import Component, Out, Output, Recorded, ReferenceBlock, words
-
-
-class Grip(ReferenceBlock):
-    """What grippers shall do; rows of a plan that tell nothing leave them as they are."""
-
-    rules: ClassVar[dict[str, int]] = {"grip": HOLD}
-
-    grip: Annotated[Array, MAX_HANDS]  # N, of each finger; negative: opening; 0: as told before
+from skywright.vehicle.bus import MuJoCo, Setpoint
+from skywright.vehicle.component import Component, Out, Output, Recorded, words
 
 
 class GripperState(Output):
@@ -27,36 +19,8 @@ class GripperState(Output):
     opening: Annotated[Array, MAX_HANDS]  # m, between the fingers
 
 
-class GripperDrive(Component):
-    """Tells the motors what was last commanded, within what they can; at first they open."""
-
-    slot = "allocate"
-
-    class Me(Record):
-        most: float  # N
-
-    @classmethod
-    def wanted(cls, context: Any) -> Iterable[Component]:
-        """Robots with a gripper have one."""
-        if list_grippers(context.robot):
-            yield cls("grip")
-
-    def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the force; the motors begin by opening."""
-        me.most = context.robot.arm.hand.grip_force_n
-        for (record, _), view in context.records.items():
-            if record is GripDrive:
-                view["force"] = -me.most
-
-    @staticmethod
-    def step(me: Me, ref: Grip, drive: Out[GripDrive]) -> None:
-        for h in range(MAX_HANDS):
-            if ref.grip[h] != 0.0:
-                drive.force[h] = min(max(ref.grip[h], -me.most), me.most)
-
-
 class GripperMotors(Component):
-    """Writes MuJoCo's controls of the motors, and measures the opening."""
+    """Writes MuJoCo's controls of the motors, and measures the opening; at first they open."""
 
     slots: ClassVar[dict[str, str]] = {"measure": "sense", "move": "actuate"}
     side = "plant"
@@ -67,10 +31,15 @@ class GripperMotors(Component):
         fingers: Annotated[Integers, MAX_HANDS, 2]  # address in qpos
         stroke: float  # m
 
+    class Grip(Setpoint):
+        """What the motors are told."""
+
+        force: Annotated[Array, MAX_HANDS]  # N, of each finger; negative: opening
+
     columns = (
         Recorded("opening", GripperState, "opening", "m", "between a gripper's fingers",
                  per="hand"),
-        Recorded("grip", GripDrive, "force", "N", "command to a gripper's motor", per="hand"),
+        Recorded("grip", Grip, "force", "N", "command to a gripper's motor", per="hand"),
     )  # fmt: skip
 
     @classmethod
@@ -86,6 +55,11 @@ class GripperMotors(Component):
         me.control[:] = -1
         for h, (motor, fingers) in find_grippers(scene.model, me.n).items():
             me.control[h], me.fingers[h] = motor, fingers
+        most = context.robot.arm.hand.grip_force_n
+        self.limits = {"grip": (-most, most)}
+        for (record, _), view in context.records.items():  # at both ends of a link
+            if record is self.Grip:
+                view["force"] = -most
 
     @staticmethod
     def measure(me: Me, mj: MuJoCo, out: Out[GripperState]) -> None:
@@ -96,8 +70,8 @@ class GripperMotors(Component):
                 out.opening[h] = me.stroke - closed
 
     @staticmethod
-    def move(me: Me, drive: GripDrive, mj: MuJoCo) -> None:
+    def move(me: Me, grip: Grip, mj: MuJoCo) -> None:
         ctrl = words(mj.ctrl, mj.nu)
         for h in range(me.n):
             if me.control[h] >= 0:
-                ctrl[me.control[h]] = drive.force[h]
+                ctrl[me.control[h]] = grip.force[h]
