@@ -134,6 +134,8 @@ def _type_name(annotation: Any) -> str:
             option = get_args(option)[0]
         if get_origin(option) is Literal:
             names.append(", ".join(f"`{value}`" for value in get_args(option)))
+        elif get_origin(option) is dict:
+            names.append(f"{_type_name(get_args(option)[1])} by name")
         elif get_origin(option) is list:
             names.append(f"list of {_type_name(get_args(option)[0])}")
         else:

@@ -34,7 +34,7 @@ from skywright.models.rotors import build_rotors
 from skywright.models.scene import Scene, build_scene
 from skywright.models.servo_gains import compute_inertia_beyond, compute_servo_gains
 from skywright.models.springs import spring_deflection, spring_torque
-from skywright.vehicle.actuators.position_servos import PositionServos
+from skywright.vehicle.actuators._position_servos import PositionServos
 from skywright.vehicle.arms.ports import Deflections
 from skywright.vehicle.arms.truth import ServoState
 from skywright.vehicle.bus import Clock, MuJoCo, ServoDrive

@@ -26,7 +26,7 @@ from skywright.models.importing.importer import Request, import_robot
 from skywright.models.rigid_body import build_body_model, compute_body, compute_tip
 from skywright.models.scene import build_scene
 from skywright.models.urdf import build_urdf
-from skywright.vehicle.actuators.gripper import GripperState
+from skywright.vehicle.actuators._gripper import GripperState
 from skywright.vehicle.commanded_arms import CommandedArms
 from skywright.vehicle.commands import State
 from skywright.vehicle.motions import Arrival
@@ -237,6 +237,8 @@ def test_wrong_orders_are_refused(above: tuple[Uav, CommandedArms, SimulatedVehi
         arms.plain.grip({"left": math.nan})
     with pytest.raises(InputError, match="force = -1"):
         arms.grasp(-1.0)
+    ended = arms.grasp(16.0).result
+    assert ended is not None and ended.reason == "grip = [16.0] N; valid: -15 to 15"
 
 
 @pytest.mark.parametrize("finger", ["slide", "turn"])

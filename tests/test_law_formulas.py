@@ -16,14 +16,13 @@ from scipy.spatial.transform import Rotation
 
 from law_parts import build_case, call
 from skywright.core.record import View
-from skywright.vehicle.component import AttitudeGains
 from skywright.vehicle.follower import Press
 from skywright.vehicle.laws.direct_force import DirectForce
 from skywright.vehicle.laws.inverse_kinematics import DAMPING, InverseKinematics
 from skywright.vehicle.laws.push_and_slide import PushAndSlide
 from skywright.vehicle.laws.thrust_vectoring import ThrustVectoring
 from skywright.vehicle.laws.tip_pd import DERIVATIVE, TipPd
-from skywright.vehicle.loops import SLOW, compute_delay_margin
+from skywright.vehicle.loops import SLOW, AttitudeGains, compute_delay_margin
 
 Z = np.array([0.0, 0.0, 1.0])
 

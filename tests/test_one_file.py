@@ -191,7 +191,7 @@ def test_the_search_leaves_words_alone() -> None:
     assert list(list_names(read_words(text), GROUPS["law"], "joint_space"))
 
 
-@pytest.mark.parametrize("group", ["law", "sensor", "estimator", "effect", "thing"])
+@pytest.mark.parametrize("group", ["law", "sensor", "actuator", "estimator", "effect", "thing"])
 def test_one_more_file_is_one_more_part(group: str, tmp_path: Path) -> None:
     """A file in the group's package is listed, loaded, checked and built."""
     word = f"one_more_{group}"
@@ -208,9 +208,11 @@ def test_one_more_file_is_one_more_part(group: str, tmp_path: Path) -> None:
         listed = CliRunner().invoke(cli.main, ["list", f"{group}s"]).stdout
         assert re.search(rf"(?m)^{word} +built in$", listed)
         key = {"law": "mission.law", "estimator": "mission.estimator"}.get(group)
-        key = key or {"sensor": "robot.sensors.x", "effect": "world.effects.x"}.get(group)
+        key = key or {"sensor": "robot.sensors.x", "effect": "world.effects.x",
+                      "actuator": "robot.actuators.x"}.get(group)  # fmt: skip
         key = key or "world.things.x"
         place = {f"{key}.{a}_m": 1.0 for a in "xyz"} if group == "thing" else {}
+        place = {f"{key}.load": "parcel"} if group == "actuator" else place
         d = load_description("waypoints", "othex", sets={f"{key}.kind": word, **place})
         parts = [build_law(d, Setup(d)), build_estimator(d), *build_named(d),
                  *d.world.things.values()]  # fmt: skip

@@ -17,7 +17,7 @@ from skywright.models.arm_body import Deviation
 from skywright.models.deviation import build_deviation
 from skywright.models.part_masses import link_direction
 from skywright.models.scene import build_scene, set_pose
-from skywright.vehicle.actuators.velocity_servos import VelocityServos
+from skywright.vehicle.actuators._velocity_servos import VelocityServos
 from skywright.vehicle.bus import MuJoCo, ServoDrive
 from skywright.vehicle.physics import step_physics
 

@@ -26,8 +26,17 @@ def differ(result: RunResult, column: str, other: str) -> bool:
     return bool(np.max(np.abs(samples[column] - samples[other])) > 1e-6)
 
 
+def lifts(result: RunResult) -> bool:
+    """Whether the line, once it is as short as it shall be, carries the parcel's 0.1 kg."""
+    samples = result.samples
+    short = samples["mine_length"] < 1.0 + 1e-6
+    carried = samples["mine_tension"][short & (samples["mine_goal"] == 1.0)]
+    return bool(abs(np.mean(carried) - 0.981) < 0.01 and samples["mine_tension"][-1] == 0.0)
+
+
 # what only a flight with the template's own part shows, by template; the name is "mine"
 USED: dict[str, Callable[[RunResult], bool]] = {
+    "actuator": lifts,
     "effect": lambda r: bool(np.max(np.abs(r.samples["f_mine_W"])) > 0.5),
     "fault": lambda r: 0.5 < np.max(np.abs(r.samples["f_mine_W"])) < 20.0,
     "estimator": lambda r: differ(r, "est_p_WB", "p_WB"),

@@ -102,7 +102,8 @@ PARTS = {f"{group.replace('_', '-')}s": group for group in GROUPS}
 def list_(kind: str | None, as_json: bool) -> None:
     """List robots, worlds, missions or claims; or parts that are built in or installed.
 
-    Parts are laws, arms-laws, sensors, estimators, effects, things and kinds (of missions).
+    Parts are laws, arms-laws, sensors, actuators, estimators, effects, things and kinds (of
+    missions).
     Without a word: the names alone.
     """
     from skywright.description.loader import list_missions
@@ -124,7 +125,7 @@ def list_(kind: str | None, as_json: bool) -> None:
     if kind is None:
         _print_names(found)
         return
-    width = max(len(e.name) for e in found[kind])
+    width = max((len(e.name) for e in found[kind]), default=0)
     for entry in found[kind]:
         click.echo(f"{entry.name:{width}}  {entry.description}")
 
@@ -191,9 +192,10 @@ def _write_urdf(subject: Subject, path: Path) -> None:
 @click.argument("what", metavar="WHAT")
 @click.argument("name")
 def new(what: str, name: str) -> None:
-    """Start your own WHAT: robot, world, mission, kind, law, sensor, estimator, effect or thing.
+    """Start your own WHAT: robot, world, mission, kind, law, sensor, actuator, effect, thing, ...
 
-    Commented files in a folder NAME that fly as they are, ready to change.
+    Commented files in a folder NAME that fly as they are, ready to change. WHAT may also be
+    estimator, fault and rule.
     """
     from skywright.description.template import write_template
 

@@ -35,6 +35,7 @@ GROUPS = {
     "law": Group("control law", "skywright.vehicle.laws", "skywright.components"),
     "arms_law": Group("arms law", "skywright.vehicle.arms.laws", "skywright.components"),
     "sensor": Group("sensor", "skywright.vehicle.sensors", "skywright.components"),
+    "actuator": Group("actuator", "skywright.vehicle.actuators", "skywright.components"),
     "estimator": Group("estimator", "skywright.vehicle.estimators", "skywright.components"),
     "effect": Group("effect", "skywright.vehicle.effects", "skywright.components"),
     "fault": Group("fault", "skywright.vehicle.faults", "skywright.components"),
@@ -220,4 +221,4 @@ def _what(group: str) -> str:
 def _valid(kind: str, group: str) -> str:
     names = list_kinds(group)
     listed = neighbours(kind, names) if kind else ", ".join(names)
-    return f"{listed}, or 'file.py:Class'"
+    return f"{listed}{', or ' if listed else ''}'file.py:Class'"

@@ -48,7 +48,6 @@ class ReferenceRow(Record):
     load: Annotated[Array, MAX_HANDS]  # N, weight that hangs on each hand, fed forward
     tau: Annotated[Array, MAX_JOINTS]  # N m, torque that a joint's spring shall carry (18)
     delta: Annotated[Array, MAX_JOINTS]  # (22): 1 output position `q`, 0 torque `tau`
-    grip: Annotated[Array, MAX_HANDS]  # N, that close a gripper; < 0 open it; 0: as told before
     tare: float  # 1: the estimated contact forces of now are called zero
     # pressing with a probe that measures its force (control/backstepping.py)
     press: float  # 1: the arm controls the force, 0: its joints

@@ -1,4 +1,4 @@
-"""Components that a description names: laws, estimators, sensors and effects by their `kind`.
+"""Components that a description names: laws, estimators, sensors and others by their `kind`.
 
     [mission.law]            # or law = "cascade"
     kind = "lqr.py:Lqr"      # beside the file that says so
@@ -28,8 +28,8 @@ from skywright.errors import InputError, neighbours
 SINGLE = {("mission", "law"): "law", ("mission", "estimator"): "estimator"}
 """Tables that are a component, and its group; a plain text stands for `{ kind = TEXT }`."""
 NAMED = {
-    ("robot", "sensors"): "sensor", ("world", "effects"): "effect",
-    ("plant", "faults"): "fault", ("mission", "faults"): "rule",
+    ("robot", "sensors"): "sensor", ("robot", "actuators"): "actuator",
+    ("world", "effects"): "effect", ("plant", "faults"): "fault", ("mission", "faults"): "rule",
 }  # fmt: skip
 """Tables whose tables are components, by name."""
 ALWAYS = {"mission": ("faults", "rule")}
@@ -131,8 +131,8 @@ def check_named(keys: Sequence[str], tree: Tree, label: str) -> None:
         known += list_kinds(group) if path[0] in ALWAYS else []
         raise InputError(
             f"{label} {key}: {table} does not exist; valid: "
-            f"{neighbours(path[2], known) or 'none'}; {table}.kind={list_kinds(group)[0]} "
-            "adds one"
+            f"{neighbours(path[2], known) or 'none'}; "
+            f"{table}.kind={[*list_kinds(group), 'file.py:Class'][0]} adds one"
         )
 
 

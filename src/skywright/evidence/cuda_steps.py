@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import re
 import subprocess
 import sys
@@ -27,7 +28,7 @@ from numba import from_dtype, types
 
 from skywright.core import scratch
 from skywright.core.compiled import Helper, HelperType, integers, table, words
-from skywright.description.loader import load_description
+from skywright.description.loader import list_missions, load_description
 from skywright.errors import InputError
 from skywright.run.backends import build_vehicle
 from skywright.vehicle.assembly import Assembly
@@ -36,11 +37,8 @@ from skywright.vehicle.ports import Step
 
 ARCHITECTURE = (9, 0)
 """Compute capability that is compiled for."""
-FLIGHTS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("pipe-weld-scan", ()), ("pipe-weld-scan", ("mission.estimator=observer",)),
-    ("sensor-install", ()), ("bridge-contact", ()),
-)  # fmt: skip
-"""Missions, with values that are set, whose steps are compiled: each step once."""
+OBSERVED = ("pipe-weld-scan", ("mission.estimator=observer",))
+"""A flight with the estimator that no built-in mission names."""
 
 
 class Compiled(NamedTuple):
@@ -66,7 +64,7 @@ def prepare() -> Any:
     try:
         version("numba-cuda")
         from numba import cuda
-        from numba.cuda import cudadecl, cudaimpl, dispatcher
+        from numba.cuda import cudadecl, cudaimpl, dispatcher, mathimpl, ufuncs
     except (PackageNotFoundError, ImportError):
         raise InputError(
             "compiling for CUDA requires numba-cuda: pip install numba-cuda nvidia-nvvm "
@@ -87,6 +85,9 @@ def prepare() -> Any:
             devices[self] = dispatcher.CUDADispatcher(function, options)
         return HelperType(devices[self])
 
+    for name in ("ceil", "exp", "floor", "sqrt"):  # of NumPy's: its list lacks these
+        implement = mathimpl.get_unary_impl_for_fn_and_ty(getattr(math, name), types.float64)
+        ufuncs.ufunc_db().setdefault(getattr(np, name), {"d->d": implement})
     Helper._numba_type_ = property(find_type)  # type: ignore[assignment, method-assign]
     cudadecl.registry.register_global(scratch.local)(type("_Local", (scratch._Local,), {}))
     size = types.IntegerLiteral
@@ -240,12 +241,14 @@ def compile_all(flights: Sequence[tuple[str, tuple[str, ...]]], only: list[str])
 def main() -> None:
     """Compile, print a line a step, and write the table."""
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    p.add_argument("--mission", action="append", default=[])
+    p.add_argument("--mission", action="append", default=[], help="default: all")
     p.add_argument("--only", action="append", default=[], metavar="TEXT", help="part of a label")
     p.add_argument("--out", type=Path, help="JSON")
     asked = p.parse_args()
     try:
-        found = compile_all([(m, ()) for m in asked.mission] or FLIGHTS, asked.only)
+        missions = asked.mission or [entry.name for entry in list_missions()]
+        flights = [(mission, ()) for mission in missions] + [OBSERVED] * (not asked.mission)
+        found = compile_all(flights, asked.only)
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         raise SystemExit(2) from None
@@ -260,6 +263,7 @@ def main() -> None:
     if asked.out is not None:
         told_ = {
             "architecture": list(ARCHITECTURE), "numba_cuda": version("numba-cuda"),
+            "missions": missions,
             "steps": [one._asdict() for one in found],
         }  # fmt: skip
         asked.out.write_text(json.dumps(told_, indent=1) + "\n", encoding="utf-8")

@@ -85,9 +85,9 @@ class Texture(NamedTuple):
 class ProbeSignal(NamedTuple):
     """Everything `ec_signal` needs, as arrays and floats that compiled code accepts."""
 
-    # complex (tilt, gap, welds * blend), instrument units, zero at contact on base
+    # complex (tilt * gap, welds * blend), instrument units, zero at contact on base
     table: np.ndarray
-    d_log_mu: np.ndarray  # complex (tilt, gap), derivative by ln(mu_r) at the base metal
+    d_log_mu: np.ndarray  # complex (tilt * gap,), derivative by ln(mu_r) at the base metal
     nose: float  # m, distance from the nose's centre to the coil's face
     welds: np.ndarray  # (welds, 4): offset m, slope, around rad as in WeldCurve; half width m
     radius: float  # m, of the pipe
@@ -258,8 +258,8 @@ def build_probe_signal(
     k = rng.standard_normal((2, texture.modes)) / texture.correlation_length
     k[1] = np.round(k[1] * radius) / radius
     return ProbeSignal(
-        table=np.concatenate([table for table, _ in tables], axis=2),
-        d_log_mu=tables[0][1],
+        table=np.concatenate([table for table, _ in tables], axis=2).reshape(_N_TILT * _N_GAP, -1),
+        d_log_mu=tables[0][1].ravel(),
         nose=coil.nose_radius - coil.recess,
         welds=np.array(lines).reshape(-1, 4),
         radius=radius,
@@ -341,7 +341,8 @@ def ec_signal(
         wa = u if a else 1.0 - u
         for b in range(2):
             wb = wa * (v if b else 1.0 - v)
-            t0 = ps.table[i + a, j + b, k]
-            t1 = ps.table[i + a, j + b, k + 1]
-            z += wb * (t0 + w * (t1 - t0) + field * ps.d_log_mu[i + a, j + b])
+            at = (i + a) * _N_GAP + j + b
+            t0 = ps.table[at, k]
+            t1 = ps.table[at, k + 1]
+            z += wb * (t0 + w * (t1 - t0) + field * ps.d_log_mu[at])
     return z.real + ps.noise * n1, z.imag + ps.noise * n2

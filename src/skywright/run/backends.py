@@ -83,6 +83,7 @@ def build_for_mission(
     kind = load_kind(description.mission.kind)
     try:
         require(vehicle, kind.needs, description.mission.name, kind.devices)
+        kind.check_vehicle(vehicle, description.mission.task)
     except InputError:
         vehicle.close()
         raise

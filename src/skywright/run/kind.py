@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from skywright.run.setup import Setup
     from skywright.run.supervisor import Supervisor
     from skywright.run.where import Where
+    from skywright.vehicle.interface import Backend
 
 Measures = Mapping[str, tuple[str, str]]
 """Metric -> its unit and what it means."""
@@ -121,6 +122,9 @@ class MissionKind(ABC, Generic[T, P]):
 
         Raises InputError where robot or world lack what the mission is about.
         """
+
+    def check_vehicle(self, vehicle: Backend, task: T) -> None:
+        """Raise InputError where the vehicle lacks what the task asks for, before it flies."""
 
     @abstractmethod
     def fly(self, s: Supervisor[T], way: P) -> Flight:

@@ -100,18 +100,21 @@ def check_localisation(description: Description[Any]) -> None:
 
 
 def build_named(description: Description[Any]) -> list[Component]:
-    """Build the sensors, effects and faults that robot, world and plant name."""
-    sensors = list_parts(description.robot.sensors)
-    effects = list_parts(description.world.effects)
+    """Build the sensors, actuators, effects and faults that robot, world and plant name."""
+    robot, world = description.robot, description.world
+    tables = {"sensor": robot.sensors, "actuator": robot.actuators, "effect": world.effects}
     faults: list[Fault] = [
         build_part("fault", part, name)
         for name, part in list_parts(description.plant.faults).items()
     ]
     rng = build_stream(description.mission.seed, "faults")  # of all that are drawn, in turn
     return [
-        *(build_part("sensor", part, name) for name, part in sensors.items()),
-        *(build_part("effect", part, name) for name, part in effects.items()),
-        *(fault.resolve(description.robot, description.world, rng) for fault in faults),
+        *(
+            build_part(group, part, name)
+            for group, table in tables.items()
+            for name, part in list_parts(table).items()
+        ),
+        *(fault.resolve(robot, world, rng) for fault in faults),
     ]
 
 

@@ -29,6 +29,7 @@ from skywright.vehicle.interface import Backend, Probe, Ticked
 from skywright.vehicle.motions import Arrival
 from skywright.vehicle.recorded import Phase, RecordedVehicle
 from skywright.vehicle.results import Result
+from skywright.vehicle.setpoints import Actuators
 from skywright.vehicle.telemetry import (
     HandStates,
     JointState,
@@ -143,6 +144,11 @@ class Vehicle(Uav):
     def transforms(self) -> dict[tuple[str, str], Pose]:
         """Poses by (parent, child)."""
         return read_transforms(self.backend)
+
+    @property
+    def actuators(self) -> Actuators:
+        """Values of actuators: `vehicle.actuators["winch_speed"] = 0.2` sets one."""
+        return self.backend.actuators
 
     @property
     def battery(self) -> float:

@@ -153,13 +153,14 @@ class Arms:
     def grip(self, forces: dict[str, float]) -> None:
         """Close grippers with `forces` (N, by hand; negative: open them) until told otherwise.
 
-        Raises InputError on a hand that is no gripper, and on a force that is no number.
+        Raises InputError on a hand that is no gripper, and on a force that it cannot exert.
         """
         check_grippers(self.backend, forces)
-        row = self._start()
+        told = self.backend.actuators["grip"]
         for name, force in forces.items():
-            row["grip"][SIDES.index(name)] = check_number(f"grip of {name}", force)
-        self.backend.track(row[None])
+            told[SIDES.index(name)] = check_number(f"grip of {name}", force)
+        self.backend.actuators["grip"] = told
+        self.backend.track(self._start()[None])
 
     def bar_to(
         self, p: Array, n: Array, width: float, speed: float = LED_SPEED, force: float = 0.0

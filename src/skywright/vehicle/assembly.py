@@ -20,7 +20,7 @@ from skywright.core.find import blame
 from skywright.core.record import Record, View
 from skywright.core.streams import STREAMS, build_stream
 from skywright.errors import InputError, SimulationError
-from skywright.vehicle.bus import DRIVES, Clock, MuJoCo, Truth
+from skywright.vehicle.bus import Clock, Drive, MuJoCo, Setpoint, Truth
 from skywright.vehicle.component import Component, Context, Draws, Output, ReferenceBlock
 from skywright.vehicle.native import check_calls, compile_step
 from skywright.vehicle.ordering import order_steps
@@ -129,16 +129,14 @@ class Assembly:
                     f"{step.label}: {record.__qualname__} is filled by several components: select "
                     f"one in `ports`, {{{port.name!r}: NAME}}; valid: {', '.join(owners)}"
                 )
-        if self._is_near(step, port):
-            return record, f"{name} {NEAR}".strip()
-        return record, name
+        return record, f"{name} {NEAR}".strip() if self._is_near(step, port) else name
 
     def _is_near(self, step: Step, port: Port) -> bool:
         """Whether a port is at the end of a link where its record is filled."""
         if step.component.group == "link":
             return False
         plant = step.component.side == "plant"
-        if port.record in DRIVES:
+        if issubclass(port.record, Drive):
             return "downlink" in self._linked and not plant
         return "link" in self._linked and plant and self._goes_up(port.record)
 
@@ -170,8 +168,8 @@ class Assembly:
                 )
 
     def _is_plants(self, record: type[Record]) -> bool:
-        if record in (Truth, MuJoCo):
-            return True
+        if record in (Truth, MuJoCo) or issubclass(record, Setpoint):
+            return record in (Truth, MuJoCo)
         fillers = self._fillers.get(record, [])
         return any(s.component.side == "plant" for s in fillers) and not self._goes_up(record)
 
@@ -201,8 +199,10 @@ class Assembly:
             for port in step.ports:
                 key = None if issubclass(port.record, Draws) else self.resolve(step, port)
                 if key is not None:
-                    keys[key] = None
-                    keys[(key[0], key[1].removesuffix(NEAR).strip())] = None
+                    far = key[1].removesuffix(NEAR).strip()
+                    keys[key] = keys[key[0], far] = None
+                    if issubclass(key[0], Setpoint) and "downlink" in self._linked:
+                        keys[key[0], f"{far} {NEAR}".strip()] = None
         sizes = [-(-r.dtype.itemsize // ALIGN) * ALIGN for r, _ in keys]
         raw = np.zeros(sum(sizes) + ALIGN, np.uint8)
         first = -raw.ctypes.data % ALIGN

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Annotated, ClassVar
 
 from skywright.core.record import Array, Mat3, Record, Vec3
-from skywright.core.types import HOLD, HOLD_END, MAX_HANDS, MAX_JOINTS, MAX_ROTORS, ROTATION
+from skywright.core.types import HOLD, HOLD_END, MAX_JOINTS, MAX_ROTORS, ROTATION
 from skywright.models.body_records import Body as Body
 
 
@@ -152,23 +152,24 @@ class Allocated(Record):
     saturated: float  # 1: something had to be given up
 
 
-class RotorDrive(Record):
+class Drive(Record):
+    """What the robot's side tells the plant: it goes down a link."""
+
+
+class RotorDrive(Drive):
     """Rotor speeds as the robot is told."""
 
     speed: Annotated[Array, MAX_ROTORS]  # rad/s
 
 
-class ServoDrive(Record):
+class ServoDrive(Drive):
     """What the servos are told: speeds of motors (rad/s), their torques (N m), or angles (rad)."""
 
     motor: Annotated[Array, MAX_JOINTS]
 
 
-class GripDrive(Record):
-    """What the grippers are told."""
+class Setpoint(Drive):
+    """What a mission sets of an actuator, by the names of its columns (vehicle/setpoints.py).
 
-    force: Annotated[Array, MAX_HANDS]  # N, of each finger; negative: opening
-
-
-DRIVES = (RotorDrive, ServoDrive, GripDrive)
-"""What the robot's side tells the plant: all that goes down a link."""
+    A record of the component that acts on it; a value holds until another one is set.
+    """

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from skywright.description.robot.limbs import SIDES, list_grippers
 from skywright.errors import InputError
 from skywright.models.rigid_body import posture
-from skywright.vehicle.actuators.gripper import GripperState
+from skywright.vehicle.actuators._gripper import GripperState
 from skywright.vehicle.arguments import check_bounded, check_number, check_positive, check_vector
 from skywright.vehicle.arm_commands import ArmCommand
 from skywright.vehicle.arms.ports import ArmModel, HandForce, Hands, HandState

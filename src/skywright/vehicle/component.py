@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from skywright.models.scene import Scene
     from skywright.models.spring_bench import Springs
     from skywright.vehicle.gusts import GustModel
+    from skywright.vehicle.loops import AttitudeGains
 
 SLOTS = (
     "clear", "observe", "sense", "link", "body", "estimate", "reference", "control", "derive",
@@ -47,9 +48,9 @@ SLOTS = (
 """The parts of a control tick in order; rows of `fast` run after each physics step."""
 
 __all__ = [
-    "Component", "Context", "Draws", "Effect", "Estimator", "Fault", "InOut", "Law", "Normal",
-    "Out", "Output", "PlantContext", "Recorded", "ReferenceBlock", "Sensor", "Streamed", "Uniform",
-    "helper", "integers", "table", "words",
+    "Actuator", "Component", "Context", "Draws", "Effect", "Estimator", "Fault", "InOut", "Law",
+    "Normal", "Out", "Output", "PlantContext", "Recorded", "ReferenceBlock", "Sensor", "Streamed",
+    "Uniform", "helper", "integers", "table", "words",
 ]  # fmt: skip
 
 _T = TypeVar("_T")
@@ -104,8 +105,7 @@ class Context:
     h: float  # s, physics step
     law: str  # kind of the platform's law
     asked: frozenset[type[Record]]  # records that law, estimator and parts ask for
-    records: dict[Any, NDArray[Any]]
-    """Records of the vehicle by (class, name), (1,) arrays; the robot's side has its own only."""
+    records: dict[Any, NDArray[Any]]  # (1,) by (class, name); the robot's side has its own only
     springs: Springs  # of joints and force sensor, as believed
     named: tuple[Component, ...] = ()
     """Law, estimator and further parts, which the description names; likewise."""
@@ -189,14 +189,6 @@ class Recorded(NamedTuple):
     per: Literal["", "joint", "rotor", "hand", "object"] = ""
 
 
-class AttitudeGains(NamedTuple):
-    """A loop (k_p + k_d s + k_i / s) / (I s^2): k_p = w^2 I, k_d = 2 zeta w I, k_i = w_i k_p."""
-
-    bandwidth: float  # rad/s, w
-    damping: float  # zeta
-    integral: float  # rad/s, w_i
-
-
 class Streamed(NamedTuple):
     """Raw samples of a sensor, recorded each at its own time (vehicle/streams.py).
 
@@ -232,6 +224,8 @@ class Component:
     """What samples tell of it, where the vehicle has the records."""
     streams: ClassVar[tuple[Streamed, ...]] = ()
     """What is recorded of it at its own rate."""
+    limits: Mapping[str, tuple[float, float]] = {}
+    """Least and most of columns that a mission sets; `build` may take them from the table."""
     Table: ClassVar[type[Spec]] = Spec
 
     def __init__(self, name: str, table: Any = None) -> None:
@@ -393,6 +387,12 @@ class Effect(Component):
     """A force on the plant: adds to MuJoCo's external forces. `[world.effects.NAME]`."""
 
     group, slot, side = "effect", "effects", "plant"
+
+
+class Actuator(Component):
+    """An actuator beside rotors and servos: acts on a Setpoint. `[robot.actuators.NAME]`."""
+
+    group, slot, side = "actuator", "actuate", "plant"
 
 
 def overrides(component: Component, method: str) -> bool:

@@ -22,6 +22,7 @@ from skywright.models.rotors import RotorSet
 from skywright.vehicle.devices import Devices
 from skywright.vehicle.link_arc import LinkArc
 from skywright.vehicle.rest_to_rest import ROW_PERIOD
+from skywright.vehicle.setpoints import Actuators
 from skywright.vehicle.ticker import StepFailed
 
 Array = NDArray[np.float64]
@@ -62,6 +63,10 @@ class Backend(Protocol):
 
     def close(self) -> None:
         """End the connection to a vehicle that is not simulated here."""
+
+    @property
+    def actuators(self) -> Actuators:
+        """Values that a mission sets, by the names of their columns: vehicle/setpoints.py."""
 
     @property
     def devices(self) -> Devices:

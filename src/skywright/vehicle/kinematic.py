@@ -27,6 +27,7 @@ from skywright.vehicle.interface import R, Ticked
 from skywright.vehicle.ports import FILL
 from skywright.vehicle.readings import ImuBatch, Telemetry
 from skywright.vehicle.schedule import end_control, run_rows
+from skywright.vehicle.setpoints import Actuators
 from skywright.vehicle.simulated import SimulatedVehicle
 from skywright.vehicle.ticker import list_stretches
 
@@ -77,6 +78,11 @@ class KinematicVehicle(SimulatedVehicle):
         if record not in KEPT:
             raise InputError(f"the back end fills no {record.__name__}")
         return super().look(record, name)
+
+    @property
+    def actuators(self) -> Actuators:
+        """There are none."""
+        return Actuators({}, "none, the back end moves no actuators")
 
     @property
     def devices(self) -> Devices:

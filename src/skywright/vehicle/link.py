@@ -15,7 +15,7 @@ import numpy as np
 
 from skywright.core.record import Array, Integers, Record
 from skywright.description.world.spec import Link as LinkTable
-from skywright.vehicle.bus import DRIVES, Clock
+from skywright.vehicle.bus import Clock, Drive
 from skywright.vehicle.component import (
     Component,
     Draws,
@@ -95,8 +95,9 @@ class ControlLink(Component):
         """Lay out the packets of both directions."""
         me.delay, me.jitter, me.loss = table.delay_s, table.jitter_s, table.loss_fraction
         self._packets: list[Array] = []
-        self._lay_out(me.upward, [c for c in context.carried if c.record not in DRIVES], context)
-        self._lay_out(me.downward, [c for c in context.carried if c.record in DRIVES], context)
+        down = [c for c in context.carried if issubclass(c.record, Drive)]
+        self._lay_out(me.upward, [c for c in context.carried if c not in down], context)
+        self._lay_out(me.downward, down, context)
 
     def _lay_out(self, way: Any, carried: Any, context: Any) -> None:
         at = 0

@@ -9,7 +9,7 @@ inertia for the attitude. A bandwidth that the law's table does not tell is that
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -22,12 +22,20 @@ from skywright.description.robot.spec import Control, Robot
 from skywright.description.world.spec import World
 from skywright.models.nominal import Nominal
 from skywright.models.rotor_reaction import compute_reaction_times, limit_bandwidth
-from skywright.vehicle.component import AttitudeGains, Context, helper
+from skywright.vehicle.component import Context, helper
 
 DELAY_TICKS = 1.5
 """Control ticks from the gyroscope to the rotors: half a sample, hold, computing."""
 SLOW = 1e-3
 """m/s, desired sliding speed below which the friction feed-forward fades."""
+
+
+class AttitudeGains(NamedTuple):
+    """A loop (k_p + k_d s + k_i / s) / (I s^2): k_p = w^2 I, k_d = 2 zeta w I, k_i = w_i k_p."""
+
+    bandwidth: float  # rad/s, w
+    damping: float  # zeta
+    integral: float  # rad/s, w_i
 
 
 class PositionTable(Spec):

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints
 from skywright.core.record import Record
 from skywright.core.user_files import is_user_module
 from skywright.errors import InputError
+from skywright.vehicle.bus import Setpoint
 from skywright.vehicle.component import SLOTS, Component, Draws
 from skywright.vehicle.native import MAX_PORTS
 
@@ -115,8 +116,11 @@ def _read_ports(component: Component, function: Callable[..., None]) -> list[Por
                 f"{where}: parameter {name!r} is {kind!r}; a port is a Record, such as Estimate"
             )
         use = READ if not marks else FILL if marks[0] == "out" else CHANGE
-        if kind is getattr(type(component), "Me", None):
-            use = FILL
+        own = list_records(type(component)).values()
+        if kind is getattr(type(component), "Me", None) or (
+            issubclass(kind, Setpoint) and kind in own
+        ):
+            use = FILL  # it owns the record
         out.append(Port(name, kind, READ if issubclass(kind, Draws) else use, optional))
     if len(out) > MAX_PORTS:
         raise InputError(f"{where} has {len(out)} ports; valid: at most {MAX_PORTS}")

@@ -21,6 +21,7 @@ from skywright.vehicle.interface import Limits, R, Ticked
 from skywright.vehicle.link_arc import compute_link_arc
 from skywright.vehicle.pilot_switch import NoPilotSwitch
 from skywright.vehicle.plant import MISSION_TICK
+from skywright.vehicle.setpoints import Actuators
 
 Array = NDArray[np.float64]
 
@@ -54,6 +55,11 @@ class RecordedVehicle(NoPilotSwitch):
         self.arc = compute_link_arc(self.robot, self.model)
         self._samples, self._phases, self._i = samples, phases, 0
         self._estimate = np.zeros(1, Estimate.dtype)
+
+    @property
+    def actuators(self) -> Actuators:
+        """There are none."""
+        return Actuators({}, f"none, {self.refuses}")
 
     @property
     def devices(self) -> Devices:

@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from skywright.core.record import Record
 from skywright.core.rotations import rot_to_quat
 from skywright.recordings.columns import Column
-from skywright.vehicle.bus import Allocated, Clock, Estimate, Reference, WrenchCommand
+from skywright.vehicle.assembly import NEAR
+from skywright.vehicle.bus import Allocated, Clock, Estimate, Reference, Setpoint, WrenchCommand
 from skywright.vehicle.component import Component, Recorded, helper, integers, table, words
 from skywright.vehicle.plant import SAMPLE_RATE
+from skywright.vehicle.setpoints import Place
 
 SAMPLES = 256
 """Rows between deliveries."""
@@ -72,20 +74,26 @@ class Recorder(Component):
             "hand": len(index.hand_sites), "object": len(index.object_qpos),
         }  # fmt: skip
         self.recorded: dict[str, Recorded] = {}
+        self.setpoints: dict[str, Place] = {}
         sources: list[NDArray[Any]] = []
         fields: list[Any] = []
         others = [c for c in context.components if c is not self]
         for component in (self, *others):
             several = sum(type(c) is type(component) for c in others) > 1
             for column in component.columns:
-                own = (column.source, component.name)
-                found = context.records.get(own, context.records.get((column.source, "")))
+                key = (column.source, component.name)
+                key = key if key in context.records else (column.source, "")
+                found = context.records.get(key)
                 if found is None or column.item >= counts.get(column.per, MAX_ITEMS):
                     continue
                 name = f"{component.name}_{column.name}" if several else column.name
                 self.recorded[name] = column
                 source = find_source(found, column, counts.get(column.per))
                 sources.append(source)
+                if issubclass(column.source, Setpoint):
+                    near = context.records.get((key[0], f"{key[1]} {NEAR}".strip()), found)
+                    at = find_source(near, column, counts.get(column.per))
+                    self.setpoints[name] = Place(at, column, component)
                 shape = (4,) if column.rotation else source.shape
                 fields.append((name, source.dtype.str, shape))
         self.dtype = np.dtype(fields)

@@ -45,6 +45,7 @@ from skywright.vehicle.plant import MISSION_TICK
 from skywright.vehicle.ports import list_steps
 from skywright.vehicle.recorder import Recorder
 from skywright.vehicle.set_up import build_home_row, check_rate, fill_bus, list_offers
+from skywright.vehicle.setpoints import Actuators
 from skywright.vehicle.simulation import Simulation
 from skywright.vehicle.streams import StreamRecorder
 from skywright.vehicle.ticker import StepFailed, Ticker
@@ -303,6 +304,11 @@ class SimulatedVehicle(NoPilotSwitch):
     def read_memory(self, name: str) -> Any:
         """Return a copy of what `get_memory` gives."""
         return self.get_memory(name).copy()
+
+    @property
+    def actuators(self) -> Actuators:
+        """Values that a mission sets of actuators, by the names of their columns."""
+        return Actuators(self._recorder.setpoints)
 
     @property
     def devices(self) -> Devices:

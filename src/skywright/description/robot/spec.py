@@ -166,6 +166,10 @@ class Probe(Spec):
         return self
 
 
+class Actuators(Spec):
+    """Actuators beside rotors and servos, by name: `[robot.actuators.NAME] kind = ...`."""
+
+
 class Sensors(Spec):
     """Onboard sensors; further ones are tables in it: `[robot.sensors.NAME] kind = ...`."""
 
@@ -243,6 +247,7 @@ class Robot(Spec):
     force_sensor: ForceSensor | None = None
     docking: Docking | None = None
     sensors: Sensors = Sensors()
+    actuators: Actuators = Actuators()
     camera: Camera | None = None
     prism: Prism | None = None  # localisation by a total station: prism, camera, range finder
     tracking_camera: TrackingCamera | None = None

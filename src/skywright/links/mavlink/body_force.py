@@ -19,8 +19,13 @@ from skywright.links.px4.parameters import build_airframe
 from skywright.models.hover_tilt import compute_hover_tilt
 from skywright.models.rigid_body import posture
 from skywright.vehicle.bus import WrenchCommand
-from skywright.vehicle.component import AttitudeGains, Law
-from skywright.vehicle.loops import PositionLoop, choose_bandwidths, compute_delay_margin
+from skywright.vehicle.component import Law
+from skywright.vehicle.loops import (
+    AttitudeGains,
+    PositionLoop,
+    choose_bandwidths,
+    compute_delay_margin,
+)
 
 Array = NDArray[np.float64]
 

@@ -10,6 +10,9 @@ def fly(s: Supervisor[Waypoints], way: None) -> Flight:
         hold = s.task.points[i].hold_s if i < len(s.task.points) else 0.0
         # the plan rests until the hold ends, for who flies its rows alone
         s.follow(name, table[table["t"] <= table["t"][-1] - hold + 1e-6])
+        if i < len(s.task.points):
+            for column, value in s.task.points[i].actuators.items():
+                s.vehicle.actuators[column] = value
         if hold > 0.0:
             s.begin(f"hold {i + 1}")
             s.hold(hold)

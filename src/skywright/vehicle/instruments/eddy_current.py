@@ -7,10 +7,8 @@ from collections.abc import Iterable
 from typing import Annotated, Any
 
 import numpy as np
-from numba import carray
 
 from skywright.core.compiled import helper
-from skywright.core.pointers import as_pointer
 from skywright.core.record import Array, Integers, Record
 from skywright.models.eddy_current import (
     Instrument,
@@ -19,7 +17,16 @@ from skywright.models.eddy_current import (
     ec_signal,
 )
 from skywright.vehicle.bus import Clock
-from skywright.vehicle.component import Component, InOut, Normal, Out, Output, Recorded, words
+from skywright.vehicle.component import (
+    Component,
+    InOut,
+    Normal,
+    Out,
+    Output,
+    Recorded,
+    table,
+    words,
+)
 from skywright.vehicle.guard import CONTACT_LOST, CONTACT_MADE
 from skywright.vehicle.plant import SAMPLE_RATE, Surface
 
@@ -33,11 +40,11 @@ class EddyProbe(Component):
     slot, side = "derive", "plant"
 
     class Me(Record):
-        tables: int  # address of complex (tilt, gap, welds * blend)
-        d_log_mu: int  # address of complex (tilt, gap)
+        tables: int  # address of complex (tilt * gap, welds * blend)
+        d_log_mu: int  # address of complex (tilt * gap,)
         texture: int  # address of (3, modes): ks, kc, phase
         welds: int  # address of (welds, 4)
-        n: Annotated[Integers, 5]  # tilts, gaps, blends, modes, welds
+        n: Annotated[Integers, 4]  # tilts * gaps, welds * blends, modes, welds
         numbers: Annotated[Array, 5]  # the rest of ProbeSignal, in its order
         null: Annotated[Array, 2]  # what it shows in contact, as its user believes
         lift_axis: Annotated[Array, 2]  # direction contact -> air on the display, likewise
@@ -98,12 +105,12 @@ class EddyProbe(Component):
 @helper
 def open_signal(me: Any) -> ProbeSignal:
     """Return views on what `ec_signal` needs."""
-    q, modes = me.numbers, me.n[3]
+    q, modes = me.numbers, me.n[2]
     return ProbeSignal(
-        carray(as_pointer(me.tables), (me.n[0], me.n[1], me.n[2]), np.complex128),
-        carray(as_pointer(me.d_log_mu), (me.n[0], me.n[1]), np.complex128),
+        table(me.tables, me.n[0], 2 * me.n[1]).view(np.complex128),
+        words(me.d_log_mu, 2 * me.n[0]).view(np.complex128),
         q[0],
-        carray(as_pointer(me.welds), (me.n[4], 4), np.float64),
+        table(me.welds, me.n[3], 4),
         q[1], q[2],
         words(me.texture, modes),
         words(me.texture + 8 * modes, modes),

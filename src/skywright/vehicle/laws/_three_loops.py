@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from skywright.description.robot.spec import Robot
-from skywright.vehicle.component import AttitudeGains, Law
+from skywright.vehicle.component import Law
 from skywright.vehicle.loops import (
     ArmLoop,
+    AttitudeGains,
     AttitudeLoop,
     LoopsTable,
     PositionLoop,

@@ -36,7 +36,7 @@ from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 from skywright.vehicle.bus import Allocated, Body, Estimate, Reference, WrenchCommand
-from skywright.vehicle.component import AttitudeGains, Law, Out, helper
+from skywright.vehicle.component import Law, Out, helper
 from skywright.vehicle.follower import Press
 from skywright.vehicle.laws._standard_mode import (
     StandardLoop,
@@ -48,6 +48,7 @@ from skywright.vehicle.laws._tip_motion import fill_tip_rows, invert_tip, slow_a
 from skywright.vehicle.loops import (
     SLOW,
     ArmLoop,
+    AttitudeGains,
     LoopsTable,
     arm_velocity,
     choose_bandwidths,

@@ -6,10 +6,8 @@ import math
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numba import carray
 from pydantic import Field
 
-from skywright.core.pointers import as_pointer
 from skywright.core.record import Array, Integers, Mat3, Record
 from skywright.core.spec import Fraction, NonNegative, Spec
 from skywright.description.world.surface import weld_distance
@@ -20,7 +18,16 @@ from skywright.models.eddy_current import Coil, Instrument, build_probe_signal, 
 from skywright.models.things.crack import Crack
 from skywright.models.things.wall import Wall, build_wall_field
 from skywright.vehicle.bus import Clock, Truth
-from skywright.vehicle.component import Normal, Out, Output, Recorded, Sensor, helper, words
+from skywright.vehicle.component import (
+    Normal,
+    Out,
+    Output,
+    Recorded,
+    Sensor,
+    helper,
+    table,
+    words,
+)
 from skywright.vehicle.instruments.eddy_current import open_signal
 from skywright.vehicle.plant import SAMPLE_RATE, Surface
 
@@ -70,11 +77,11 @@ class EddyArray(Sensor):
             return Instrument(frequency=1e3 * self.frequency_khz, noise=self.noise)
 
     class Me(Record):
-        tables: int  # address of complex (tilt, gap, welds * blend), as of the pen probe
+        tables: int  # address of complex (tilt * gap, welds * blend), as of the pen probe
         d_log_mu: int
         texture: int
         welds: int
-        n: Annotated[Integers, 5]
+        n: Annotated[Integers, 4]
         numbers: Annotated[Array, 5]
         R_WP: Mat3
         count: int  # coils
@@ -228,9 +235,8 @@ class EddyArray(Sensor):
                 other = read_coil(me, s - half * sb, c - half * cb, gap, surface.tilt)
                 z_re, z_im = z_re - other[0], z_im - other[1]
             z_re, z_im = z_re + noise.z[2 * k], z_im + noise.z[2 * k + 1]
-            turned = (g_re * z_re - g_im * z_im, g_re * z_im + g_im * z_re)
-            for a in range(2):
-                out.z[2 * k + a] = filter_sample(me, 4 * k + 2 * a, turned[a])
+            out.z[2 * k] = filter_sample(me, 4 * k, g_re * z_re - g_im * z_im)
+            out.z[2 * k + 1] = filter_sample(me, 4 * k + 2, g_re * z_im + g_im * z_re)
         me.started = 1
 
 
@@ -258,9 +264,9 @@ def read_coil(me: Any, s: float, c: float, gap: float, tilt: float) -> tuple[flo
         if abs(s - row[0]) <= row[2] and abs(c - row[1]) <= row[3] and row[5] >= 0.0:
             paint = row[5]
     gap += paint
-    welds = carray(as_pointer(me.welds), (me.n[4], 4), np.float64)
+    welds = table(me.welds, me.n[3], 4)
     cap = words(me.cap, me.n_cap)
-    for i in range(me.n[4]):
+    for i in range(me.n[3]):
         d = abs(weld_distance(welds[i, 0], welds[i, 1], welds[i, 2], me.numbers[1], s, c)) / STEP
         j = int(min(d, 1e6))
         if j < me.n_cap - 1:
@@ -289,7 +295,7 @@ def interpolate(me: Any, start: int, nx: int, ny: int, gap: float, x: float, y: 
     g = 0
     while gap >= gaps[g + 1]:
         g += 1
-    data = carray(as_pointer(me.signals), (start + me.n_gaps * nx * ny,), np.complex128)
+    data = words(me.signals, 2 * (start + me.n_gaps * nx * ny)).view(np.complex128)
     w, i, j = (gap - gaps[g]) / (gaps[g + 1] - gaps[g]), int(x), int(y)
     z = 0.0j
     for a in range(2):

@@ -7,19 +7,11 @@ from collections.abc import Iterable
 from typing import Annotated, Any, ClassVar
 
 from skywright.core.record import Array, Integers, Record
-from skywright.core.types import HOLD, MAX_HANDS
+from skywright.core.types import MAX_HANDS
 from skywright.description.robot.limbs import list_grippers
 from skywright.models.gripper_body import find_grippers
-from skywright.vehicle.bus import GripDrive, MuJoCo
-from skywright.vehicle.component import Component, Out, Output, Recorded, ReferenceBlock, words
-
-
-class Grip(ReferenceBlock):
-    """What grippers shall do; rows of a plan that tell nothing leave them as they are."""
-
-    rules: ClassVar[dict[str, int]] = {"grip": HOLD}
-
-    grip: Annotated[Array, MAX_HANDS]  # N, of each finger; negative: opening; 0: as told before
+from skywright.vehicle.bus import MuJoCo, Setpoint
+from skywright.vehicle.component import Component, Out, Output, Recorded, words
 
 
 class GripperState(Output):
@@ -28,36 +20,8 @@ class GripperState(Output):
     opening: Annotated[Array, MAX_HANDS]  # m, between the fingers
 
 
-class GripperDrive(Component):
-    """Tells the motors what was last commanded, within what they can; at first they open."""
-
-    slot = "allocate"
-
-    class Me(Record):
-        most: float  # N
-
-    @classmethod
-    def wanted(cls, context: Any) -> Iterable[Component]:
-        """Robots with a gripper have one."""
-        if list_grippers(context.robot):
-            yield cls("grip")
-
-    def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the force; the motors begin by opening."""
-        me.most = context.robot.arm.hand.grip_force_n
-        for (record, _), view in context.records.items():
-            if record is GripDrive:
-                view["force"] = -me.most
-
-    @staticmethod
-    def step(me: Me, ref: Grip, drive: Out[GripDrive]) -> None:
-        for h in range(MAX_HANDS):
-            if ref.grip[h] != 0.0:
-                drive.force[h] = min(max(ref.grip[h], -me.most), me.most)
-
-
 class GripperMotors(Component):
-    """Writes MuJoCo's controls of the motors, and measures the opening.
+    """Writes MuJoCo's controls of the motors, and measures the opening; at first they open.
 
     The pad of a finger that turns by the angle a from the parallel presses with the motor's torque
     over length_m cos(a); the drive makes up for the cosine, by its encoder.
@@ -74,10 +38,15 @@ class GripperMotors(Component):
         length: float  # m, of a finger that turns; 0: slides
         angle: float  # rad, of an open finger
 
+    class Grip(Setpoint):
+        """What the motors are told."""
+
+        force: Annotated[Array, MAX_HANDS]  # N, of each finger; negative: opening
+
     columns = (
         Recorded("opening", GripperState, "opening", "m", "between a gripper's fingers",
                  per="hand"),
-        Recorded("grip", GripDrive, "force", "N", "command to a gripper's motor", per="hand"),
+        Recorded("grip", Grip, "force", "N", "command to a gripper's motor", per="hand"),
     )  # fmt: skip
 
     @classmethod
@@ -96,6 +65,11 @@ class GripperMotors(Component):
         me.control[:] = -1
         for h, (motor, fingers) in find_grippers(scene.model, me.n).items():
             me.control[h], me.fingers[h] = motor, fingers
+        most = context.robot.arm.hand.grip_force_n
+        self.limits = {"grip": (-most, most)}
+        for (record, _), view in context.records.items():  # at both ends of a link
+            if record is self.Grip:
+                view["force"] = -most
 
     @staticmethod
     def measure(me: Me, mj: MuJoCo, out: Out[GripperState]) -> None:
@@ -110,11 +84,11 @@ class GripperMotors(Component):
                     out.opening[h] = me.open - closed
 
     @staticmethod
-    def move(me: Me, drive: GripDrive, mj: MuJoCo) -> None:
+    def move(me: Me, grip: Grip, mj: MuJoCo) -> None:
         ctrl, qpos = words(mj.ctrl, mj.nu), words(mj.qpos, mj.nq)
         for h in range(me.n):
             if me.control[h] >= 0:
-                ctrl[me.control[h]] = drive.force[h]
+                ctrl[me.control[h]] = grip.force[h]
                 if me.length > 0.0:
                     closed = qpos[me.fingers[h, 0]] + qpos[me.fingers[h, 1]]
                     ctrl[me.control[h]] *= math.cos(me.angle - 0.5 * closed)

@@ -1,0 +1,174 @@
+"""Actuators of a user's file: what a mission sets reaches the compiled step, by name."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import skywright
+from skywright.description.loader import load_description
+from skywright.description.template import write_template
+from skywright.errors import InputError
+from skywright.run.run import fly_and_evaluate
+from skywright.vehicle.simulated import SimulatedVehicle
+
+PAGE = Path(__file__).parent.parent / "docs" / "howto" / "your-own-actuator.md"
+MOST_LINES = 40
+Build = Callable[..., SimulatedVehicle]
+
+
+@pytest.fixture(scope="module")
+def build(tmp_path_factory: pytest.TempPathFactory) -> Build:
+    """Build a hexarotor with the nozzles of the page's example, by their names."""
+    code = re.findall(r"^```python\n(.*?)^```", PAGE.read_text("utf-8"), re.M | re.S)[0]
+    assert sum(bool(line.strip()) for line in code.splitlines()) <= MOST_LINES
+    file = tmp_path_factory.mktemp("own") / "my_nozzle.py"
+    file.write_text(code)
+
+    def build_with(*names: str, **sets: object) -> SimulatedVehicle:
+        kinds = {f"robot.actuators.{name}.kind": f"{file}:Nozzle" for name in names}
+        more = {key.replace("__", "."): value for key, value in sets.items()}
+        return skywright.build_vehicle(
+            skywright.load("waypoints", robot="hexarotor", sets=kinds | more)
+        )
+
+    return build_with
+
+
+@pytest.fixture(scope="module")
+def vehicle(build: Build) -> SimulatedVehicle:
+    return build("nozzle")
+
+
+def tick(vehicle: SimulatedVehicle, seconds: float) -> None:
+    for _ in range(round(seconds / 0.02)):
+        vehicle.tick()
+
+
+def test_what_is_set_reaches_the_step_and_the_recording(vehicle: SimulatedVehicle) -> None:
+    """Momentum and mass: recoil rho Q^2 / A for 1.2 l/min through 2 mm; the tank loses Q t."""
+    start = vehicle.save()
+    tick(vehicle, 0.1)
+    assert vehicle.last_sample["spray_left"][0] == 1.0
+    vehicle.actuators["spray_flow"] = 1.2
+    tick(vehicle, 2.0)
+    sample = vehicle.last_sample
+    assert sample["spray_flow"][0] == 1.2 == vehicle.actuators["spray_flow"]
+    assert sample["spray_left"][0] == pytest.approx(1.0 - 1.2 * 2.0 / 60.0, abs=1e-3)
+    area = math.pi * 0.001**2
+    assert sample["spray_recoil"][0] == pytest.approx(1000.0 * 2e-5**2 / area, rel=1e-3)
+    column = next(c for c in vehicle.recorded.columns if c.name == "spray_flow")
+    assert (column.unit, column.meaning) == ("l/min", "as told")
+    sprayed = vehicle.save()
+    vehicle.restore(start)
+    assert vehicle.actuators["spray_flow"] == 0.0
+    vehicle.restore(sprayed)
+    assert vehicle.actuators["spray_flow"] == 1.2
+
+
+def test_an_empty_tank_pushes_nothing(build: Build) -> None:
+    vehicle = build("nozzle", robot__actuators__nozzle__tank_l=0.01)
+    vehicle.actuators["spray_flow"] = 2.0
+    tick(vehicle, 0.5)
+    assert vehicle.last_sample["spray_left"][0] == pytest.approx(0.0, abs=1e-12)
+    assert vehicle.last_sample["spray_recoil"][0] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "says"),
+    [
+        ("spray_flwo", 1.0, "actuator 'spray_flwo' is unknown; valid: spray_flow"),
+        ("spray_left", 1.0, "actuator 'spray_left' is unknown; valid: spray_flow"),
+        ("spray_flow", math.nan, "spray_flow = nan; valid: a finite number"),
+        ("spray_flow", "much", "spray_flow = 'much'; valid: a finite number"),
+        ("spray_flow", [1.0, 1.0], "spray_flow = [1.0, 1.0]; valid: a finite number"),
+        ("spray_flow", -0.1, "spray_flow = -0.1 l/min; valid: 0 to 2"),
+        ("spray_flow", 2.1, "spray_flow = 2.1 l/min; valid: 0 to 2"),
+    ],
+)
+def test_wrong_values_are_refused_and_change_nothing(
+    vehicle: SimulatedVehicle, name: str, value: object, says: str
+) -> None:
+    before = float(vehicle.actuators["spray_flow"])
+    with pytest.raises(InputError) as caught:
+        vehicle.actuators[name] = value  # type: ignore[assignment]
+    assert str(caught.value) == says
+    assert vehicle.actuators["spray_flow"] == before
+
+
+def test_a_link_delays_what_is_set(build: Build) -> None:
+    vehicle = build("nozzle", world__link__delay_s=0.2)
+    tick(vehicle, 0.5)
+    vehicle.actuators["spray_flow"] = 1.0
+    tick(vehicle, 0.16)
+    assert vehicle.last_sample["spray_flow"][0] == 0.0  # what the plant has been told
+    assert vehicle.actuators["spray_flow"] == 1.0
+    tick(vehicle, 0.1)
+    assert vehicle.last_sample["spray_flow"][0] == 1.0
+
+
+def test_two_of_a_class_are_set_by_their_names(build: Build) -> None:
+    vehicle = build("left", "right")
+    assert list(vehicle.actuators) == ["left_spray_flow", "right_spray_flow"]
+    vehicle.actuators["right_spray_flow"] = 1.5
+    tick(vehicle, 1.0)
+    sample = vehicle.last_sample
+    assert sample["left_spray_left"][0] == 1.0
+    assert sample["right_spray_left"][0] == pytest.approx(1.0 - 1.5 / 60.0, abs=1e-3)
+
+
+def test_a_back_end_without_physics_moves_none() -> None:
+    vehicle = skywright.fly("hexarotor", backend="kinematic")
+    with pytest.raises(InputError, match="valid: none, the back end moves no actuators"):
+        vehicle.actuators["spray_flow"] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("mine_goal = 1.0", "mine_gaol = 1.0", "actuators: actuator 'mine_gaol' is unknown"),
+        ("mine_goal = 1.0", "mine_goal = 3.0", "actuators: mine_goal = 3.0 m; valid: 0 to 2"),
+    ],
+)
+def test_a_mission_that_sets_what_there_is_not_is_refused_before_take_off(
+    tmp_path: Path, old: str, new: str, says: str
+) -> None:
+    write_template("actuator", tmp_path / "mine")
+    file = tmp_path / "mine" / "mission.toml"
+    file.write_text(file.read_text().replace(old, new))
+    with pytest.raises(InputError, match=re.escape(f"mission.task.points.0.{says}")):
+        fly_and_evaluate(load_description(file))
+
+
+def test_arrays_are_set_as_a_whole(tmp_path: Path) -> None:
+    """A setpoint with an array: shape and every number are checked."""
+    file = tmp_path / "cups.py"
+    file.write_text(
+        "from typing import Annotated\n"
+        "from skywright.core.record import Array\n"
+        "from skywright.vehicle.bus import Setpoint\n"
+        "from skywright.vehicle.component import Actuator, Out, Output, Recorded\n"
+        "class Cups(Actuator):\n"
+        "    class Told(Setpoint):\n        vacuum: Annotated[Array, 3]\n"
+        "    class Seen(Output):\n        total: float\n"
+        "    limits = {'vacuum': (0.0, 60.0)}\n"
+        "    columns = (Recorded('vacuum', Told, 'vacuum', 'kPa', ''),\n"
+        "               Recorded('total', Seen, 'total', 'kPa', ''))\n"
+        "    @staticmethod\n"
+        "    def step(told: Told, out: Out[Seen]) -> None:\n"
+        "        out.total = told.vacuum[0] + told.vacuum[1] + told.vacuum[2]\n"
+    )
+    sets = {"robot.actuators.cups.kind": f"{file}:Cups"}
+    vehicle = skywright.build_vehicle(skywright.load("waypoints", robot="hexarotor", sets=sets))
+    vehicle.actuators["vacuum"] = [10.0, 20.0, 30.0]
+    tick(vehicle, 0.1)
+    assert vehicle.last_sample["total"][0] == 60.0
+    np.testing.assert_array_equal(vehicle.last_sample["vacuum"][0], [10.0, 20.0, 30.0])
+    for wrong in ([1.0, 2.0], 1.0, [1.0, 2.0, math.inf], [1.0, 2.0, 61.0]):
+        with pytest.raises(InputError, match="vacuum = "):
+            vehicle.actuators["vacuum"] = wrong
