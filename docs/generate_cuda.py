@@ -21,9 +21,9 @@ def build_table() -> str:
     steps, major = found["steps"], found["architecture"]
     good = [s for s in steps if not s["why"]]
     lines = [
-        f"Of {len(steps)} steps of the {len(found['missions'])} built-in missions, {len(good)} "
-        f"compile for compute capability {major[0]}.{major[1]} (numba-cuda {found['numba_cuda']}); "
-        "the estimator `observer` is among them. A step that several missions have is listed once:",
+        f"Of {len(steps)} steps of all built-in missions, laws and estimators, {len(good)} compile "
+        f"for compute capability {major[0]}.{major[1]} (numba-cuda {found['numba_cuda']}). A step "
+        "that several missions have is listed once:",
         "",
         "| mission | step | slot | PTX (kB) | registers | stack (bytes) | spilled (bytes) |",
         "|---|---|---|---|---|---|---|",

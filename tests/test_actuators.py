@@ -145,6 +145,15 @@ def test_a_mission_that_sets_what_there_is_not_is_refused_before_take_off(
         fly_and_evaluate(load_description(file))
 
 
+def test_a_column_of_a_name_that_exists_is_refused(tmp_path: Path) -> None:
+    code = re.findall(r"^```python\n(.*?)^```", PAGE.read_text("utf-8"), re.M | re.S)[0]
+    (tmp_path / "own.py").write_text(code.replace('"spray_flow"', '"ref_q"'))
+    sets = {"robot.actuators.nozzle.kind": f"{tmp_path / 'own.py'}:Nozzle"}
+    d = skywright.load("waypoints", robot="hexarotor", sets=sets)
+    with pytest.raises(InputError, match="'recorder' and 'nozzle' have a column of the same name"):
+        skywright.build_vehicle(d)
+
+
 def test_arrays_are_set_as_a_whole(tmp_path: Path) -> None:
     """A setpoint with an array: shape and every number are checked."""
     file = tmp_path / "cups.py"

@@ -28,6 +28,7 @@ from numba import from_dtype, types
 
 from skywright.core import scratch
 from skywright.core.compiled import Helper, HelperType, integers, table, words
+from skywright.core.find import list_kinds
 from skywright.description.loader import list_missions, load_description
 from skywright.errors import InputError
 from skywright.run.backends import build_vehicle
@@ -37,8 +38,13 @@ from skywright.vehicle.ports import Step
 
 ARCHITECTURE = (9, 0)
 """Compute capability that is compiled for."""
-OBSERVED = ("pipe-weld-scan", ("mission.estimator=observer",))
-"""A flight with the estimator that no built-in mission names."""
+Flown = tuple[str, str | None, str]
+"""A mission, the robot that flies it (None: its own), and a value that is set ("": none)."""
+ROBOTS = {
+    "direct_force": ("bridge-contact", None),
+    "backstepping_torque": ("bridge-contact", "f550-bridge-torque"),
+}
+"""Laws that ask for more than any robot has."""
 
 
 class Compiled(NamedTuple):
@@ -219,11 +225,26 @@ def _shorten(error: Exception) -> str:
     return " ".join(told[-2:])[:300] or type(error).__name__
 
 
-def compile_all(flights: Sequence[tuple[str, tuple[str, ...]]], only: list[str]) -> list[Compiled]:
+def list_flights() -> list[Flown]:
+    """Return all built-in missions, and way-points with every law and estimator."""
+    missions: list[Flown] = [(entry.name, None, "") for entry in list_missions()]
+    laws: list[Flown] = [
+        (*ROBOTS.get(law, ("waypoints", "othex")), f"mission.law={law}")
+        for law in list_kinds("law")
+    ]
+    estimators: list[Flown] = [
+        ("pipe-weld-scan", None, f"mission.estimator={kind}")
+        for kind in list_kinds("estimator")
+        if kind != "station_camera"  # that of a total station, which the filter takes there
+    ]
+    return missions + laws + estimators
+
+
+def compile_all(flights: Sequence[Flown], only: list[str]) -> list[Compiled]:
     """Compile the steps of missions' vehicles whose label contains one of `only` (all: empty)."""
     vehicles = [  # compiled for the processor before numba-cuda is told what steps use
-        (mission, build_vehicle(load_description(mission, sets=list(sets))))
-        for mission, sets in flights
+        (mission, build_vehicle(load_description(mission, robot, sets=[value] if value else [])))
+        for mission, robot, value in flights
     ]
     prepare()
     steps: dict[str, tuple[str, Assembly, Step]] = {}
@@ -246,8 +267,7 @@ def main() -> None:
     p.add_argument("--out", type=Path, help="JSON")
     asked = p.parse_args()
     try:
-        missions = asked.mission or [entry.name for entry in list_missions()]
-        flights = [(mission, ()) for mission in missions] + [OBSERVED] * (not asked.mission)
+        flights = [(mission, None, "") for mission in asked.mission] or list_flights()
         found = compile_all(flights, asked.only)
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -263,7 +283,7 @@ def main() -> None:
     if asked.out is not None:
         told_ = {
             "architecture": list(ARCHITECTURE), "numba_cuda": version("numba-cuda"),
-            "missions": missions,
+            "flights": [" ".join(filter(None, flight)) for flight in flights],
             "steps": [one._asdict() for one in found],
         }  # fmt: skip
         asked.out.write_text(json.dumps(told_, indent=1) + "\n", encoding="utf-8")

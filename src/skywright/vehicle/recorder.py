@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from skywright.core.record import Record
 from skywright.core.rotations import rot_to_quat
+from skywright.errors import InputError
 from skywright.recordings.columns import Column
 from skywright.vehicle.assembly import NEAR
 from skywright.vehicle.bus import Allocated, Clock, Estimate, Reference, Setpoint, WrenchCommand
@@ -77,6 +78,7 @@ class Recorder(Component):
         self.setpoints: dict[str, Place] = {}
         sources: list[NDArray[Any]] = []
         fields: list[Any] = []
+        owners: dict[str, str] = {}
         others = [c for c in context.components if c is not self]
         for component in (self, *others):
             several = sum(type(c) is type(component) for c in others) > 1
@@ -87,13 +89,20 @@ class Recorder(Component):
                 if found is None or column.item >= counts.get(column.per, MAX_ITEMS):
                     continue
                 name = f"{component.name}_{column.name}" if several else column.name
+                if name in owners:
+                    raise InputError(
+                        f"components {owners[name]!r} and {component.name!r} have a column of the "
+                        f"same name {name!r}: rename one"
+                    )
+                owners[name] = component.name
                 self.recorded[name] = column
-                source = find_source(found, column, counts.get(column.per))
-                sources.append(source)
                 if issubclass(column.source, Setpoint):
                     near = context.records.get((key[0], f"{key[1]} {NEAR}".strip()), found)
                     at = find_source(near, column, counts.get(column.per))
                     self.setpoints[name] = Place(at, column, component)
+                    found = near if component.side == "robot" else found
+                source = find_source(found, column, counts.get(column.per))
+                sources.append(source)
                 shape = (4,) if column.rotation else source.shape
                 fields.append((name, source.dtype.str, shape))
         self.dtype = np.dtype(fields)
