@@ -10,7 +10,13 @@ from scipy.optimize import least_squares
 from skywright.core.arrays import Array
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
-from skywright.models.rigid_body import build_body_model, compute_body, compute_tip, posture
+from skywright.models.rigid_body import (
+    build_body_model,
+    compute_body,
+    compute_tip,
+    compute_tips,
+    posture,
+)
 from skywright.models.rotors import build_rotors
 from skywright.models.statics import build_layout, compute_ray, wrench_at
 from skywright.models.wind import DragBody, compute_drag
@@ -75,12 +81,14 @@ def find_free_stance(robot: Robot, facing: str) -> ContactStance:
         np.linspace(model[0]["q_min"][j] + margin, model[0]["q_max"][j] - margin, GRID)
         for j in range(n)
     ]
-    found: list[tuple[float, ContactStance]] = []
-    for q in np.array(np.meshgrid(*grids)).reshape(n, -1).T:
-        tip, R = compute_tip(model, q)
-        lean = math.acos(min(max(float(R[:, 2] @ toward), -1.0), 1.0))
-        if lean <= LEAN_MAX:
-            found.append((float(tip @ toward), ContactStance(q, tip, np.array(R[:, 2]), lean)))
+    postures = np.array(np.meshgrid(*grids)).reshape(n, -1).T
+    tips, R = compute_tips(model, postures)
+    axes = R[:, :, 2]
+    leans = np.arccos(np.clip(axes @ toward, -1.0, 1.0))
+    found = [
+        (float(tips[i] @ toward), ContactStance(postures[i], tips[i], axes[i], float(leans[i])))
+        for i in np.flatnonzero(leans <= LEAN_MAX)
+    ]
     if not found:
         raise InputError(f"the arm of {robot.name!r} cannot point its probe {facing}wards")
     farthest = max(reach for reach, _ in found)

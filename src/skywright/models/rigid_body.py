@@ -347,12 +347,33 @@ def compute_kinematics(model: NDArray[Any], q: Array) -> Any:
     """Return a Kinematics record, hands included, at joints `q` (n,), n at most MAX_JOINTS."""
     k, full = np.zeros(1, Kinematics.dtype), np.zeros(MAX_JOINTS)
     full[: len(q)] = q
-    fill_kinematics(model[0], full, k[0])
-    fill_hands(model[0], k[0])
+    _fill_all(model[0], full, k[0])
     return k[0]
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_all(m: BodyModel, q: Array, k: Kinematics) -> None:
+    fill_kinematics(m, q, k)  # one call: finding the types of the arguments takes longer
+    fill_hands(m, k)
 
 
 def compute_tip(model: NDArray[Any], q: Array) -> tuple[Array, Array]:
     """Return (p_BT (3,) m, R_BT (3, 3)) at joints `q`."""
     k = compute_kinematics(model, q)
     return k["p_BT"].copy(), k["R_BT"].copy()
+
+
+def compute_tips(model: NDArray[Any], q: Array) -> tuple[Array, Array]:
+    """Return (p_BT (m, 3) m, R_BT (m, 3, 3)) at each row of `q` (m, n)."""
+    p_BT, R_BT = np.empty((len(q), 3)), np.empty((len(q), 3, 3))
+    full = np.zeros((len(q), MAX_JOINTS))
+    full[:, : q.shape[1]] = q
+    _fill_tips(model[0], full, np.zeros(1, Kinematics.dtype)[0], p_BT, R_BT)
+    return p_BT, R_BT
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_tips(m: BodyModel, q: Array, k: Kinematics, p_BT: Array, R_BT: Array) -> None:
+    for i in range(len(q)):
+        fill_kinematics(m, q[i], k)
+        p_BT[i], R_BT[i] = k.p_BT, k.R_BT
