@@ -6,6 +6,11 @@
 set -eu
 venv=${1:-.venv}
 lock=${2:-requirements.lock}
+set --  # options of the installer
+# A flight compiles the modules that it imports by itself; all packages take 20 s, which a newcomer
+# who waits for the first flight is spared.
+compile=yes
+[ "$lock" = requirements-run.lock ] && compile=no
 in_range='import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 14))'
 
 fail() {
@@ -21,8 +26,8 @@ fi
 if command -v uv >/dev/null 2>&1; then
     [ -e "$venv" ] || uv venv --quiet --python '>=3.11,<3.14' "$venv" ||
         fail "uv found no Python 3.11 to 3.13: run 'uv python install 3.12', then make again"
-    uv pip install --quiet --compile-bytecode --python "$venv/bin/python" --require-hashes \
-        -r "$lock"
+    [ $compile = no ] || set -- --compile-bytecode
+    uv pip install --quiet "$@" --python "$venv/bin/python" --require-hashes -r "$lock"
     uv pip install --quiet --python "$venv/bin/python" --no-deps --no-build-isolation -e .
     exit 0
 fi
@@ -44,7 +49,8 @@ if [ ! -e "$venv" ]; then
         fail "'$python -m venv' failed: install python3-venv (Debian, Ubuntu) or uv, then make again"
     fi
 fi
-"$venv/bin/python" -m pip install --quiet --disable-pip-version-check --require-hashes \
+[ $compile = yes ] || set -- --no-compile
+"$venv/bin/python" -m pip install --quiet --disable-pip-version-check "$@" --require-hashes \
     -r "$lock"
 "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps \
     --no-build-isolation -e .
