@@ -38,18 +38,19 @@ def test_kept_parts_are_used_and_stale_ones_are_not(
     job, ran = Job("paper", SUCCESS), []
     real = jobs.run_job
 
-    def counted(one: Job, effort: Effort):
-        ran.append(one)
-        return real(one, effort)
+    def counted(job: Job, effort: Effort):
+        ran.append(job)
+        return real(job, effort)
 
     monkeypatch.setattr(jobs, "run_job", counted)
-    first = run_jobs([job], EFFORT, keep=tmp_path)
-    assert run_jobs([job], EFFORT, keep=tmp_path) == first and len(ran) == 1
-    run_jobs([job], EFFORT._replace(success_seeds=1), keep=tmp_path)
+    one = EFFORT._replace(success_seeds=1)
+    first = run_jobs([job], one, keep=tmp_path)
+    assert run_jobs([job], one, keep=tmp_path) == first and len(ran) == 1
+    run_jobs([job], one._replace(star_s=0.2), keep=tmp_path)
     assert len(ran) == 2
     (kept,) = tmp_path.glob("*.json")
     kept.write_text("{", encoding="utf-8")
-    run_jobs([job], EFFORT, keep=tmp_path)
+    run_jobs([job], one, keep=tmp_path)
     assert len(ran) == 3 and json.loads(kept.read_text(encoding="utf-8"))["found"]
 
 
