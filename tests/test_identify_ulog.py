@@ -118,19 +118,19 @@ def test_topics_of_older_px4(made: FlightLog, tmp_path: Path) -> None:
     reason to call them unlogged, and the page says which part was used."""
     topics = ulog_topics(made)
     age(topics, made)
-    idle = np.arange(0.0, 120.0, 0.01)
+    idle = np.arange(0.0, 60.0, 0.01)
     for fields in topics.values():
         for name, x in fields.items():
             still = 1120.0 if name.startswith("output") else x[0] if "q[" in name else 0.0
             still = -GRAVITY if name == "accelerometer_m_s2[2]" else still
             ground = idle + 12.5 if name == "timestamp" else np.full(len(idle), still)
-            fields[name] = np.concatenate([ground, x + (120.0 if name == "timestamp" else 0.0)])
+            fields[name] = np.concatenate([ground, x + (60.0 if name == "timestamp" else 0.0)])
     path = write_ulog(tmp_path / "flight.ulg", topics, {"PWM_MIN": 1075, "PWM_MAX": 1950})
     log = load_log(path, ROBOT)
     assert 0.95 * 50 < 0.01 * log.free.sum() < 1.02 * 50
     result = identify([path], ROBOT, MASS)
-    assert result.parts[0].start_s == pytest.approx(120, abs=0.5)
-    assert any("used: " in note and "120" in note for note in result.notes)
+    assert result.parts[0].start_s == pytest.approx(60, abs=0.5)
+    assert any("used: " in note and "60" in note for note in result.notes)
     assert any("actuator_outputs" in note for note in result.notes)
     found = {e.parameter.name: e for e in result.fit.estimates}
     for axis, value in zip(("xx", "yy", "zz"), INERTIA[:3], strict=True):

@@ -44,6 +44,11 @@ def found(demo: Path) -> dict:
     return json.loads((demo / "locate.json").read_text())
 
 
+@pytest.fixture(scope="module")
+def plain(demo):
+    return locate([str(demo / "station.csv"), str(demo / "camera.txt")])
+
+
 def test_demo_finds_what_was_simulated(found):
     assert found["time_offset_s"] == pytest.approx(-STATION_CLOCK, abs=0.012)
     assert found["frame"]["scale"] == pytest.approx(1 / 0.95, rel=0.01)
@@ -84,17 +89,16 @@ def test_json_prints_one_object_and_writes_only_where_asked(demo, tmp_path, monk
     assert swapped == printed
 
 
-def test_the_prism_s_place_gives_the_camera_s(demo):
+def test_the_prism_s_place_gives_the_camera_s(demo, plain):
     out = locate([str(demo / "station.csv"), str(demo / "camera.txt")], prism="0.05,0,0.12")
     assert out.point == "camera"
-    plain = locate([str(demo / "station.csv"), str(demo / "camera.txt")])
     at = interpolate_position(out.trajectory, plain.trajectory.t, 1.0)
     apart = np.linalg.norm(at - plain.trajectory.p, axis=1)
     apart = apart[np.isfinite(apart)]
     assert np.median(apart) == pytest.approx(math.hypot(0.05, 0.12), abs=0.02)
 
 
-def test_the_time_consistent_frame_moves_the_result(demo, tmp_path):
+def test_the_time_consistent_frame_moves_the_result(demo, plain, tmp_path):
     known = {"A": (10.0, 0.0, 0.0), "B": (0.0, 12.0, 1.0), "C": (-9.0, -3.0, 0.5), "D": (4, -9, 0)}
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     shift = np.array([100.0, 50.0, 2.0])
@@ -105,7 +109,7 @@ def test_the_time_consistent_frame_moves_the_result(demo, tmp_path):
         )
     data = [str(demo / "station.csv"), str(demo / "camera.txt")]
     frame = (tmp_path / "known.csv", tmp_path / "measured.csv")
-    moved, plain = locate(data, frame=frame), locate(data)
+    moved = locate(data, frame=frame)
     at = interpolate_position(moved.trajectory, plain.trajectory.t, 1.0)
     known_at = np.isfinite(at[:, 0])
     expected = plain.trajectory.p[known_at] @ turn.T + shift

@@ -190,6 +190,7 @@ def test_an_operator_who_falls_silent_in_any_phase_ends_the_work_and_it_comes_ho
     )  # fmt: skip
     assert result.outcome == "aborted", result.reason
     assert "the operator's input ended before the sensor was pressed on" in result.reason
+    assert next(p for p in result.phases if p.outcome == "failed").name == phase
     names = [p.name for p in result.phases]
     assert phase in names and names[-1] == "land" and not leaver.acted
     t, force = result.samples["t"], np.linalg.norm(result.samples["left_f_W"], axis=1)

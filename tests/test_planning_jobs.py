@@ -28,7 +28,7 @@ from skywright.evidence.planning.jobs import (
     run_jobs,
 )
 
-EFFORT = Effort(("paper",), ("paper", HIGH), 1, 0.1, 0.1, 2, 0.1)
+EFFORT = Effort(("paper",), ("paper", HIGH), 1, 0.1, 0.1, 1, 0.1)
 
 
 def test_kept_parts_are_used_and_stale_ones_are_not(
@@ -43,14 +43,13 @@ def test_kept_parts_are_used_and_stale_ones_are_not(
         return real(job, effort)
 
     monkeypatch.setattr(jobs, "run_job", counted)
-    one = EFFORT._replace(success_seeds=1)
-    first = run_jobs([job], one, keep=tmp_path)
-    assert run_jobs([job], one, keep=tmp_path) == first and len(ran) == 1
-    run_jobs([job], one._replace(star_s=0.2), keep=tmp_path)
+    first = run_jobs([job], EFFORT, keep=tmp_path)
+    assert run_jobs([job], EFFORT, keep=tmp_path) == first and len(ran) == 1
+    run_jobs([job], EFFORT._replace(star_s=0.2), keep=tmp_path)
     assert len(ran) == 2
     (kept,) = tmp_path.glob("*.json")
     kept.write_text("{", encoding="utf-8")
-    run_jobs([job], one, keep=tmp_path)
+    run_jobs([job], EFFORT, keep=tmp_path)
     assert len(ran) == 3 and json.loads(kept.read_text(encoding="utf-8"))["found"]
 
 

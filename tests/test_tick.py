@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from exact_map import EXACT
+from short_mission import HOP
 from skywright.description.loader import load_description
 from skywright.errors import InputError, SimulationError
 from skywright.run.backends import build_vehicle
@@ -80,14 +81,15 @@ def test_same_seed_same_recording_other_seed_another(retried):
 
 
 def test_a_plain_python_law_flies(tmp_path):
-    d = load_description("waypoints", "othex", sets=write_law(tmp_path, HOVER))
+    d = load_description("waypoints", "othex", sets=[*HOP, *write_law(tmp_path, HOVER)])
     blocks = []
     vehicle = build_vehicle(d, blocks.append)
     assert vehicle.interactive
     Supervisor(vehicle, d.mission, plan_mission(d), d.robot.platform.gear_height_m).fly()
     vehicle.flush()
     s = np.concatenate(blocks)
-    flying = s[(s["t"] > 6) & (s["t"] < s["t"][-1] - 12)]
+    flying = s[(s["t"] > 5) & (s["t"] < s["t"][-1] - 8)]
+    assert len(flying) > 200
     error = np.linalg.norm(flying["p_WB"] - flying["ref_p_WB"], axis=1)
     assert error.max() < 0.1
 
