@@ -166,7 +166,7 @@ def test_outages_of_a_recording_whose_camera_turns_more_than_it_shows(
     )
 
     def measure() -> float:
-        found = reach.measure_outage.__wrapped__(8, camera)
+        found = reach.measure_outage.__wrapped__(6, camera)
         return float(np.sqrt(np.mean((found.fused / found.predicted) ** 2)))
 
     after = measure()
