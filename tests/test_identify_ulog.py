@@ -41,7 +41,7 @@ from ulog_file import write_ulog
 
 @pytest.fixture(scope="module")
 def made() -> FlightLog:
-    return make_log(50.0, rate=100.0)
+    return make_log(30.0, rate=100.0)
 
 
 def test_ulog_gives_what_its_signals_hold(made: FlightLog, tmp_path: Path) -> None:
@@ -57,7 +57,7 @@ def test_ulog_gives_what_its_signals_hold(made: FlightLog, tmp_path: Path) -> No
     }
     path = write_ulog(tmp_path / "flight.ulg", topics, rotor_parameters(order))
     log = load_log(path, ROBOT)
-    inside = (log.t > 1) & (log.t < 48)
+    inside = (log.t > 1) & (log.t < 28)
     at = np.searchsorted(made.t, log.t[inside] - 1e-6)
     np.testing.assert_allclose(log.R_WB[inside], made.R_WB[at], atol=3e-3)
     np.testing.assert_allclose(log.v_WB[inside], made.v_WB[at], atol=1e-2)
@@ -127,7 +127,7 @@ def test_topics_of_older_px4(made: FlightLog, tmp_path: Path) -> None:
             fields[name] = np.concatenate([ground, x + (60.0 if name == "timestamp" else 0.0)])
     path = write_ulog(tmp_path / "flight.ulg", topics, {"PWM_MIN": 1075, "PWM_MAX": 1950})
     log = load_log(path, ROBOT)
-    assert 0.95 * 50 < 0.01 * log.free.sum() < 1.02 * 50
+    assert 0.95 * 30 < 0.01 * log.free.sum() < 1.02 * 30
     result = identify([path], ROBOT, MASS)
     assert result.parts[0].start_s == pytest.approx(60, abs=0.5)
     assert any("used: " in note and "60" in note for note in result.notes)
@@ -321,7 +321,7 @@ def test_page_json_and_robot_file(made: FlightLog, tmp_path: Path) -> None:
 def test_flights_add_up(made: FlightLog, tmp_path: Path) -> None:
     """Two halves of a flight tell what the whole does."""
     parts = []
-    for name, use in (("a", made.t < 25), ("b", made.t >= 25)):
+    for name, use in (("a", made.t < 15), ("b", made.t >= 15)):
         topics = {
             topic: {k: v[use] for k, v in fields.items()}
             for topic, fields in ulog_topics(made).items()
