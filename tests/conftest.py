@@ -22,12 +22,14 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 from hypothesis import settings
+from threadpoolctl import threadpool_limits
 
 from command_server import CommandServer
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
+threadpool_limits(1, "blas")  # one that a plugin of pytest has loaded before
 gc.disable()  # until all is imported: pytest_collection_finish
 
 NO_SKIP = os.environ.get("SKYWRIGHT_NO_SKIP", "") not in ("", "0")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from skywright.analysis.locate import reach
-from skywright.analysis.locate.demo import STATION_CLOCK, write_demo
+from skywright.analysis.locate.demo import STATION_CLOCK
 from skywright.analysis.locate.locate import locate
 from skywright.analysis.locate.report import FILES, render_locate_page
 from skywright.analysis.locate.trajectory_file import (
@@ -145,10 +146,11 @@ def test_a_trajectory_is_judged_by_a_reference(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def files(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A station's and two cameras' files, and some that are wrong."""
     folder = tmp_path_factory.mktemp("files")
-    write_demo(folder)
+    for name in ("station.csv", "camera.txt", "truth.csv"):
+        shutil.copy(demo / name, folder)
     flight = simulate_flight(build_inspection_path(9, duration=40.0), 9)
     (folder / "other.txt").write_text(format_tum(flight.camera._replace(t=flight.camera.t + 5e5)))
     t = np.arange(0.0, 30.0, 0.1)

@@ -31,7 +31,6 @@ import numpy as np
 from scipy.special import jv
 
 from skywright.core.compiled import helper
-from skywright.core.threads import on_one_thread
 from skywright.description.world.spec import Pipe, Weld
 from skywright.description.world.surface import build_weld_curve, weld_distance
 from skywright.errors import InputError
@@ -204,21 +203,11 @@ def _check_coil(coil: Coil) -> None:
 def _build_tables(
     pipe: Pipe, weld: Weld | None, coil: Coil, instrument: Instrument
 ) -> tuple[np.ndarray, np.ndarray]:
-    changes = (weld.conductivity_change, weld.permeability_change) if weld else (0.0, 0.0)
-    metal = (pipe.conductivity_s_per_m, pipe.relative_permeability)
-    table, d_log_mu = _tabulate(metal, changes, coil, instrument)
-    return table.copy(), d_log_mu.copy()
-
-
-@lru_cache(maxsize=16)  # a run asks several times for the tables of its pipe: 0.1 s each
-@on_one_thread
-def _tabulate(
-    metal: tuple[float, float], changes: tuple[float, float], coil: Coil, instrument: Instrument
-) -> tuple[np.ndarray, np.ndarray]:
     q = np.linspace(0.0, 1.0, _N_GAP)[:-1]  # the last row, q = 1, is air: exactly zero
     gap = _GAP_SCALE * q / (1 - q)
-    sigma, mu = metal
-    log_sigma, log_mu = map(math.log1p, changes)
+    sigma, mu = pipe.conductivity_s_per_m, pipe.relative_permeability
+    log_sigma = math.log1p(weld.conductivity_change) if weld else 0.0
+    log_mu = math.log1p(weld.permeability_change) if weld else 0.0
     blend = np.linspace(0.0, 1.0, _N_BLEND)
     table = np.zeros((_N_TILT, _N_GAP, _N_BLEND), complex)
     d_log_mu = np.zeros((_N_TILT, _N_GAP), complex)
