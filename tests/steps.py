@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from skywright.core.compiled import COMPILE
 from skywright.vehicle.component import Component
 from skywright.vehicle.ports import list_steps
 
@@ -18,7 +19,7 @@ from skywright.vehicle.ports import list_steps
 def _compile(step: Any, names: tuple[str, ...], absent: frozenset[str]) -> Any:
     given = ", ".join(n for n in names if n not in absent)
     arguments = ", ".join("None" if n in absent else f"{n}[0]" for n in names)
-    scope: dict[str, Any] = {"step": njit(error_model="numpy")(step)}
+    scope: dict[str, Any] = {"step": njit(**COMPILE)(step)}  # kept on the disk
     exec(f"def run({given}):\n    step({arguments})\n", scope)
     return njit(error_model="numpy")(scope["run"])
 
