@@ -24,11 +24,14 @@ TIMEOUT_S = 600
 
 
 class CommandServer:
-    """Runs `skywright` commands; use as a context."""
+    """Runs `skywright` commands; use as a context. `missions` are those whose robots are loaded."""
 
-    def __init__(self) -> None:
+    def __init__(self, missions: tuple[str, ...] = ()) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, __file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            [sys.executable, __file__, *missions],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
         )
 
     def __enter__(self) -> CommandServer:
@@ -57,7 +60,7 @@ def serve() -> None:
     """Load, then run what is asked for until the input ends."""
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
-    _warm_up()
+    _warm_up(sys.argv[1:])
     for line in sys.stdin:
         request = json.loads(line)
         child = os.fork()
@@ -68,8 +71,8 @@ def serve() -> None:
         answers.flush()
 
 
-def _warm_up() -> None:
-    """Fly and report one mission, and start two more robots: what they load serves all."""
+def _warm_up(missions: list[str]) -> None:
+    """Fly and report one mission, and start the robots of others: what they load serves all."""
     from click.testing import CliRunner
 
     import skywright
@@ -78,7 +81,7 @@ def _warm_up() -> None:
     with tempfile.TemporaryDirectory() as folder:
         words = ["run", "waypoints", "--robot", "othex", "--out", f"{folder}/run"]
         CliRunner().invoke(main, words)
-    for mission in ("pipe-weld-scan", "sensor-install", "bridge-contact"):
+    for mission in missions:
         vehicle = skywright.build_vehicle(skywright.load(mission))
         for _ in range(5):
             vehicle.tick()

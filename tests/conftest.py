@@ -22,12 +22,14 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 from hypothesis import settings
+from threadpoolctl import threadpool_limits
 
 from command_server import CommandServer
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
+threadpool_limits(1, "blas")  # one that a plugin of pytest has loaded before
 gc.disable()  # until all is imported: pytest_collection_finish
 
 NO_SKIP = os.environ.get("SKYWRIGHT_NO_SKIP", "") not in ("", "0")
@@ -167,9 +169,10 @@ def repository() -> Path:
 
 
 @pytest.fixture(scope="session")
-def commands() -> Iterator[CommandServer]:
+def commands(pytestconfig: pytest.Config) -> Iterator[CommandServer]:
     """Runs commands as processes of their own, without the seconds that an interpreter needs."""
-    with CommandServer() as server:
+    flown = ("pipe-weld-scan", "sensor-install", "bridge-contact")  # by pages, not by other tests
+    with CommandServer(flown if "docs" in pytestconfig.getoption("markexpr") else ()) as server:
         yield server
 
 

@@ -4,13 +4,39 @@ from __future__ import annotations
 
 import contextlib
 import warnings
+from typing import Any
 
-from skywright.errors import InputError
+from skywright.description.loader import Description
+from skywright.errors import InputError, SimulationError
 from skywright.run.flight import Flown
 from skywright.run.kind import load_kind
 from skywright.run.metrics import compute_common_metrics
-from skywright.run.run import RunResult
+from skywright.run.run import RunResult, fly_and_evaluate
 from skywright.run.setup import Setup
+
+
+class Until:
+    """Ends a flight where a phase begins."""
+
+    def __init__(self, phase: str) -> None:
+        self.phase = phase
+
+    def on_plan(self, plan: Any, description: Any) -> None:
+        pass
+
+    def on_tick(self, t: float, phase: str, vehicle: Any) -> None:
+        if phase == self.phase:
+            raise SimulationError(f"{phase} is not asked for")
+
+    def close(self) -> None:
+        pass
+
+
+def fly_until(phase: str, description: Description) -> RunResult:
+    """Fly until a phase begins, and evaluate that: what a test asks is known by then."""
+    result = fly_and_evaluate(description, [Until(phase)])
+    assert result.reason == f"{phase} is not asked for"
+    return result
 
 
 def check_cuts(result: RunResult) -> None:

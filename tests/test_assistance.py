@@ -21,7 +21,6 @@ from skywright.missions.skills.assistance import (
     Level,
 )
 from skywright.run.operator import Sight, Stick
-from skywright.run.run import run_mission
 from skywright.vehicle.plant import MISSION_TICK
 
 UP = (0.0, 0.0, 1.0)
@@ -146,24 +145,3 @@ def test_the_stick_leads_the_force_where_control_is_force(tmp_path: Path) -> Non
     s = result.samples
     held = (s["t"] > result.phases[-4].start_s) & (s["t"] < result.phases[-4].end_s)
     assert float(np.max(np.abs(s["left_ref_f_W"][held]))) > 0.0
-
-
-class Leaves:
-    """Someone who goes away in the middle of the work."""
-
-    def __init__(self, seconds: float) -> None:
-        self.seconds = seconds
-
-    def read(self, t: float, sight: Sight) -> Stick | None:
-        return Stick(np.array([0.0, 0.0, 0.5]), False) if t < self.seconds else None
-
-
-@pytest.mark.parametrize(("seconds", "phase"), [(1.0, "touch"), (5.0, "press")])
-def test_an_operator_who_leaves_ends_the_work_and_the_robot_flies_home(
-    tmp_path: Path, seconds: float, phase: str
-) -> None:
-    d = skywright.load("sensor-install", sets=PRESS)
-    result = run_mission(d, out=tmp_path / "run", operator=Leaves(seconds))
-    assert result.outcome == "aborted" and "the operator's input ended" in result.reason
-    assert next(p for p in result.phases if p.outcome == "failed").name == phase
-    assert [p.name for p in result.phases][-3:] == ["retract", "return", "land"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from typing import Any
 
@@ -29,20 +28,21 @@ SHORT = KNOWN | {
 }  # fmt: skip
 
 
-@functools.cache
-def fly(mission: str, *sets: tuple[str, Any]) -> RunResult:
-    lists = {key: list(v) if isinstance(v, tuple) else v for key, v in sets}
-    return fly_and_evaluate(load_description(mission, sets=lists))
-
-
-def test_docked_the_force_is_held_and_the_robot_stays(tmp_path: Any) -> None:
+@pytest.fixture(scope="module")
+def docked(tmp_path_factory: pytest.TempPathFactory) -> RunResult:
+    """A short flight whose measurements are kept in `r.db` beside it."""
+    folder = tmp_path_factory.mktemp("docked")
     d = load_description("bridge-contact", sets=SHORT)
-    result = run_mission(d, out=tmp_path / "run", records=tmp_path / "r.db")
+    return run_mission(d, out=folder / "run", records=folder / "r.db")
+
+
+def test_docked_the_force_is_held_and_the_robot_stays(docked: RunResult) -> None:
+    result = docked
     assert result.outcome == "succeeded", result.reason
     assert result.metrics["force.rms_error_n"] < 0.1  # a third of what is required
     assert result.metrics["dock.wander_mm"] < 2.0
     assert 0.0 < result.metrics["dock.touch_speed_mps"] < 0.1
-    store = RecordStore(tmp_path / "r.db")
+    store = RecordStore(result.directory.with_name("r.db"))
     found = store.find(at=(0.0, 0.0), radius=0.01)
     store.close()
     assert [r.force_des_n for r in found] == [2.0, 8.0]
@@ -50,10 +50,9 @@ def test_docked_the_force_is_held_and_the_robot_stays(tmp_path: Any) -> None:
     assert all(abs(r.up_m - 3.0) < 0.02 for r in found)
 
 
-def test_newton_holds_while_docked() -> None:
+def test_newton_holds_while_docked(docked: RunResult) -> None:
     """Feet, tip, rotors and weight are in balance in the recording."""
-    result = fly("bridge-contact", *((k, tuple(v) if isinstance(v, list) else v)
-                                     for k, v in SHORT.items()))  # fmt: skip
+    result = docked
     s = result.samples
     held = np.isin(s["phase"], [i for i, p in enumerate(result.phases) if p.name == "hold 8 N"])
     s = s[held]
@@ -153,7 +152,7 @@ def test_the_docked_balance_is_one(press: float) -> None:
 
 
 def test_the_bench_presses_its_staircase() -> None:
-    result = fly("arm-test-bench", ("mission.task.hold_s", 1.0))
+    result = fly_and_evaluate(load_description("arm-test-bench", sets=["mission.task.hold_s=1.0"]))
     assert result.outcome == "succeeded", result.metrics
     names = [p.name for p in result.phases]
     assert names[:3] == ["start", "rest", "inspection position"]
@@ -166,7 +165,7 @@ def test_the_bench_presses_its_staircase() -> None:
 
 
 def test_the_platform_tilts_in_place_and_moves_level() -> None:
-    result = fly("flight-modes")
+    result = fly_and_evaluate(load_description("flight-modes"))
     assert result.outcome == "succeeded", result.reason
     m = result.metrics
     assert m["modes.position_error_mm"] < 50.0

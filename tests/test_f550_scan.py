@@ -12,7 +12,8 @@ from skywright.run.run import fly_and_evaluate
 
 @pytest.mark.parametrize("sets", [(), ("world.pipe.diameter_m=0.3", "world.wind.mean_mps=2")])
 def test_it_finds_the_weld_on_each_of_two_passes(sets: tuple[str, ...]) -> None:
-    short = [*EXACT, "mission.task.passes=2", "mission.task.pass_length_m=0.1"]
+    short = [*EXACT, "mission.task.passes=2", "mission.task.pass_length_m=0.1",
+             "mission.timestep_ms=2"]  # fmt: skip
     d = load_description("pipe-weld-scan", "f550-scan", sets=[*short, *sets], seed=2)
     result = fly_and_evaluate(d)
     assert result.outcome == "succeeded", result.reason

@@ -53,6 +53,7 @@ def fly(mission, fault, more=(), **keys):
     sets = sets[len(EXACT) :] if fault == "bump" else sets  # the plan with a survey is in free air
     sets = [
         *sets,
+        "mission.timestep_ms=2",
         *more,
         f"plant.faults.a.kind={fault}",
         *(f"plant.faults.a.{k}={v}" for k, v in keys.items()),

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skywright.links.udp.codec import Packet, Rejected, decode, encode
@@ -181,7 +181,8 @@ def c_echo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "echo"
 
 
-@given(packets=st.lists(DRAWN, min_size=1, max_size=20))
+@settings(max_examples=40)  # a process each
+@given(packets=st.lists(DRAWN, min_size=1, max_size=40))
 def test_c_decodes_what_python_encodes_and_back(
     c_echo: Path, packets: list[tuple[Kind, dict[str, Any]]]
 ) -> None:
@@ -243,7 +244,7 @@ def test_ages_need_no_common_clock_and_forget_its_drift(
         age = ages.measure(sent + delay, offset + (1.0 + drift) * sent)
         if k > 60:
             assert age >= -1e-9
-            assert age == pytest.approx(delay - 0.01, abs=200e-6 * 60.0 + 0.03)
+            assert abs(age - (delay - 0.01)) <= 200e-6 * 60.0 + 0.03
 
 
 def test_a_silence_longer_than_the_window_is_no_reference() -> None:

@@ -166,7 +166,8 @@ def test_robots_that_need_motion_capture_are_refused():
 
 
 def test_the_bar_is_carried_by_rtk():
-    sets = {"world.localisation": "gnss", "mission.task.planner_slices": 100}
+    sets = {"world.localisation": "gnss", "mission.task.planner_slices": 100,
+            "mission.timestep_ms": 2}  # fmt: skip
     result = fly_and_evaluate(load_description("bar-transport", sets=sets))
     assert result.outcome == "succeeded", result.reason
     # the estimate is as far from the truth as the fixes' slow errors are, not better

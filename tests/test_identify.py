@@ -81,7 +81,7 @@ def test_only_ratios_to_the_mass(exact: Fit) -> None:
 
 def test_what_was_not_excited_is_said() -> None:
     """A flight that never rolls nor pitches says nothing of those inertias, and does not invent."""
-    log = make_log(40.0, noise=0.01, tilt=1e-4, push=0.2)
+    log = make_log(40.0, rate=100.0, noise=0.01, tilt=1e-4, push=0.2)
     found = {e.parameter.name: e for e in fit(log).estimates}
     model = build_body_model(ROBOT)
     _, _, I_B = compute_body(model, posture(ROBOT, "folded"))

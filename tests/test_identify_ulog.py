@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,7 @@ from ulog_file import write_ulog
 
 @pytest.fixture(scope="module")
 def made() -> FlightLog:
-    return make_log(50.0, rate=100.0)
+    return make_log(30.0, rate=100.0)
 
 
 def test_ulog_gives_what_its_signals_hold(made: FlightLog, tmp_path: Path) -> None:
@@ -56,7 +57,7 @@ def test_ulog_gives_what_its_signals_hold(made: FlightLog, tmp_path: Path) -> No
     }
     path = write_ulog(tmp_path / "flight.ulg", topics, rotor_parameters(order))
     log = load_log(path, ROBOT)
-    inside = (log.t > 1) & (log.t < 48)
+    inside = (log.t > 1) & (log.t < 28)
     at = np.searchsorted(made.t, log.t[inside] - 1e-6)
     np.testing.assert_allclose(log.R_WB[inside], made.R_WB[at], atol=3e-3)
     np.testing.assert_allclose(log.v_WB[inside], made.v_WB[at], atol=1e-2)
@@ -117,19 +118,19 @@ def test_topics_of_older_px4(made: FlightLog, tmp_path: Path) -> None:
     reason to call them unlogged, and the page says which part was used."""
     topics = ulog_topics(made)
     age(topics, made)
-    idle = np.arange(0.0, 120.0, 0.01)
+    idle = np.arange(0.0, 60.0, 0.01)
     for fields in topics.values():
         for name, x in fields.items():
             still = 1120.0 if name.startswith("output") else x[0] if "q[" in name else 0.0
             still = -GRAVITY if name == "accelerometer_m_s2[2]" else still
             ground = idle + 12.5 if name == "timestamp" else np.full(len(idle), still)
-            fields[name] = np.concatenate([ground, x + (120.0 if name == "timestamp" else 0.0)])
+            fields[name] = np.concatenate([ground, x + (60.0 if name == "timestamp" else 0.0)])
     path = write_ulog(tmp_path / "flight.ulg", topics, {"PWM_MIN": 1075, "PWM_MAX": 1950})
     log = load_log(path, ROBOT)
-    assert 0.95 * 50 < 0.01 * log.free.sum() < 1.02 * 50
+    assert 0.95 * 30 < 0.01 * log.free.sum() < 1.02 * 30
     result = identify([path], ROBOT, MASS)
-    assert result.parts[0].start_s == pytest.approx(120, abs=0.5)
-    assert any("used: " in note and "120" in note for note in result.notes)
+    assert result.parts[0].start_s == pytest.approx(60, abs=0.5)
+    assert any("used: " in note and "60" in note for note in result.notes)
     assert any("actuator_outputs" in note for note in result.notes)
     found = {e.parameter.name: e for e in result.fit.estimates}
     for axis, value in zip(("xx", "yy", "zz"), INERTIA[:3], strict=True):
@@ -187,10 +188,9 @@ def test_what_does_not_predict_is_refused(made: FlightLog, tmp_path: Path) -> No
     for name in names:
         topics["esc_status"][name] = 5000 + 300 * rng.standard_normal(len(made.t))
     path = write_ulog(tmp_path / "noise.ulg", topics)
-    with pytest.raises(InputError, match=r"R² .* on held-out parts .* at least 0.5 is needed"):
-        identify([path], ROBOT, MASS)
     page = tmp_path / "page.html"
-    done = call(str(path), "--robot", "f550-bridge", "--out", str(page))
+    done = call(str(path), "--robot", "f550-bridge", "--mass", str(MASS), "--out", str(page))
+    assert re.search(r"R² .* on held-out parts .* at least 0.5 is needed", done.stderr)
     assert done.exit_code == 2 and not page.exists() and not page.with_suffix(".toml").exists()
     topics = ulog_topics(made)
     for name in names:  # thrust is 0.4 of the file's at these speeds
@@ -321,7 +321,7 @@ def test_page_json_and_robot_file(made: FlightLog, tmp_path: Path) -> None:
 def test_flights_add_up(made: FlightLog, tmp_path: Path) -> None:
     """Two halves of a flight tell what the whole does."""
     parts = []
-    for name, use in (("a", made.t < 25), ("b", made.t >= 25)):
+    for name, use in (("a", made.t < 15), ("b", made.t >= 15)):
         topics = {
             topic: {k: v[use] for k, v in fields.items()}
             for topic, fields in ulog_topics(made).items()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from skywright.analysis.locate import reach
-from skywright.analysis.locate.demo import STATION_CLOCK, write_demo
+from skywright.analysis.locate.demo import STATION_CLOCK
 from skywright.analysis.locate.locate import locate
 from skywright.analysis.locate.report import FILES, render_locate_page
 from skywright.analysis.locate.trajectory_file import (
@@ -42,6 +43,11 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def found(demo: Path) -> dict:
     return json.loads((demo / "locate.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def plain(demo):
+    return locate([str(demo / "station.csv"), str(demo / "camera.txt")])
 
 
 def test_demo_finds_what_was_simulated(found):
@@ -84,17 +90,16 @@ def test_json_prints_one_object_and_writes_only_where_asked(demo, tmp_path, monk
     assert swapped == printed
 
 
-def test_the_prism_s_place_gives_the_camera_s(demo):
+def test_the_prism_s_place_gives_the_camera_s(demo, plain):
     out = locate([str(demo / "station.csv"), str(demo / "camera.txt")], prism="0.05,0,0.12")
     assert out.point == "camera"
-    plain = locate([str(demo / "station.csv"), str(demo / "camera.txt")])
     at = interpolate_position(out.trajectory, plain.trajectory.t, 1.0)
     apart = np.linalg.norm(at - plain.trajectory.p, axis=1)
     apart = apart[np.isfinite(apart)]
     assert np.median(apart) == pytest.approx(math.hypot(0.05, 0.12), abs=0.02)
 
 
-def test_the_time_consistent_frame_moves_the_result(demo, tmp_path):
+def test_the_time_consistent_frame_moves_the_result(demo, plain, tmp_path):
     known = {"A": (10.0, 0.0, 0.0), "B": (0.0, 12.0, 1.0), "C": (-9.0, -3.0, 0.5), "D": (4, -9, 0)}
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     shift = np.array([100.0, 50.0, 2.0])
@@ -105,7 +110,7 @@ def test_the_time_consistent_frame_moves_the_result(demo, tmp_path):
         )
     data = [str(demo / "station.csv"), str(demo / "camera.txt")]
     frame = (tmp_path / "known.csv", tmp_path / "measured.csv")
-    moved, plain = locate(data, frame=frame), locate(data)
+    moved = locate(data, frame=frame)
     at = interpolate_position(moved.trajectory, plain.trajectory.t, 1.0)
     known_at = np.isfinite(at[:, 0])
     expected = plain.trajectory.p[known_at] @ turn.T + shift
@@ -141,10 +146,11 @@ def test_a_trajectory_is_judged_by_a_reference(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def files(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A station's and two cameras' files, and some that are wrong."""
     folder = tmp_path_factory.mktemp("files")
-    write_demo(folder)
+    for name in ("station.csv", "camera.txt", "truth.csv"):
+        shutil.copy(demo / name, folder)
     flight = simulate_flight(build_inspection_path(9, duration=40.0), 9)
     (folder / "other.txt").write_text(format_tum(flight.camera._replace(t=flight.camera.t + 5e5)))
     t = np.arange(0.0, 30.0, 0.1)

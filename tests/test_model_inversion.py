@@ -98,7 +98,8 @@ def test_the_search_for_the_cascades_poles_is_as_it_was():
 
 
 def test_it_carries_the_bar():
-    sets = {"mission.law": "model_inversion", "mission.task.planner_slices": 100}
+    sets = {"mission.law": "model_inversion", "mission.task.planner_slices": 100,
+            "mission.timestep_ms": 2}  # fmt: skip
     result = fly_and_evaluate(load_description("bar-transport", sets=sets))
     assert result.outcome == "succeeded", result.reason
     assert result.metrics["swing.max_deg"] < 5.0

@@ -82,23 +82,17 @@ def name_phases(result: RunResult) -> list[str]:
     return [p.name for p in result.phases]
 
 
-def test_next_ends_a_hold_and_the_next_phase_begins(tmp_path):
-    operator = Operator(("hold 1", 3.0, "next"))
+def test_next_ends_a_hold_and_orders_that_make_no_sense_are_refused_with_the_reason(tmp_path):
+    operator = Operator(
+        ("start", 0.2, "next"), ("take_off", 0.5, "next"), ("take_off", 0.6, "retract"),
+        ("hold 1", 1.0, "retry"), ("hold 1", 3.0, "next"),
+    )  # fmt: skip
     result = fly(tmp_path, "waypoints", operator, *HOLDS, backend="kinematic")
     assert result.outcome == "succeeded", result.reason
     (held,) = [p for p in result.phases if p.name == "hold 1"]
     assert 2.9 < held.end_s - held.start_s < 3.2
     s = result.samples
     assert np.linalg.norm(np.diff(s["ref_p_WB"], axis=0), axis=1).max() < 0.03  # nothing jumps
-
-
-def test_orders_that_make_no_sense_are_refused_with_the_reason(tmp_path):
-    operator = Operator(
-        ("start", 0.2, "next"), ("take_off", 0.5, "next"), ("take_off", 0.6, "retract"),
-        ("hold 1", 1.0, "retry"), ("hold 1", 2.0, "next"),
-    )  # fmt: skip
-    result = fly(tmp_path, "waypoints", operator, *HOLDS, backend="kinematic")
-    assert result.outcome == "succeeded"
     assert [r.reason for r in operator.results] == [
         "next refused: the robot does not fly",
         "next refused: take_off cannot be ended early; valid: a hold, or a contact after retract",

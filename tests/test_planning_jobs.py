@@ -28,7 +28,7 @@ from skywright.evidence.planning.jobs import (
     run_jobs,
 )
 
-EFFORT = Effort(("paper",), ("paper", HIGH), 1, 0.1, 0.1, 2, 0.1)
+EFFORT = Effort(("paper",), ("paper", HIGH), 1, 0.1, 0.1, 1, 0.1)
 
 
 def test_kept_parts_are_used_and_stale_ones_are_not(
@@ -38,14 +38,14 @@ def test_kept_parts_are_used_and_stale_ones_are_not(
     job, ran = Job("paper", SUCCESS), []
     real = jobs.run_job
 
-    def counted(one: Job, effort: Effort):
-        ran.append(one)
-        return real(one, effort)
+    def counted(job: Job, effort: Effort):
+        ran.append(job)
+        return real(job, effort)
 
     monkeypatch.setattr(jobs, "run_job", counted)
     first = run_jobs([job], EFFORT, keep=tmp_path)
     assert run_jobs([job], EFFORT, keep=tmp_path) == first and len(ran) == 1
-    run_jobs([job], EFFORT._replace(success_seeds=1), keep=tmp_path)
+    run_jobs([job], EFFORT._replace(star_s=0.2), keep=tmp_path)
     assert len(ran) == 2
     (kept,) = tmp_path.glob("*.json")
     kept.write_text("{", encoding="utf-8")

@@ -59,17 +59,21 @@ def fly(description: Any, backend: str, tmp_path: Path) -> RunResult:
 
 
 def test_a_mission_is_flown_by_set_points_and_judged_by_the_truth(tmp_path: Path) -> None:
+    """Two seconds without the onboard link do not end it."""
     description = write_short(tmp_path)
     with peer(description) as (px4, backend):
+        px4.silent = lambda t: 14.0 < t < 16.0
         result = fly(description, backend, tmp_path)
     assert result.outcome == "succeeded", result.reason
-    assert result.backend == backend and not px4.armed
+    assert result.backend == backend and not px4.armed and px4.mode == modes.LAND
     wanted = [(176, 1.0), (400, 1.0), (176, 1.0)]  # Offboard, arm, Land
     assert [c for c in px4.commanded if c[0] in (176, 400)] == wanted
     s = result.samples
     assert s["t"][0] > 0.5  # PX4 boots before the mission
     # what the laws saw is what the autopilot told; the truth is beside it
     flown = s[(s["autopilot_armed"] > 0.5) & (s["p_WB"][:, 2] > 0.8)]
+    heard = (flown["t"] < 12.5) | (flown["t"] > 16.0)
+    flown = flown[heard]  # its clock runs a second ahead
     off = np.linalg.norm(flown["autopilot_p_WB"] - flown["p_WB"], axis=1)
     assert len(flown) > 300 and 0.0 < off.max() < 0.05
     assert np.abs(flown["autopilot_p_WB_des"][:, 2]).max() == pytest.approx(1.2, abs=0.05)
@@ -109,7 +113,7 @@ def test_an_autopilot_that_vanishes_in_flight_ends_the_mission(tmp_path: Path) -
 def test_a_refusal_to_arm_is_told_with_its_reason(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mission, "READY_S", 8.0)
+    monkeypatch.setattr(mission, "READY_S", 5.0)
     description = write_short(tmp_path)
     with peer(description) as (px4, backend):
         px4.refuses = "Preflight Fail: heading estimate not stable"
@@ -117,15 +121,6 @@ def test_a_refusal_to_arm_is_told_with_its_reason(
     assert result.outcome == "aborted"
     assert len([c for c in px4.commanded if c[0] == 400]) > 5  # PX4 may still be booting
     assert "no take-off" in result.reason and "heading estimate not stable" in result.reason
-
-
-def test_two_seconds_without_the_onboard_link_do_not_end_the_mission(tmp_path: Path) -> None:
-    description = write_short(tmp_path)
-    with peer(description) as (px4, backend):
-        px4.silent = lambda t: 14.0 < t < 16.0
-        result = fly(description, backend, tmp_path)
-    assert result.outcome == "succeeded", result.reason
-    assert px4.mode == modes.LAND
 
 
 @pytest.mark.parametrize(

@@ -26,17 +26,16 @@ def make_samples(n: int) -> np.ndarray:
     return samples
 
 
-def interrupt_at(line: int, call: Callable[[], None]) -> bool:
-    """Raise KeyboardInterrupt at the given line that runs in FILES; False: it had ended before."""
-    left = line
+def run(call: Callable[[], None], interrupt_at: int | None = None) -> list[tuple[str, int]]:
+    """Return the lines of FILES that a call runs, in order; raise KeyboardInterrupt at one."""
+    ran: list[tuple[str, int]] = []
 
     def trace(frame: FrameType, event: str, arg: Any) -> Any:
-        nonlocal left
         if not frame.f_code.co_filename.endswith(FILES):
             return None
         if event == "line" and frame.f_code.co_name not in ("roll_back", "_list_groups"):
-            left -= 1
-            if left == 0:
+            ran.append((frame.f_code.co_filename, frame.f_lineno))
+            if len(ran) - 1 == interrupt_at:
                 raise KeyboardInterrupt
         return trace
 
@@ -44,11 +43,9 @@ def interrupt_at(line: int, call: Callable[[], None]) -> bool:
     sys.settrace(trace)
     try:
         call()
-    except KeyboardInterrupt:
-        return True
     finally:
         sys.settrace(before)
-    return False
+    return ran
 
 
 def calls(writer: RecordingWriter, samples: np.ndarray) -> dict[str, Callable[[], None]]:
@@ -64,22 +61,35 @@ def calls(writer: RecordingWriter, samples: np.ndarray) -> dict[str, Callable[[]
 def test_an_interrupt_at_any_line_leaves_a_recording_that_goes_on(
     what: str, tmp_path: Path
 ) -> None:
+    """At the first and at the last time that each line runs."""
     samples = make_samples(40)
-    for line in range(1, 500):
-        path = tmp_path / f"{line}.mcap"
+
+    def begin(name: str) -> tuple[Path, RecordingWriter]:
+        path = tmp_path / f"{name}.mcap"
         writer = RecordingWriter(path, *FULL)
         writer.append(samples[:20])
-        interrupted = interrupt_at(line, calls(writer, samples[20:30])[what])
+        return path, writer
+
+    def go_on(path: Path, writer: RecordingWriter) -> None:
         cut = read_recording(path)  # as a process that ended here would leave it
         assert cut.samples[:20].tobytes() == samples[:20].tobytes()
-        if what != "close":
-            writer.append(samples[30:])
-            writer.close()
-            again = read_recording(path)
-            assert again.complete
-            assert len(again.samples) in (30, 40)
-            assert again.samples[-10:].tobytes() == samples[30:].tobytes()
-        if not interrupted:
-            assert line > 5
+        if what == "close":
             return
-    raise AssertionError("it never ended")
+        writer.append(samples[30:])
+        writer.close()
+        again = read_recording(path)
+        assert again.complete
+        assert len(again.samples) in (30, 40)
+        assert again.samples[-10:].tobytes() == samples[30:].tobytes()
+
+    path, writer = begin("whole")
+    ran = run(calls(writer, samples[20:30])[what])
+    go_on(path, writer)
+    first = {line: i for i, line in reversed(list(enumerate(ran)))}
+    last = {line: i for i, line in enumerate(ran)}
+    assert len(first) > 5
+    for i in sorted({*first.values(), *last.values()}):
+        path, writer = begin(str(i))
+        with pytest.raises(KeyboardInterrupt):
+            run(calls(writer, samples[20:30])[what], interrupt_at=i)
+        go_on(path, writer)

@@ -266,7 +266,8 @@ def test_every_metric_has_a_meaning(scan: RunResult, flight: RunResult) -> None:
 
 
 def test_the_same_run_gives_the_same_report(flight: RunResult) -> None:
-    assert render_report(flight) == render_report(flight)
+    written = (flight.directory / "report.html").read_text(encoding="utf-8")
+    assert render_report(flight) == written
 
 
 def test_failed_requirement_is_named_in_the_first_sentence(
@@ -357,8 +358,10 @@ def test_contact_lost_is_drawn(scan: RunResult) -> None:
     lost = np.flatnonzero(np.isin(samples["phase"], scanning))[100:200]
     samples["f_normal"][lost] = 0.0
     samples["gap_max"][lost] = samples["gap"][lost] = 0.002
-    drawn = _figure_text(render_report(scan._replace(samples=samples)))
-    assert "no contact force" in drawn
+    figure = list_figures("scan")["tip_path"](scan._replace(samples=samples))
+    assert figure is not None
+    legends = [ax.get_legend() for ax in figure.axes if ax.get_legend() is not None]
+    assert "no contact force" in [t.get_text() for legend in legends for t in legend.get_texts()]
 
 
 def test_truth_as_estimator_is_admitted(flight: RunResult, text_only: None) -> None:

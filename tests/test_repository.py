@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import importlib.util
 import re
 import shutil
@@ -217,6 +218,7 @@ def test_the_page_of_missions_shows_every_mission() -> None:
     assert all(f"(images/missions/{name}.webp)" in page for name in SHOTS)
 
 
+@functools.cache
 def _generate_reference() -> str:
     code = "import generate_reference; print(generate_reference.build_page())"
     out = subprocess.run(

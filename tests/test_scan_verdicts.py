@@ -334,8 +334,8 @@ def test_a_line_is_judged_only_where_there_is_one_to_find() -> None:
 
 
 def test_no_weld_found_where_there_is_none_is_a_success(tmp_path: Path) -> None:
-    sets = ["world.weld.present=false", "mission.task.passes=2", "mission.task.speed_mps=0.02",
-            "mission.timestep_ms=2"]  # fmt: skip
+    sets = [*EXACT, "world.weld.present=false", "mission.task.passes=2",
+            "mission.task.speed_mps=0.02", "mission.timestep_ms=2"]  # fmt: skip
     result = run_mission(load_description("pipe-weld-scan", sets=sets), out=tmp_path / "run")
     told = json.loads((tmp_path / "run" / "metrics.json").read_text(encoding="utf-8"))
     assert result.outcome == "succeeded" and "weld.line_error_mm" in told["waived"]
@@ -344,7 +344,7 @@ def test_no_weld_found_where_there_is_none_is_a_success(tmp_path: Path) -> None:
 
 
 def test_two_welds_are_found_and_judged_each_with_its_line(tmp_path: Path) -> None:
-    sets = ["world.welds.second.offset_m=0.06", "mission.task.speed_mps=0.02",
+    sets = [*EXACT, "world.welds.second.offset_m=0.06", "mission.task.speed_mps=0.02",
             "mission.timestep_ms=2"]  # fmt: skip
     folder = tmp_path / "run"
     result = run_mission(load_description("pipe-weld-scan", sets=sets), out=folder)

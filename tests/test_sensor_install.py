@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cut_flights import check_cuts
+from cut_flights import check_cuts, fly_until
 from exact_map import EXACT
 from skywright.core.rotations import rot_z
 from skywright.description.loader import Description, load_description
@@ -64,7 +64,7 @@ def test_the_hand_without_the_sensor_finds_the_pipe_first() -> None:
     """At the largest errors: the pipe hangs 3.5 cm from its map, where no press would be square."""
     sets = [*CHECKS_OFF, "plant.map_error_m=0.03", "plant.map_error_deg=3",
             "plant.map_error_size_m=0.005"]  # fmt: skip
-    result = fly_and_evaluate(load_description("sensor-install", sets=sets, seed=2))
+    result = fly_until("return", load_description("sensor-install", sets=sets, seed=2))
     m, s = result.metrics, result.samples
     assert m["survey.touches"] == 4.0 and m["survey.map_error_mm"] > 20.0
     assert m["survey.surface_error_mm"] < 4.0  # of which 2 are the arm's own zeros and lengths
@@ -90,7 +90,7 @@ def test_stretched_the_force_fails_unless_the_platform_leaves(leave: bool) -> No
         "mission.task.pose=stretched",
         f"mission.task.leave_singularity={str(leave).lower()}",
     ]
-    m = fly_and_evaluate(load_description("sensor-install", sets=sets, seed=2)).metrics
+    m = fly_until("return", load_description("sensor-install", sets=sets, seed=2)).metrics
     assert m["contact.collisions"] == 0.0
     if leave:
         assert m["force.mean_error_n"] < 0.1 and m["force.rms_error_n"] < 0.15

@@ -29,8 +29,9 @@ SUBJECTS = ("othex", "f550-bridge", "hexarotor", "pipe", "open", "pipe-weld-scan
 def test_every_built_in_has_a_picture(name: str, tmp_path: Path) -> None:
     write_show_figure(find_any(name), tmp_path / "a.png")
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
-    write_show_figure(find_any(name), tmp_path / "a.svg")
-    assert "<svg" in (tmp_path / "a.svg").read_text(encoding="utf-8")[:1000]
+    if name in ("hexarotor", "open", "waypoints"):  # one of each kind
+        write_show_figure(find_any(name), tmp_path / "a.svg")
+        assert "<svg" in (tmp_path / "a.svg").read_text(encoding="utf-8")[:1000]
 
 
 def _texts(figure) -> str:

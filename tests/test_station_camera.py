@@ -187,7 +187,8 @@ def test_a_noisy_camera_is_not_taken_for_an_inertial_unit_that_is_off():
 
 
 def test_both_ways_of_running_are_bit_identical():
-    sets = ("mission.hover_height_m=0.8",)
+    sets = ("mission.hover_height_m=0.8",
+            "mission.task.points=[{ x_m = 0.3, y_m = 0.0, z_m = 1.0, hold_s = 0.2 }]")  # fmt: skip
     d = [load("waypoints", robot="f550-bridge", sets=[STATION, *sets, f"mission.mode={m!r}"])
          for m in ("fast", "interactive")]  # fmt: skip
     fast, slow = (run(x, report=False).samples for x in d)

@@ -11,6 +11,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from cut_flights import fly_until
 from skywright.core.arrays import Array
 from skywright.core.rotations import rot_y
 from skywright.core.types import REFERENCE
@@ -48,7 +49,6 @@ from skywright.planning.survey import choose_points
 from skywright.run.backends import build_vehicle
 from skywright.run.metrics import in_phases
 from skywright.run.planning import plan_mission
-from skywright.run.run import fly_and_evaluate
 from skywright.run.setup import Setup
 from skywright.run.supervisor import Supervisor
 
@@ -288,7 +288,7 @@ SHORT = {
 def test_without_a_survey_the_push_is_off_by_stiffness_times_offset() -> None:
     """Law (4): K (d - x), K = m wn^2, for a surface that stands x further away."""
     d = load_description("pipe-weld-scan", sets={**SHORT, "mission.task.survey": False}, seed=1)
-    run = fly_and_evaluate(d)
+    run = fly_until("return", d)
     setup, scan = Setup(d), run.samples[in_phases(run.samples, run.phases, "scan")]
     known, true = setup.cylinder, setup.true.cylinder
     assert known is not None and true is not None
@@ -302,7 +302,7 @@ def test_without_a_survey_the_push_is_off_by_stiffness_times_offset() -> None:
 
 
 def test_a_scan_finds_the_pipe_before_it_presses() -> None:
-    run = fly_and_evaluate(load_description("pipe-weld-scan", sets=SHORT, seed=1))
+    run = fly_until("return", load_description("pipe-weld-scan", sets=SHORT, seed=1))
     m = run.metrics
     assert m["survey.touches"] == 6.0 and m["survey.missed"] == 0.0
     assert m["survey.map_error_mm"] > 5.0 and m["survey.surface_error_mm"] < 2.5

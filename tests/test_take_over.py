@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import skywright
+from short_mission import HOP
 from skywright.core.types import REFERENCE
 from skywright.run.hand_flight import SPEED
 from skywright.run.pilot import AGAIN_S, TakenOver, build_rest_of
@@ -60,10 +61,10 @@ class Switch:
         pass
 
 
-def fly(folder: Path, switch: Switch, *sets: str, mission="waypoints", backend="kinematic"):
+def fly(folder: Path, switch: Switch, *sets: str, backend="kinematic"):
     return run_mission(
-        skywright.load(mission, sets=(*POINTS, *sets) if mission == "waypoints" else sets),
-        out=folder / "run", observers=[switch], backend=backend,
+        skywright.load("waypoints", sets=(*POINTS, *sets)), out=folder / "run", observers=[switch],
+        backend=backend,
     )  # fmt: skip
 
 
@@ -211,14 +212,14 @@ def test_without_a_position_the_stick_tilts_the_robot_and_the_reason_is_told(tmp
 
 @settings(max_examples=4, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(
-    at=st.lists(st.floats(1.2, 16.0), min_size=1, max_size=3).map(sorted),
+    at=st.lists(st.floats(1.2, 9.0), min_size=1, max_size=3).map(sorted),
     stick=st.lists(st.floats(-0.3, 0.3), min_size=4, max_size=4),
     seconds=st.floats(0.1, 1.5),
 )
 def test_at_any_time_and_again_the_switch_is_obeyed(tmp_path_factory, at, stick, seconds):
     stick[3] = abs(stick[3])
     switch = Switch(at[0], seconds, stick, again=at[1:])
-    result = fly(tmp_path_factory.mktemp("switch"), switch)
+    result = fly(tmp_path_factory.mktemp("switch"), switch, *HOP)
     assert result.outcome in ("succeeded", "aborted", "failed")
     assert all(r.ok or "motors are off" in r.reason for r in switch.results), switch.results
     if any(r.ok for r in switch.results):

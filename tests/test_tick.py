@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from exact_map import EXACT
+from short_mission import HOP
 from skywright.description.loader import load_description
 from skywright.errors import InputError, SimulationError
 from skywright.run.backends import build_vehicle
@@ -55,8 +56,13 @@ class LoseContact:
             vehicle.sim.data.qfrc_applied[0] = -8.0
 
 
-def test_fast_and_interactive_are_bit_identical_through_a_retry():
-    fast, phases, flight = fly(["mission.mode=fast"], LoseContact())
+@pytest.fixture(scope="module")
+def retried():
+    return fly(["mission.mode=fast"], LoseContact())
+
+
+def test_fast_and_interactive_are_bit_identical_through_a_retry(retried):
+    fast, phases, flight = retried
     slow, phases_slow, _ = fly(["mission.mode=interactive"], LoseContact())
     assert flight.completed
     assert "retry" in [p.outcome for p in phases]
@@ -64,23 +70,26 @@ def test_fast_and_interactive_are_bit_identical_through_a_retry():
     assert fast.tobytes() == slow.tobytes()
 
 
-def test_same_seed_same_recording_other_seed_another():
+def test_same_seed_same_recording_other_seed_another(retried):
     a, _, _ = fly(["mission.seed=5"])
     b, _, _ = fly(["mission.seed=5"])
-    c, _, _ = fly(["mission.seed=6"])
+    c, phases, _ = retried  # of seed 1: the same flight until contact is lost
     assert a.tobytes() == b.tobytes()
-    assert a.tobytes() != c.tobytes()
+    before = c["t"] < next(p.start_s for p in phases if p.name == "scan")
+    assert before.sum() > 500
+    assert a[: before.sum()].tobytes() != c[before].tobytes()
 
 
 def test_a_plain_python_law_flies(tmp_path):
-    d = load_description("waypoints", "othex", sets=write_law(tmp_path, HOVER))
+    d = load_description("waypoints", "othex", sets=[*HOP, *write_law(tmp_path, HOVER)])
     blocks = []
     vehicle = build_vehicle(d, blocks.append)
     assert vehicle.interactive
     Supervisor(vehicle, d.mission, plan_mission(d), d.robot.platform.gear_height_m).fly()
     vehicle.flush()
     s = np.concatenate(blocks)
-    flying = s[(s["t"] > 6) & (s["t"] < s["t"][-1] - 12)]
+    flying = s[(s["t"] > 5) & (s["t"] < s["t"][-1] - 8)]
+    assert len(flying) > 200
     error = np.linalg.norm(flying["p_WB"] - flying["ref_p_WB"], axis=1)
     assert error.max() < 0.1
 

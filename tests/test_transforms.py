@@ -15,6 +15,7 @@ import pytest
 from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader
 
+from cut_flights import Until
 from skywright.description.loader import load_description
 from skywright.run.run import run_mission
 
@@ -39,8 +40,9 @@ def messages(
     """Messages of a short flight by topic, with their stamps (ns)."""
     mission, sets = ROBOTS[request.param]
     out = tmp_path_factory.mktemp("flight") / "run"
-    run_mission(load_description(mission, request.param, sets=sets), out=out)
-    return read_messages(out / "recording.mcap")
+    d = load_description(mission, request.param, sets=sets)
+    result = run_mission(d, out=out, observers=[Until("return")])
+    return read_messages(result.directory / "recording.mcap")
 
 
 def read_messages(path: Path) -> dict[str, list[tuple[int, Any]]]:

@@ -403,7 +403,7 @@ CELL = st.one_of(
     st.sampled_from(["", "nan", "1e308", "-1e308", "1e-308", "x", "1,5", '"', "0", "٣", "1_0"]),
     st.text(max_size=6),
 )
-FUZZ = settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+FUZZ = settings(max_examples=80, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 @FUZZ

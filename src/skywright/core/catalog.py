@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import tomllib
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from skywright.errors import InputError, neighbours
 
@@ -32,10 +33,12 @@ def list_folders(data: Path, kind: str) -> dict[str, Path]:
 
 def list_entries(known: Mapping[str, Path], kind: str) -> list[Entry]:
     """List the built-in descriptions of a kind with their one-line descriptions."""
-    return [
-        Entry(name, tomllib.loads(path.read_text(encoding="utf-8"))[kind].get("description", ""))
-        for name, path in sorted(known.items())
-    ]
+    return [Entry(n, _read(p)[kind].get("description", "")) for n, p in sorted(known.items())]
+
+
+@cache  # they do not change
+def _read(path: Path) -> dict[str, Any]:
+    return tomllib.loads(path.read_text(encoding="utf-8"))
 
 
 def find_file(

@@ -56,10 +56,7 @@ def _cast_nested(_context: Any, _builder: Any, _from: Any, _to: Any, value: Any)
 
 
 class Helper(Generic[P, R]):
-    """A function for compiled code; from Python it runs as Python, so that a debugger stops in it.
-
-    `python` is what runs there instead, where the function itself cannot.
-    """
+    """A function for compiled code; Python runs it, or `python` instead, so that debuggers stop."""
 
     def __init__(
         self, function: Callable[P, R], python: Callable[P, R] | None = None, **options: Any

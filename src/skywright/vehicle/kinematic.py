@@ -68,6 +68,7 @@ class KinematicVehicle(SimulatedVehicle):
             self._gauge["charge"] = self._gauge["speed"] = math.nan  # no rotor turns, no power
         self._bench = find_first(self.world.things, Fixture)
         self._floor = self.robot.platform.gear_height_m
+        self._posture, self._tip = b"", (np.zeros(3), np.eye(3))  # joints, and the tip in B there
 
     def run_also(self, rows: list[int]) -> None:
         """Run further rows of the schedule, such as those of a law."""
@@ -154,7 +155,9 @@ class KinematicVehicle(SimulatedVehicle):
         est["p_WB"], est["v_WB"], est["w_WB_B"] = p, v, w
         est["R_WB"] = R
         est["q"], est["qd"] = ref["q"], ref["qd"]
-        p_BT, R_BT = compute_tip(self.model, est["q"])
+        if (q := est["q"].tobytes()) != self._posture:  # most flights hold their arms still
+            self._posture, self._tip = q, compute_tip(self.model, est["q"])
+        p_BT, R_BT = self._tip
         est["p_WT"], est["R_WT"] = est["p_WB"] + est["R_WB"] @ p_BT, est["R_WB"] @ R_BT
 
 
