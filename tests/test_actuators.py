@@ -154,6 +154,25 @@ def test_a_column_of_a_name_that_exists_is_refused(tmp_path: Path) -> None:
         skywright.build_vehicle(d)
 
 
+@pytest.mark.parametrize(
+    ("limits", "says"),
+    [
+        ('{"spray_flwo": (0.0, 2.0)}', "'spray_flwo' is no column of a Setpoint; valid: spray_fl"),
+        ('{"spray_flow": 2.0}', "'spray_flow' = 2.0; valid: (least, most)"),
+        ('{"spray_flow": (2.0, 0.0)}', "'spray_flow' = (2.0, 0.0); valid: (least, most)"),
+        ('{"spray_flow": (0.0, None)}', "'spray_flow' = (0.0, None); valid: (least, most)"),
+        ('[("spray_flow", 2.0)]', "limits = [('spray_flow', 2.0)]; valid: {column"),
+    ],
+)
+def test_limits_that_hold_nothing_are_refused(tmp_path: Path, limits: str, says: str) -> None:
+    code = re.findall(r"^```python\n(.*?)^```", PAGE.read_text("utf-8"), re.M | re.S)[0]
+    (tmp_path / "own.py").write_text(code.replace('{"spray_flow": (0.0, 2.0)}', limits))
+    sets = {"robot.actuators.nozzle.kind": f"{tmp_path / 'own.py'}:Nozzle"}
+    d = skywright.load("waypoints", robot="hexarotor", sets=sets)
+    with pytest.raises(InputError, match=re.escape(says)):
+        skywright.build_vehicle(d)
+
+
 def test_arrays_are_set_as_a_whole(tmp_path: Path) -> None:
     """A setpoint with an array: shape and every number are checked."""
     file = tmp_path / "cups.py"

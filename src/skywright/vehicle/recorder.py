@@ -16,7 +16,7 @@ from skywright.vehicle.assembly import NEAR
 from skywright.vehicle.bus import Allocated, Clock, Estimate, Reference, Setpoint, WrenchCommand
 from skywright.vehicle.component import Component, Recorded, helper, integers, table, words
 from skywright.vehicle.plant import SAMPLE_RATE
-from skywright.vehicle.setpoints import Place
+from skywright.vehicle.setpoints import Place, check_limits
 
 SAMPLES = 256
 """Rows between deliveries."""
@@ -82,6 +82,9 @@ class Recorder(Component):
         others = [c for c in context.components if c is not self]
         for component in (self, *others):
             several = sum(type(c) is type(component) for c in others) > 1
+            check_limits(
+                component, [c.name for c in component.columns if issubclass(c.source, Setpoint)]
+            )
             for column in component.columns:
                 key = (column.source, component.name)
                 key = key if key in context.records else (column.source, "")
