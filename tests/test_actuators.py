@@ -14,6 +14,7 @@ import skywright
 from skywright.description.loader import load_description
 from skywright.description.template import write_template
 from skywright.errors import InputError
+from skywright.run.check import check_file
 from skywright.run.run import fly_and_evaluate
 from skywright.vehicle.simulated import SimulatedVehicle
 
@@ -143,6 +144,7 @@ def test_a_mission_that_sets_what_there_is_not_is_refused_before_take_off(
     file.write_text(file.read_text().replace(old, new))
     with pytest.raises(InputError, match=re.escape(f"mission.task.points.0.{says}")):
         fly_and_evaluate(load_description(file))
+    assert any(says in problem for problem in check_file(str(file)).problems)
 
 
 def test_a_column_of_a_name_that_exists_is_refused(tmp_path: Path) -> None:
