@@ -175,6 +175,19 @@ def test_limits_that_hold_nothing_are_refused(tmp_path: Path, limits: str, says:
         skywright.build_vehicle(d)
 
 
+@pytest.mark.parametrize("field", ["int", "Mat3"])
+def test_fields_that_cannot_be_set_are_refused(tmp_path: Path, field: str) -> None:
+    """1.7 was set as 1, and a matrix ended in a traceback."""
+    code = re.findall(r"^```python\n(.*?)^```", PAGE.read_text("utf-8"), re.M | re.S)[0]
+    code = code.replace("flow: float", f"flow: {field}").replace("import Record", "import *")
+    code = code.replace("valve.flow /", "0.0 /")
+    (tmp_path / "own.py").write_text(code)
+    sets = {"robot.actuators.nozzle.kind": f"{tmp_path / 'own.py'}:Nozzle"}
+    d = skywright.load("waypoints", robot="hexarotor", sets=sets)
+    with pytest.raises(InputError, match="'nozzle': 'spray_flow' shows a field of"):
+        skywright.build_vehicle(d)
+
+
 def test_arrays_are_set_as_a_whole(tmp_path: Path) -> None:
     """A setpoint with an array: shape and every number are checked."""
     file = tmp_path / "cups.py"

@@ -102,7 +102,14 @@ class Recorder(Component):
                 if issubclass(column.source, Setpoint):
                     near = context.records.get((key[0], f"{key[1]} {NEAR}".strip()), found)
                     at = find_source(near, column, counts.get(column.per))
-                    self.setpoints[name] = Place(at, column, component)
+                    if at.ndim > 1 or at.dtype.kind != "f":
+                        raise InputError(
+                            f"component {component.name!r}: {name!r} shows a field of "
+                            f"{at.dtype.name}, shape {at.shape}; a Setpoint has floats and rows "
+                            "of them"
+                        )
+                    if at.size:  # per hand, of a robot without hands: nothing to set
+                        self.setpoints[name] = Place(at, column, component)
                     found = near if component.side == "robot" else found
                 source = find_source(found, column, counts.get(column.per))
                 sources.append(source)
