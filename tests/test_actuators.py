@@ -16,6 +16,8 @@ from skywright.description.template import write_template
 from skywright.errors import InputError
 from skywright.run.check import check_file
 from skywright.run.run import fly_and_evaluate
+from skywright.vehicle.bus import Setpoint
+from skywright.vehicle.link import LATEST, get_rule
 from skywright.vehicle.simulated import SimulatedVehicle
 
 PAGE = Path(__file__).parent.parent / "docs" / "howto" / "your-own-actuator.md"
@@ -111,6 +113,20 @@ def test_a_link_delays_what_is_set(build: Build) -> None:
     assert vehicle.actuators["spray_flow"] == 1.0
     tick(vehicle, 0.1)
     assert vehicle.last_sample["spray_flow"][0] == 1.0
+
+
+def test_a_link_carries_a_setpoint_whatever_its_fields_are_called() -> None:
+    """Fields `fresh`, or `t` and `n`, mark samples and batches of sensors only."""
+
+    class Told(Setpoint):
+        fresh: float
+        flow: float
+
+    class Timed(Setpoint):
+        t: float
+        n: float
+
+    assert get_rule(Told) == get_rule(Timed) == LATEST
 
 
 def test_two_of_a_class_are_set_by_their_names(build: Build) -> None:
