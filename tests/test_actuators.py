@@ -14,7 +14,10 @@ import skywright
 from skywright.description.loader import load_description
 from skywright.description.template import write_template
 from skywright.errors import InputError
+from skywright.run.check import check_file
 from skywright.run.run import fly_and_evaluate
+from skywright.vehicle.bus import Setpoint
+from skywright.vehicle.link import LATEST, get_rule
 from skywright.vehicle.simulated import SimulatedVehicle
 
 PAGE = Path(__file__).parent.parent / "docs" / "howto" / "your-own-actuator.md"
@@ -112,6 +115,20 @@ def test_a_link_delays_what_is_set(build: Build) -> None:
     assert vehicle.last_sample["spray_flow"][0] == 1.0
 
 
+def test_a_link_carries_a_setpoint_whatever_its_fields_are_called() -> None:
+    """Fields `fresh`, or `t` and `n`, mark samples and batches of sensors only."""
+
+    class Told(Setpoint):
+        fresh: float
+        flow: float
+
+    class Timed(Setpoint):
+        t: float
+        n: float
+
+    assert get_rule(Told) == get_rule(Timed) == LATEST
+
+
 def test_two_of_a_class_are_set_by_their_names(build: Build) -> None:
     vehicle = build("left", "right")
     assert list(vehicle.actuators) == ["left_spray_flow", "right_spray_flow"]
@@ -143,6 +160,7 @@ def test_a_mission_that_sets_what_there_is_not_is_refused_before_take_off(
     file.write_text(file.read_text().replace(old, new))
     with pytest.raises(InputError, match=re.escape(f"mission.task.points.0.{says}")):
         fly_and_evaluate(load_description(file))
+    assert any(says in problem for problem in check_file(str(file)).problems)
 
 
 def test_a_column_of_a_name_that_exists_is_refused(tmp_path: Path) -> None:
@@ -151,6 +169,38 @@ def test_a_column_of_a_name_that_exists_is_refused(tmp_path: Path) -> None:
     sets = {"robot.actuators.nozzle.kind": f"{tmp_path / 'own.py'}:Nozzle"}
     d = skywright.load("waypoints", robot="hexarotor", sets=sets)
     with pytest.raises(InputError, match="'recorder' and 'nozzle' have a column of the same name"):
+        skywright.build_vehicle(d)
+
+
+@pytest.mark.parametrize(
+    ("limits", "says"),
+    [
+        ('{"spray_flwo": (0.0, 2.0)}', "'spray_flwo' is no column of a Setpoint; valid: spray_fl"),
+        ('{"spray_flow": 2.0}', "'spray_flow' = 2.0; valid: (least, most)"),
+        ('{"spray_flow": (2.0, 0.0)}', "'spray_flow' = (2.0, 0.0); valid: (least, most)"),
+        ('{"spray_flow": (0.0, None)}', "'spray_flow' = (0.0, None); valid: (least, most)"),
+        ('[("spray_flow", 2.0)]', "limits = [('spray_flow', 2.0)]; valid: {column"),
+    ],
+)
+def test_limits_that_hold_nothing_are_refused(tmp_path: Path, limits: str, says: str) -> None:
+    code = re.findall(r"^```python\n(.*?)^```", PAGE.read_text("utf-8"), re.M | re.S)[0]
+    (tmp_path / "own.py").write_text(code.replace('{"spray_flow": (0.0, 2.0)}', limits))
+    sets = {"robot.actuators.nozzle.kind": f"{tmp_path / 'own.py'}:Nozzle"}
+    d = skywright.load("waypoints", robot="hexarotor", sets=sets)
+    with pytest.raises(InputError, match=re.escape(says)):
+        skywright.build_vehicle(d)
+
+
+@pytest.mark.parametrize("field", ["int", "Mat3"])
+def test_fields_that_cannot_be_set_are_refused(tmp_path: Path, field: str) -> None:
+    """1.7 was set as 1, and a matrix ended in a traceback."""
+    code = re.findall(r"^```python\n(.*?)^```", PAGE.read_text("utf-8"), re.M | re.S)[0]
+    code = code.replace("flow: float", f"flow: {field}").replace("import Record", "import *")
+    code = code.replace("valve.flow /", "0.0 /")
+    (tmp_path / "own.py").write_text(code)
+    sets = {"robot.actuators.nozzle.kind": f"{tmp_path / 'own.py'}:Nozzle"}
+    d = skywright.load("waypoints", robot="hexarotor", sets=sets)
+    with pytest.raises(InputError, match="'nozzle': 'spray_flow' shows a field of"):
         skywright.build_vehicle(d)
 
 

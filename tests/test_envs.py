@@ -254,17 +254,20 @@ def test_a_refusal_leaves_no_answer_for_the_next_command() -> None:
     assert vector._hear_all() == ["b"] * 3
 
 
-def test_an_interrupt_of_the_callers_share_closes_the_vector() -> None:
+@pytest.mark.parametrize("when", ["_send", "own", "_hear"])
+def test_an_interrupt_closes_the_vector(when: str) -> None:
     """The answers of the other processes would stay unread, and answer the next step."""
     vector: Any = object.__new__(envs.VectorEnv)
     ended = SimpleNamespace(wait=lambda timeout: 0)
     vector._mine, vector._workers = object(), [_Worker(ended, *Pipe()[:1], 1, 1)]  # type: ignore[arg-type]
 
-    def interrupt() -> Any:
+    def interrupt(*args: Any) -> Any:
         raise KeyboardInterrupt
 
+    vector._send = vector._hear = lambda *args: []
+    setattr(vector, when, interrupt)
     with pytest.raises(KeyboardInterrupt):
-        vector._do(interrupt)
+        vector._do(lambda w: (b"", None), interrupt if when == "own" else list)
     with pytest.raises(InputError, match="the vector is closed"):
         vector.step(np.zeros((1, 1)))
 

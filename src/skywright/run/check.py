@@ -109,11 +109,13 @@ def _has_code_of_a_user(description: Description[Any]) -> bool:
 
 
 def _check_compiles(description: Description[Any]) -> list[str]:
-    """Build the vehicle: the steps of a user's law, sensor or effect are compiled with it."""
+    """Build the vehicle, with the steps of a user's law or sensor, and ask the mission's kind."""
     from skywright.run.backends import build_vehicle
+    from skywright.run.kind import load_kind
 
     try:
-        build_vehicle(description)
+        vehicle = build_vehicle(description)
+        load_kind(description.mission.kind).check_vehicle(vehicle, description.mission.task)
     except InputError as error:
         return [str(error)]
     return []

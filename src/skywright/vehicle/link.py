@@ -39,6 +39,8 @@ LATEST, FRESH, BATCH = range(3)
 
 def get_rule(record: type[Record]) -> int:
     """Return how the far end of a link merges a record."""
+    if issubclass(record, Drive):
+        return LATEST
     names = tuple(record.dtype.names or ())
     return FRESH if names[:1] == ("fresh",) else BATCH if names[:2] == ("t", "n") else LATEST
 

@@ -16,7 +16,7 @@ from skywright.vehicle.assembly import NEAR
 from skywright.vehicle.bus import Allocated, Clock, Estimate, Reference, Setpoint, WrenchCommand
 from skywright.vehicle.component import Component, Recorded, helper, integers, table, words
 from skywright.vehicle.plant import SAMPLE_RATE
-from skywright.vehicle.setpoints import Place
+from skywright.vehicle.setpoints import Place, check_limits
 
 SAMPLES = 256
 """Rows between deliveries."""
@@ -82,6 +82,9 @@ class Recorder(Component):
         others = [c for c in context.components if c is not self]
         for component in (self, *others):
             several = sum(type(c) is type(component) for c in others) > 1
+            check_limits(
+                component, [c.name for c in component.columns if issubclass(c.source, Setpoint)]
+            )
             for column in component.columns:
                 key = (column.source, component.name)
                 key = key if key in context.records else (column.source, "")
@@ -99,7 +102,14 @@ class Recorder(Component):
                 if issubclass(column.source, Setpoint):
                     near = context.records.get((key[0], f"{key[1]} {NEAR}".strip()), found)
                     at = find_source(near, column, counts.get(column.per))
-                    self.setpoints[name] = Place(at, column, component)
+                    if at.ndim > 1 or at.dtype.kind != "f":
+                        raise InputError(
+                            f"component {component.name!r}: {name!r} shows a field of "
+                            f"{at.dtype.name}, shape {at.shape}; a Setpoint has floats and rows "
+                            "of them"
+                        )
+                    if at.size:  # per hand, of a robot without hands: nothing to set
+                        self.setpoints[name] = Place(at, column, component)
                     found = near if component.side == "robot" else found
                 source = find_source(found, column, counts.get(column.per))
                 sources.append(source)

@@ -8,7 +8,7 @@ A value holds until another one is set. It goes down a link like all that the ro
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +27,28 @@ class Place(NamedTuple):
     at: Array  # () or (n,), in the robot's record
     column: Recorded
     component: Component
+
+
+def check_limits(component: Component, columns: Iterable[str]) -> None:
+    """Raise InputError where `limits` of a component are not (least, most) of such `columns`.
+
+    A limit of a mistyped name would hold nothing.
+    """
+    where, limits = f"component {component.name!r}: limits", component.limits
+    if not isinstance(limits, Mapping):
+        raise InputError(f"{where} = {limits!r}; valid: {{column: (least, most)}}")
+    columns = list(columns)
+    for name, span in limits.items():
+        if name not in columns:
+            raise InputError(
+                f"{where}: {name!r} is no column of a Setpoint; valid: {', '.join(columns)}"
+            )
+        try:
+            low, high = (float(x) for x in span)
+        except (TypeError, ValueError):
+            low = high = math.nan
+        if not low <= high:
+            raise InputError(f"{where}: {name!r} = {span!r}; valid: (least, most), two numbers")
 
 
 class Actuators(Mapping[str, Array]):

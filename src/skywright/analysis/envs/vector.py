@@ -122,9 +122,10 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
             raise InputError(f"seed = {seed!r}; valid: whole numbers from 0")
         seeds = [None if x is None else int(x) for x in seeds]
         mine = self._check_open()
-        for w in self._workers:
-            self._send(w, MORE, ("reset", seeds[w.first : w.first + w.n], options))
-        told = self._do(lambda: mine.reset(seeds[: len(mine.envs)], options))
+        told = self._do(
+            lambda w: (MORE, ("reset", seeds[w.first : w.first + w.n], options)),
+            lambda: mine.reset(seeds[: len(mine.envs)], options),
+        )
         return self._shared.seen.copy(), self._tell(told)
 
     def step(
@@ -144,9 +145,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
             i = int(np.argwhere(~np.isfinite(given))[0, 0])
             raise InputError(f"actions: row {i} is not finite; valid: numbers from -1 to 1")
         self._shared.actions[:] = given
-        for w in self._workers:
-            self._send(w, STEP)
-        told = self._do(mine.step)
+        told = self._do(lambda w: (STEP, None), mine.step)
         s, infos = self._shared, self._tell(told)
         for k, value in enumerate(self.values):
             infos[value.name] = s.values[:, k].copy()
@@ -157,30 +156,36 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
     def tick(self, n: int) -> list[float]:
         """Tick the bare vehicles of every process `n` times; returns the time (s) of each."""
         mine = self._check_open()
-        for w in self._workers:
-            self._send(w, MORE, ("tick", n))
-        return [mine.tick(n), *(self._hear(w) for w in self._workers)]
+        return self._do(lambda w: (MORE, ("tick", n)), lambda: mine.tick(n))
 
     def _check_open(self) -> Share:
         if self._mine is None:
             raise InputError("the vector is closed: build another one")
         return self._mine
 
-    def _do(self, own: Callable[[], list[Info]]) -> list[Info]:
-        """Do the caller's share, and return what it and the processes say, in order.
+    def _do(
+        self, command: Callable[[_Worker], tuple[bytes, Any]], own: Callable[[], list[Any]]
+    ) -> list[Any]:
+        """Command the processes, do the caller's share, and return what all say, in order.
 
         Raises the first InputError after all have answered. The vector is closed where something
-        else ends the caller's share: answers would stay unread.
+        else ends this, an interrupt for example: answers would stay unread, and answer the next
+        command.
         """
-        told, error = list[Info](), None
+        told, error = list[Any](), None
         try:
-            told = own()
+            for w in self._workers:
+                self._send(w, *command(w))
+            try:
+                told = own()
+            except InputError as found:
+                error = found
+            told += self._hear_all()
         except InputError as found:
-            error = found
+            error = error or found
         except BaseException:
             self.close()
             raise
-        told += self._hear_all()
         if error is not None:
             raise error
         return told

@@ -126,7 +126,7 @@ class Share:
         self.reward[i], self.terminated[i], self.truncated[i] = reward, terminated, truncated
         return out
 
-    def tick(self, n: int) -> float:
+    def tick(self, n: int) -> list[float]:
         """Tick the bare vehicles `n` times; returns the time (s): what a step is measured by."""
         for env in self.envs:
             env.reset()
@@ -134,7 +134,7 @@ class Share:
         for _ in range(n):
             for env in self.envs:
                 env.vehicle.tick()
-        return time.perf_counter() - began
+        return [time.perf_counter() - began]
 
 
 def _serve(connection: Connection, file: int) -> None:
