@@ -191,6 +191,24 @@ def test_limits_that_hold_nothing_are_refused(tmp_path: Path, limits: str, says:
         skywright.build_vehicle(d)
 
 
+@pytest.mark.parametrize(
+    ("column", "says"),
+    [
+        ('"flwo", "l/min", "as told"', "its record has no field 'flwo'; valid: flow"),
+        ('"flow", "l/min", "as told", item=1', "item 1 of 'flow', which has the shape ()"),
+    ],
+)
+def test_a_column_of_what_is_not_there_is_refused(tmp_path: Path, column: str, says: str) -> None:
+    code = re.findall(r"^```python\n(.*?)^```", PAGE.read_text("utf-8"), re.M | re.S)[0]
+    head = '"flow", "l/min", "as told"'
+    assert head in code
+    (tmp_path / "own.py").write_text(code.replace(head, column))
+    sets = {"robot.actuators.nozzle.kind": f"{tmp_path / 'own.py'}:Nozzle"}
+    d = skywright.load("waypoints", robot="hexarotor", sets=sets)
+    with pytest.raises(InputError, match=re.escape(f"column 'spray_flow': {says}")):
+        skywright.build_vehicle(d)
+
+
 @pytest.mark.parametrize("field", ["int", "Mat3"])
 def test_fields_that_cannot_be_set_are_refused(tmp_path: Path, field: str) -> None:
     """1.7 was set as 1, and a matrix ended in a traceback."""

@@ -254,6 +254,10 @@ def test_what_is_no_collada_is_left_out(tmp_path: Path, monkeypatch: pytest.Monk
     with pytest.raises(InputError, match=r"not a text file|not XML"):
         read_collada(path, 10_000)
     good = write_dae(tmp_path / "b.dae", ONE * 2)
+    for wrong in ('offset="3" stride="3"', 'stride="4"'):  # pycollada ignores both
+        path.write_text(good.read_text().replace('stride="3"', wrong))
+        with pytest.raises(InputError, match="<accessor> of vertices has offset"):
+            read_mesh.__wrapped__(path)
     with pytest.raises(InputError, match="larger than"):
         read_collada(good, 1000)
     monkeypatch.setattr(collada_meshes, "MOST_TRIANGLES", 23)

@@ -125,6 +125,8 @@ def list_(kind: str | None, as_json: bool) -> None:
     if kind is None:
         _print_names(found)
         return
+    if not found[kind]:
+        click.echo(f"no {kind} are built in or installed")
     width = max((len(e.name) for e in found[kind]), default=0)
     for entry in found[kind]:
         click.echo(f"{entry.name:{width}}  {entry.description}")

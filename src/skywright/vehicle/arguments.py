@@ -50,5 +50,6 @@ def check_vector(name: str, value: ArrayLike | None, n: int = 3) -> Array:
     except (TypeError, ValueError):
         out = np.zeros(0)
     if out.shape != (n,) or not np.all(np.isfinite(out)):
-        raise InputError(f"{name} = {value!r}; valid: {n} finite numbers")
+        valid = f"{n} finite numbers" if n > 1 else "a list of one finite number"
+        raise InputError(f"{name} = {value!r}; valid: {valid}")
     return out

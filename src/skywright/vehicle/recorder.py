@@ -169,8 +169,19 @@ class Recorder(Component):
 
 def find_source(record: NDArray[Any], column: Recorded, count: int | None) -> NDArray[Any]:
     """Return the part of a (1,) record array that a column shows, as a contiguous view."""
+    fields = record.dtype.names or ()
+    if column.field not in fields:
+        raise InputError(
+            f"column {column.name!r}: its record has no field {column.field!r}; "
+            f"valid: {', '.join(fields)}"
+        )
     found: NDArray[Any] = record[column.field][0:1]
     if column.item >= 0:
+        if found.ndim < 2 or column.item >= found.shape[1]:
+            raise InputError(
+                f"column {column.name!r}: item {column.item} of {column.field!r}, which has the "
+                f"shape {found.shape[1:]}"
+            )
         found = found[:, column.item]
     elif count is not None:
         found = found[:, :count]

@@ -64,7 +64,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
             raise InputError(f"num_envs = {num_envs!r}; valid: a whole number from 1")
         cores = count_cores()
         n = min(cores, num_envs) if workers is None else workers
-        if not isinstance(n, int) or not 1 <= n <= min(cores, num_envs):
+        if not isinstance(n, int) or isinstance(n, bool) or not 1 <= n <= min(cores, num_envs):
             raise InputError(f"workers = {workers!r}; valid: 1 to {min(cores, num_envs)}")
         modes = {"next_step": AutoresetMode.NEXT_STEP, "same_step": AutoresetMode.SAME_STEP}
         if autoreset not in modes:

@@ -14,7 +14,7 @@ class Waypoint(Spec):
     z_m: float = Field(gt=0, le=1000)  # height above the ground
     yaw_deg: float = 0.0  # heading
     hold_s: float = Field(default=2.0, ge=0, le=3600)  # time for which the pose is held, judged
-    actuators: dict[str, float] = {}  # values that are set when the pose is reached, by column
+    actuators: dict[str, float | list[float]] = {}  # set when the pose is reached, by column
 
 
 class Waypoints(Task):

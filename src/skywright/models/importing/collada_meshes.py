@@ -63,6 +63,7 @@ def read_collada(path: Path, limit: int) -> tuple[Surface, ...]:
     metre = read_numbers(written, 1, f"{path}: meter of <unit>", [1.0])[0]
     if metre <= 0.0:
         raise InputError(f"{path}: meter of <unit> is {metre:g}; valid: above 0")
+    _check_accessors(path, root)
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         # numpy stops reading at a word that is no number, and warns
@@ -86,6 +87,24 @@ def read_collada(path: Path, limit: int) -> tuple[Surface, ...]:
 
 def _tag(element: ET.Element) -> str:
     return element.tag.rpartition("}")[2]
+
+
+def _check_accessors(path: Path, root: ET.Element) -> None:
+    """Refuse vertices that do not stand one behind the other: pycollada reads them as if so."""
+    for mesh in root.findall("{*}library_geometries/{*}geometry/{*}mesh"):
+        inputs = mesh.findall("{*}vertices/{*}input[@semantic='POSITION']")
+        places = {i.get("source", "")[1:] for i in inputs}
+        for source in mesh.findall("{*}source"):
+            accessor = source.find("{*}technique_common/{*}accessor")
+            if accessor is None or source.get("id") not in places:
+                continue
+            n = str(len(accessor.findall("{*}param")))
+            offset, stride = accessor.get("offset", "0"), accessor.get("stride", n)
+            if offset.strip() != "0" or stride.strip() != n:
+                raise InputError(
+                    f"{path}: <accessor> of vertices has offset {offset[:20]} and stride "
+                    f"{stride[:20]}; valid: 0 and {n}, the number of its <param>"
+                )
 
 
 def _copy(root: ET.Element, kept: set[str]) -> io.BytesIO:
