@@ -67,6 +67,8 @@ def applies(robot: Robot, key: str) -> bool:
         return arm.sides == 2 if leaf == "separation_m" else leaf not in ("sides", "mount_y_m")
     if part == "robot.arm.hand":
         hand = arm.hand
+        if leaf in ("pivot_m", "open_deg", "closed_deg"):
+            return hand.kind == "gripper" and hand.finger == "turn"
         if leaf in ("stroke_m", "grip_speed_mps", "grip_force_n"):
             return hand.kind == "gripper"
         return hand.mass_kg > 0.0 and not (hand.kind == "ball" and "hook" in leaf)

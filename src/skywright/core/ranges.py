@@ -49,7 +49,7 @@ BARE: dict[str, tuple[float, float]] = {
     **dict.fromkeys(
         ("friction_feed_forward", "range_noise_fraction", "rotor_gain_spread"), (1e-9, 10.0)
     ),
-    **dict.fromkeys(("conductivity_change", "permeability_change"), (1e-9, 1e6)),
+    **dict.fromkeys(("actuators", "conductivity_change", "permeability_change"), (1e-9, 1e6)),
     **dict.fromkeys(("flex_hardening", "loop_separation", "force_gain"), (1e-6, 1e4)),
     **dict.fromkeys(("joint", "rotor"), (1, 100)),
     **dict.fromkeys(("limit", "jump"), (1e-12, 1e9)),  # in the unit of what they limit
