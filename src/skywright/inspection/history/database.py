@@ -8,6 +8,7 @@ file of an older version is brought to the present one when it is opened, whole 
 from __future__ import annotations
 
 import sqlite3
+import time
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -49,8 +50,7 @@ class DatabaseFile:
     def _open(self, create: bool) -> None:
         db = self._db
         if create:
-            # where the file system has none: a rollback log
-            db.execute("PRAGMA journal_mode = WAL")
+            self._log_ahead()
         db.execute("PRAGMA synchronous = FULL")
         db.execute("PRAGMA foreign_keys = ON")
         # one transaction, so that another program that makes the file is seen whole or not at all
@@ -69,6 +69,22 @@ class DatabaseFile:
         db.execute("COMMIT")
         if version < VERSION and not create:
             self._migrate()
+
+    def _log_ahead(self) -> None:
+        """Switch to a write-ahead log; where the file system has none: a rollback log.
+
+        SQLite waits for other programs in all it does but this: another one that switches, or
+        closes the file as its last user, makes it fail at once.
+        """
+        until = time.monotonic() + BUSY_S
+        while True:
+            try:
+                self._db.execute("PRAGMA journal_mode = WAL")
+                return
+            except sqlite3.OperationalError as error:
+                if "locked" not in str(error) or time.monotonic() > until:
+                    raise
+                time.sleep(0.005)
 
     def _read_mark(self) -> tuple[int, int]:
         db = self._db
