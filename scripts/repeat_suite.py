@@ -18,6 +18,8 @@ import time
 from datetime import UTC, datetime
 from pathlib import Path
 
+from skywright.evidence.bench.machine import read_commit
+
 ROOT = Path(__file__).resolve().parent.parent
 TABLE = ROOT / "benchmarks" / "suite-runs.csv"
 COLUMNS = (
@@ -26,13 +28,9 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def run(load: int) -> list[object]:
+def run(load: int, commit: str) -> list[object]:
     """Run the suite once beside `load` busy processes; returns the row."""
     when = datetime.now(UTC).strftime("%Y-%m-%d %H:%M")
-    commit = subprocess.run(
-        ["git", "describe", "--always", "--dirty", "--abbrev=10"],
-        cwd=ROOT, capture_output=True, text=True, check=True,
-    ).stdout.strip()  # fmt: skip
     busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(load)]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     begin = time.perf_counter()
@@ -63,9 +61,10 @@ def main() -> int:
     parser.add_argument("--runs", type=int, default=1)
     parser.add_argument("--load", type=int, default=0)
     asked = parser.parse_args()
-    failed = 0
+    failed, source = 0, read_commit()
+    commit = f"{source['commit']}{'-changed' if source['changed'] else ''}"
     for _ in range(asked.runs):
-        row = run(asked.load)
+        row = run(asked.load, commit)
         new = not TABLE.exists()
         with TABLE.open("a", encoding="utf-8", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")

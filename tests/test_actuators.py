@@ -14,7 +14,9 @@ import skywright
 from skywright.description.loader import load_description
 from skywright.description.template import write_template
 from skywright.errors import InputError
+from skywright.missions.waypoints.task import Waypoint, Waypoints
 from skywright.run.check import check_file
+from skywright.run.kind import load_kind
 from skywright.run.run import fly_and_evaluate
 from skywright.vehicle.bus import Setpoint
 from skywright.vehicle.link import LATEST, get_rule
@@ -127,6 +129,33 @@ def test_a_link_carries_a_setpoint_whatever_its_fields_are_called() -> None:
         n: float
 
     assert get_rule(Told) == get_rule(Timed) == LATEST
+
+
+@pytest.mark.parametrize("sets", [{}, {"world.link.delay_s": 0.2}])
+def test_a_law_has_what_is_set_at_once(tmp_path: Path, sets: dict[str, object]) -> None:
+    """It is at the robot's end of a link, as who sets the value."""
+    file = tmp_path / "lifted.py"
+    file.write_text(
+        "from skywright.vehicle.bus import Allocated, Body, Estimate, Reference, Setpoint\n"
+        "from skywright.vehicle.bus import WrenchCommand\n"
+        "from skywright.vehicle.component import Out, Output, Recorded\n"
+        "from skywright.vehicle.laws.push_and_slide import PushAndSlide\n"
+        "class Lifted(PushAndSlide):\n"
+        "    class Trim(Setpoint):\n        up: float\n"
+        "    class Seen(Output):\n        up: float\n"
+        "    columns = (Recorded('trim_up', Trim, 'up', 'N', ''),\n"
+        "               Recorded('seen_up', Seen, 'up', 'N', ''))\n"
+        "    @staticmethod\n"
+        "    def step(me: PushAndSlide.Me, ref: Reference, est: Estimate, body: Body,\n"
+        "             allocated: Allocated, trim: Trim, cmd: Out[WrenchCommand],\n"
+        "             seen: Out[Seen]) -> None:\n"
+        "        seen.up = trim.up\n"
+    )
+    sets = {"mission.law": f"{file}:Lifted"} | sets
+    vehicle = skywright.build_vehicle(skywright.load("waypoints", robot="othex", sets=sets))
+    vehicle.actuators["trim_up"] = 2.0
+    tick(vehicle, 0.04)
+    assert vehicle.last_sample["seen_up"][0] == 2.0
 
 
 def test_two_of_a_class_are_set_by_their_names(build: Build) -> None:
@@ -246,6 +275,11 @@ def test_arrays_are_set_as_a_whole(tmp_path: Path) -> None:
     tick(vehicle, 0.1)
     assert vehicle.last_sample["total"][0] == 60.0
     np.testing.assert_array_equal(vehicle.last_sample["vacuum"][0], [10.0, 20.0, 30.0])
+    point = Waypoint(x_m=0, y_m=0, z_m=1, actuators={"vacuum": [1.0, 2.0, 3.0]})
+    load_kind("waypoints").check_vehicle(vehicle, Waypoints(points=[point]))
+    point = Waypoint(x_m=0, y_m=0, z_m=1, actuators={"vacuum": [1.0]})
+    with pytest.raises(InputError, match=r"points\.0\.actuators: vacuum = .* 3 finite numbers"):
+        load_kind("waypoints").check_vehicle(vehicle, Waypoints(points=[point]))
     for wrong in ([1.0, 2.0], 1.0, [1.0, 2.0, math.inf], [1.0, 2.0, 61.0]):
         with pytest.raises(InputError, match="vacuum = "):
             vehicle.actuators["vacuum"] = wrong

@@ -18,7 +18,13 @@ from skywright.models.arm_inverse_kinematics import (
 )
 from skywright.models.arm_nearest import arm_jacobian
 from skywright.models.body_records import Kinematics
-from skywright.models.rigid_body import build_body_model, fill_hands, fill_kinematics
+from skywright.models.rigid_body import (
+    build_body_model,
+    compute_tip,
+    compute_tips,
+    fill_hands,
+    fill_kinematics,
+)
 
 ROBOT = load_robot("bimanual")[0]
 CHAINS = [build_arm_chain(ROBOT, side) for side in (0, 1)]
@@ -133,3 +139,17 @@ def test_input_errors():
         build_arm_chain(ROBOT, 2)
     with pytest.raises(InputError, match="finite"):
         compute_arm_ik(CHAINS[0], np.array([0.0, np.nan, 0.0]))
+
+
+@pytest.mark.parametrize("name", ["othex", "f550-bridge"])
+def test_tips_of_many_postures_are_those_of_each(name):
+    model = build_body_model(load_robot(name)[0])
+    n = int(model[0]["n_joints"])
+    low, high = model[0]["q_min"][:n], model[0]["q_max"][:n]
+    postures = low + np.random.default_rng(1).random((20, n)) * (high - low)
+    for q, p_BT, R_BT in zip(postures, *compute_tips(model, postures), strict=True):
+        k, full = np.zeros(1, Kinematics.dtype), np.zeros(9)
+        full[:n] = q
+        fill_kinematics(model[0], full, k[0])
+        assert np.array_equal(p_BT, k[0]["p_BT"]) and np.array_equal(R_BT, k[0]["R_BT"])
+        assert np.array_equal(compute_tip(model, q)[0], p_BT)

@@ -23,7 +23,7 @@ from hypothesis import strategies as st
 
 from skywright import cli
 from skywright.errors import InputError
-from skywright.evidence.bench import planning, registry, robots, runner, sensors, tick
+from skywright.evidence.bench import clone, planning, registry, robots, runner, sensors, tick
 from skywright.evidence.bench.flights import (
     FULL_STRENGTH,
     count_ticks,
@@ -34,7 +34,7 @@ from skywright.evidence.bench.flights import (
     step_bare,
 )
 from skywright.evidence.bench.registry import BENCHMARKS, Benchmark, choose_benchmarks
-from skywright.evidence.bench.rows import Row, build_row, build_unmeasured_row
+from skywright.evidence.bench.rows import Row, Session, build_row, build_unmeasured_row
 from skywright.evidence.bench.runner import run_benchmarks
 from skywright.evidence.bench.scan import Cost, fit_exponent
 from skywright.evidence.bench.timing import compute_ratios, interleave
@@ -357,3 +357,13 @@ def test_contact_is_judged_from_the_calibrated_signal(in_contact):
         Probe(in_contact).calibrate(complex(*shown) + off * 1j, 1j)
         in_contact.tick()
         assert in_contact.in_contact() is touching
+
+
+def test_a_fresh_clone_is_not_measured_without_git_or_a_checkout(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(clone, "read_commit", lambda: {"commit": None, "changed": None})
+    for found, why in (("/bin/tool", "requires a checkout"), (None, "requires git and make")):
+        monkeypatch.setattr(clone.shutil, "which", lambda tool, found=found: found)
+        (row,) = clone.measure(Session("quick", tmp_path))
+        assert row.value is None and row.note == why

@@ -197,7 +197,7 @@ def new(what: str, name: str) -> None:
     """Start your own WHAT: robot, world, mission, kind, law, sensor, actuator, effect, thing, ...
 
     Commented files in a folder NAME that fly as they are, ready to change. WHAT may also be
-    estimator, fault and rule.
+    estimator, fault or rule.
     """
     from skywright.description.template import write_template
 

@@ -56,7 +56,7 @@ def _cast_nested(_context: Any, _builder: Any, _from: Any, _to: Any, value: Any)
 
 
 class Helper(Generic[P, R]):
-    """A function for compiled code; Python runs it, or `python` instead, so that debuggers stop."""
+    """A function that compiled code calls. Python calls it uncompiled, or `python` in its place."""
 
     def __init__(
         self, function: Callable[P, R], python: Callable[P, R] | None = None, **options: Any
@@ -65,7 +65,7 @@ class Helper(Generic[P, R]):
         self._build = partial(njit(**{**COMPILE, **options}), function)
         update_wrapper(self, function)
 
-    dispatcher: Any = cached_property(lambda self: self._build())  # kept code needs few of them
+    dispatcher: Any = cached_property(lambda self: self._build())  # cached code needs few
 
     @property
     def _numba_type_(self) -> Any:

@@ -40,11 +40,11 @@ ARCHITECTURE = (9, 0)
 """Compute capability that is compiled for."""
 Flown = tuple[str, str | None, str]
 """A mission, the robot that flies it (None: its own), and a value that is set ("": none)."""
-ROBOTS = {
+NEEDS = {
     "direct_force": ("bridge-contact", None),
     "backstepping_torque": ("bridge-contact", "f550-bridge-torque"),
 }
-"""Laws that ask for more than any robot has."""
+"""Mission and robot of the laws that do not fly the othex through way-points."""
 
 
 class Compiled(NamedTuple):
@@ -229,13 +229,12 @@ def list_flights() -> list[Flown]:
     """Return all built-in missions, and way-points with every law and estimator."""
     missions: list[Flown] = [(entry.name, None, "") for entry in list_missions()]
     laws: list[Flown] = [
-        (*ROBOTS.get(law, ("waypoints", "othex")), f"mission.law={law}")
-        for law in list_kinds("law")
+        (*NEEDS.get(law, ("waypoints", "othex")), f"mission.law={law}") for law in list_kinds("law")
     ]
     estimators: list[Flown] = [
         ("pipe-weld-scan", None, f"mission.estimator={kind}")
         for kind in list_kinds("estimator")
-        if kind != "station_camera"  # that of a total station, which the filter takes there
+        if kind != "station_camera"  # `filter` with a total station, as in bridge-contact
     ]
     return missions + laws + estimators
 

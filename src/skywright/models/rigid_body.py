@@ -358,9 +358,9 @@ def _fill_all(m: BodyModel, q: Array, k: Kinematics) -> None:
 
 
 def compute_tip(model: NDArray[Any], q: Array) -> tuple[Array, Array]:
-    """Return (p_BT (3,) m, R_BT (3, 3)) at joints `q`."""
-    k = compute_kinematics(model, q)
-    return k["p_BT"].copy(), k["R_BT"].copy()
+    """Return (p_BT (3,) m, R_BT (3, 3)) at joints `q` (n,)."""
+    p_BT, R_BT = compute_tips(model, np.asarray(q)[None])
+    return p_BT[0], R_BT[0]
 
 
 def compute_tips(model: NDArray[Any], q: Array) -> tuple[Array, Array]:

@@ -22,6 +22,7 @@ from skywright.core.streams import STREAMS, build_stream
 from skywright.errors import InputError, SimulationError
 from skywright.vehicle.bus import Clock, Drive, MuJoCo, Setpoint, Truth
 from skywright.vehicle.component import Component, Context, Draws, Output, ReferenceBlock
+from skywright.vehicle.link_ends import NEAR, name_far, name_near
 from skywright.vehicle.native import check_calls, compile_step
 from skywright.vehicle.ordering import order_steps
 from skywright.vehicle.ports import FILL, Port, Step, list_records, list_steps
@@ -32,7 +33,6 @@ BLOCK = 1000
 """Control ticks for which random numbers are drawn at a time; at least one mission tick."""
 FAST_BLOCK = 2000
 """The same for steps of the slot `fast`, in physics steps."""
-NEAR = "near end of the link"
 ALIGN = 64  # bytes
 Key = tuple[type[Record], str]
 
@@ -129,7 +129,7 @@ class Assembly:
                     f"{step.label}: {record.__qualname__} is filled by several components: select "
                     f"one in `ports`, {{{port.name!r}: NAME}}; valid: {', '.join(owners)}"
                 )
-        return record, f"{name} {NEAR}".strip() if self._is_near(step, port) else name
+        return record, name_near(name) if self._is_near(step, port) else name
 
     def _is_near(self, step: Step, port: Port) -> bool:
         """Whether a port is at the end of a link where its record is filled."""
@@ -168,9 +168,9 @@ class Assembly:
                 )
 
     def _is_plants(self, record: type[Record]) -> bool:
-        if record in (Truth, MuJoCo) or issubclass(record, Setpoint):
-            return record in (Truth, MuJoCo)
-        fillers = self._fillers.get(record, [])
+        if record in (Truth, MuJoCo):
+            return True
+        fillers = [] if issubclass(record, Setpoint) else self._fillers.get(record, [])
         return any(s.component.side == "plant" for s in fillers) and not self._goes_up(record)
 
     def limit(self, context: Context) -> Context:
@@ -199,10 +199,10 @@ class Assembly:
             for port in step.ports:
                 key = None if issubclass(port.record, Draws) else self.resolve(step, port)
                 if key is not None:
-                    far = key[1].removesuffix(NEAR).strip()
+                    far = name_far(key[1])
                     keys[key] = keys[key[0], far] = None
                     if issubclass(key[0], Setpoint) and "downlink" in self._linked:
-                        keys[key[0], f"{far} {NEAR}".strip()] = None
+                        keys[key[0], name_near(far)] = None  # which a mission fills
         sizes = [-(-r.dtype.itemsize // ALIGN) * ALIGN for r, _ in keys]
         raw = np.zeros(sum(sizes) + ALIGN, np.uint8)
         first = -raw.ctypes.data % ALIGN
@@ -234,7 +234,7 @@ class Assembly:
         for (record, name), view in self.records.items():
             if not name.endswith(NEAR):
                 continue
-            far = self.records[record, name.removesuffix(NEAR).strip()]
+            far = self.records[record, name_far(name)]
             out.append(Carried(record, view.ctypes.data, far.ctypes.data))
         return out
 

@@ -12,9 +12,9 @@ from skywright.core.record import Record
 from skywright.core.rotations import rot_to_quat
 from skywright.errors import InputError
 from skywright.recordings.columns import Column
-from skywright.vehicle.assembly import NEAR
 from skywright.vehicle.bus import Allocated, Clock, Estimate, Reference, Setpoint, WrenchCommand
 from skywright.vehicle.component import Component, Recorded, helper, integers, table, words
+from skywright.vehicle.link_ends import name_near
 from skywright.vehicle.plant import SAMPLE_RATE
 from skywright.vehicle.setpoints import Place, check_limits
 
@@ -100,7 +100,7 @@ class Recorder(Component):
                 owners[name] = component.name
                 self.recorded[name] = column
                 if issubclass(column.source, Setpoint):
-                    near = context.records.get((key[0], f"{key[1]} {NEAR}".strip()), found)
+                    near = context.records.get((key[0], name_near(key[1])), found)
                     at = find_source(near, column, counts.get(column.per))
                     if at.ndim > 1 or at.dtype.kind != "f":
                         raise InputError(

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from skywright.core.record import Record
 from skywright.core.types import IMU_BATCH
 from skywright.recordings.columns import Column, Stream, Topic, build_dtype
-from skywright.vehicle.assembly import NEAR
 from skywright.vehicle.bus import Clock
 from skywright.vehicle.component import Component, Streamed, integers, words
 from skywright.vehicle.link import BATCH, get_rule
+from skywright.vehicle.link_ends import name_near
 from skywright.vehicle.recorder import copy_row
 
 ROWS = 2048
@@ -126,7 +126,7 @@ def _find_source(
 ) -> NDArray[Any] | None:
     """Return the (1,) record that a component fills: at the near end of a link."""
     record = streamed.columns[0].source
-    names = (f"{name} {NEAR}", NEAR, name, "")
+    names = (name_near(name), name_near(""), name, "")
     return next((records[record, n] for n in names if (record, n) in records), None)
 
 

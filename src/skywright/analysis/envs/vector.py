@@ -52,9 +52,9 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
     ) -> None:  # fmt: skip
         """`options` are those of the environment; `conditions` are flown for each of them.
 
-        `workers` is the number of processes that fly, the caller's among them: by default that of
-        the cores. `autoreset`: an environment that ended begins
-        anew in the next step ("next_step") or in the same ("same_step"), as Gymnasium has it.
+        `workers` is the number of processes that fly, the caller's among them; by default one for
+        each core. `autoreset`: an environment that ended begins anew in the next step
+        ("next_step") or in the same ("same_step"), as Gymnasium has it.
         Raises InputError on anything that is wrong.
         """
         self._mine: Share | None = None

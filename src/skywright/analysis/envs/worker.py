@@ -127,7 +127,7 @@ class Share:
         return out
 
     def tick(self, n: int) -> list[float]:
-        """Tick the bare vehicles `n` times; returns the time (s): what a step is measured by."""
+        """Tick the bare vehicles `n` times; returns [time (s)]: what a step is measured by."""
         for env in self.envs:
             env.reset()
         began = time.perf_counter()

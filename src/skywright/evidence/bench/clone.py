@@ -17,9 +17,9 @@ LIMIT = 60.0  # s
 
 
 def measure(session: Session) -> list[Row]:
-    """Clone, download what `make demo` installs, then time it without a network, and again.
+    """Clone what is committed, download what `make demo` installs, and time it offline, twice.
 
-    Nothing is taken from a cache: neither packages nor compiled code.
+    The first time takes nothing from a cache: neither packages nor compiled code.
     """
     missing = [tool for tool in ("git", "make") if shutil.which(tool) is None]
     if missing or read_commit()["commit"] is None:

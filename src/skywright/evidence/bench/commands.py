@@ -37,8 +37,8 @@ def time_command(
     wall = time.perf_counter() - begin
     if done.returncode not in codes:
         last = (done.stderr.strip().splitlines() or ["no message"])[-1]
-        shown = " ".join(words[1:])
-        raise SimulationError(f"`python {shown}` exits {done.returncode}: {last}")
+        shown = " ".join(("python" if words[0] == sys.executable else words[0], *words[1:]))
+        raise SimulationError(f"`{shown}` exits {done.returncode}: {last}")
     return Timed(wall, done.stdout)
 
 

@@ -1,0 +1,13 @@
+"""Names of records that a link carries: one at the end that fills it, one where it arrives."""
+
+NEAR = "near end of the link"
+
+
+def name_near(name: str) -> str:
+    """Return what a component's record is called at the end of a link where it is filled."""
+    return f"{name} {NEAR}".strip()
+
+
+def name_far(name: str) -> str:
+    """Return what a record is called at the end of a link where it arrives."""
+    return name.removesuffix(NEAR).strip()
