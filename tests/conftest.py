@@ -226,5 +226,8 @@ def open_page(browser: Browser) -> Iterator[Callable[..., Page]]:
 
     yield open_one
     for context in contexts:
+        for page in context.pages:  # pytest shows it where a test failed
+            if page.url.startswith("http"):
+                print(page.url, page.locator("body").inner_text(), sep="\n")
         context.close()
     assert errors == []
