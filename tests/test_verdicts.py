@@ -47,6 +47,17 @@ def test_each_way_point_counts_not_only_the_last() -> None:
     assert m["position.final_error_m"] == pytest.approx(0.0)  # what was judged before
 
 
+def test_a_hold_that_a_pilot_interrupts_is_judged_as_one() -> None:
+    """The robot still comes in as it begins: taken over then, this is not the whole hold."""
+    run = build_holds([0.06, 0.3, 0.0], [0.0, 0.0, 0.0])
+    run.phases[0] = PhaseRecord("hold 1", 0.0, 1.0, "taken over")
+    run.phases[1] = PhaseRecord("manual", 1.0, 2.0, "done")
+    run.phases[2] = PhaseRecord("hold 1", 2.0, 3.0, "done")
+    assert compute_tracking(run)["position.hold_error_m"] == pytest.approx(0.03)
+    run.phases[2] = PhaseRecord("hold 2", 2.0, 3.0, "done")  # never gone on with
+    assert compute_tracking(run)["position.hold_error_m"] == pytest.approx(0.06)
+
+
 def test_a_way_point_that_is_passed_counts_where_the_platform_comes_closest() -> None:
     run = build_holds([0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
     s = run.samples

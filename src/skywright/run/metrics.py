@@ -132,7 +132,7 @@ def compute_tracking(run: Flown[Any, Any]) -> dict[str, float]:
     holds = HELD.find(phases)
     last = samples["phase"] == holds[-1] if holds else moving
     out: dict[str, float] = {}
-    held = [samples["phase"] == i for i in holds]
+    held = [np.isin(samples["phase"], whole) for whole in _join_holds(phases, holds)]
     passed = list[tuple[float, float]]()
     for i, phase in enumerate(phases[:-1]):  # what is not held is passed
         whole = phase.outcome != "taken over"
@@ -150,6 +150,18 @@ def compute_tracking(run: Flown[Any, Any]) -> dict[str, float]:
     if np.any(last):
         mean = np.mean((samples["p_WB"] - samples["ref_p_WB"])[last], axis=0)
         out["position.final_error_m"] = float(np.linalg.norm(mean))
+    return out
+
+
+def _join_holds(phases: list[PhaseRecord], holds: list[int]) -> list[list[int]]:
+    """Return the phases of each hold: one that a pilot interrupts goes on after that."""
+    out = list[list[int]]()
+    for i in holds:
+        before = phases[out[-1][-1]] if out else None
+        if before and before.outcome == "taken over" and before.name == phases[i].name:
+            out[-1].append(i)
+        else:
+            out.append([i])
     return out
 
 
