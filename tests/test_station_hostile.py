@@ -54,7 +54,7 @@ class Running(NamedTuple):
         given = {k: v for k, v in headers.items() if v is not None}
         return connect(
             f"ws://127.0.0.1:{self.port}/ws", additional_headers=given, open_timeout=60,
-            ping_interval=None, max_size=None,
+            ping_interval=None, max_size=None, max_queue=None,  # unread words delay no close
         )  # fmt: skip
 
 
