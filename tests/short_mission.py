@@ -21,6 +21,7 @@ robot = "ROBOT"
 world = "open"
 seed = 1
 hover_height_m = 1.0
+timestep_ms = STEP
 [[mission.task.points]]
 x_m = 0.6
 y_m = 0.3
@@ -36,5 +37,6 @@ hold_s = 1.0
 def write_short(folder: Path, robot: str = "hexarotor") -> Any:
     """Write the mission into `folder` and load it."""
     file = folder / "short.toml"
-    file.write_text(TEXT.replace("ROBOT", robot))
+    step = "1" if robot.startswith("f550") else "2"  # ms, what its docking feet bear
+    file.write_text(TEXT.replace("ROBOT", robot).replace("STEP", step))
     return skywright.load(file)

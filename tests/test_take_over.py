@@ -22,6 +22,7 @@ POINTS = (
     "mission.task.points=[{ x_m = 0.8, y_m = 0.0, z_m = 1.2, hold_s = 2.0 },"
     "{ x_m = 0.0, y_m = 0.4, z_m = 1.0, hold_s = 2.0 }]",
     "mission.hover_height_m=0.8",
+    "mission.timestep_ms=2",
 )
 
 
@@ -189,7 +190,7 @@ def test_a_robot_with_parallel_rotors_has_no_angle_mode(tmp_path):
 
 def test_in_angle_mode_a_tilted_robot_leans_in_place(tmp_path):
     hand = Hand("angle", ((0.0, 1.0, 0.0, 0.0), 4.0), ((0.0, 0.0, 0.0, 0.0), 3.0), at=9.0)
-    sets = ("mission.robot=f550-bridge",)
+    sets = ("mission.robot=f550-bridge", "mission.timestep_ms=1")
     result = fly(tmp_path, hand, *sets, backend="physics")
     assert all(r.ok for r in hand.results), hand.results
     lean = [math.degrees(math.acos(min(z, 1.0))) for *_, z in hand.seen]
