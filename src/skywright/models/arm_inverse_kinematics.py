@@ -115,12 +115,12 @@ def compute_arm_ik(
     near = np.array([0.0, roll, 0.0, -0.5 * math.pi]) if near is None else np.asarray(near, float)
     q, reached = np.empty(4), np.empty(3)
     p = np.asarray(p, dtype=float)
-    if p.shape != (3,) or not np.all(np.isfinite(p)):
+    if p.shape != (3,) or not all(map(math.isfinite, p.tolist())):
         raise InputError(f"the goal of a hand must be 3 finite numbers (m), got {p.tolist()}")
     status = solve_arm(
         chain.upper, chain.fore, p, roll, near, chain.q_min, chain.q_max, q, reached
     )  # fmt: skip
-    return ArmSolution(q, STATUS_NAMES[status], reached, float(np.linalg.norm(reached - p)))
+    return ArmSolution(q, STATUS_NAMES[status], reached, math.dist(reached, p))
 
 
 @njit(cache=True, error_model="numpy")

@@ -17,6 +17,7 @@ from skywright.core.compiled import table, words
 from skywright.core.record import Integers, Record, Vec3
 from skywright.core.rotations import orthonormalise
 from skywright.core.types import HOLD, HOLD_END, LINEAR, REFERENCE, ROTATION
+from skywright.core.user_code import njit
 from skywright.vehicle.bus import Clock, Reference
 from skywright.vehicle.component import Component, Out, ReferenceBlock, helper
 
@@ -120,6 +121,7 @@ class Follower(Component):
         rules = list_rules(context.records)
         me.width, me.n_rules = REFERENCE.itemsize // 8, len(rules)
         me.rules[: len(rules)] = rules
+        self._rules = me.rules[: len(rules)]
         told = [(r, view) for (r, _), view in context.records.items() if _is_told(r)]
         self.fields = {name: view[name] for r, view in told for name in r.dtype.names}
         ref = context.records[Reference, ""][0]
@@ -133,9 +135,8 @@ class Follower(Component):
         assert rows.flags.c_contiguous
         self._rows, me = rows, self._me
         me.rows, me.n, me.t0, me.cursor = rows.ctypes.data, len(rows), t, 0
-        first = rows[0]
-        for name, field in self.fields.items():
-            field[...] = first[name]
+        tell_row(self._rules, rows[:1].view(float))
+        self.fields["t"][0] = rows["t"][0]
 
     def delay(self, seconds: float) -> None:
         """Let the rows come later by a time (s)."""
@@ -148,10 +149,10 @@ class Follower(Component):
 
     def read_row(self) -> Any:
         """Return a REFERENCE row of what is referred to now."""
-        row = self.first.copy()
-        for name, field in self.fields.items():
-            row[name] = field[0]
-        return row
+        row = self._rows[:1].copy()
+        ask_row(self._rules, row.view(float))
+        row["t"] = self.fields["t"]
+        return row[0]
 
     def save(self) -> Any:
         """Return the rows that are tracked; where they stand is in the record."""
@@ -175,6 +176,26 @@ class Follower(Component):
         for r in range(me.n_rules):
             interpolate(me.rules[r], lo, hi, u)
         ref.t = clock.t
+
+
+@njit(cache=True, error_model="numpy")
+def tell_row(rules: Any, row: Any) -> None:
+    """Write the words of a row to where the rules say."""
+    for r in range(len(rules)):
+        first, n = rules[r, 0], rules[r, 1] - rules[r, 0]
+        out = words(rules[r, 3], n)
+        for k in range(n):
+            out[k] = row[first + k]
+
+
+@njit(cache=True, error_model="numpy")
+def ask_row(rules: Any, row: Any) -> None:
+    """Write into a row the words that stand where the rules say."""
+    for r in range(len(rules)):
+        first, n = rules[r, 0], rules[r, 1] - rules[r, 0]
+        out = words(rules[r, 3], n)
+        for k in range(n):
+            row[first + k] = out[k]
 
 
 @helper

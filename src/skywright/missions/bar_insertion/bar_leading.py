@@ -20,11 +20,12 @@ from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.core.types import TASK_FORCE_POSITION, TASK_JOINTS
 from skywright.missions.skills.moves import set_rest
-from skywright.missions.skills.tool_handling import Grip, Weight, find_marker, measure_tool
+from skywright.missions.skills.tool_handling import Grip, Weight, measure_tool
 from skywright.models.arm_inverse_kinematics import ArmChain, compute_arm_ik
 from skywright.models.bimanual import Bar, compute_bar, compute_bar_hands
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import Hands, HandState
+from skywright.vehicle.bus import Estimate
 from skywright.vehicle.plant import MISSION_TICK
 
 CORRECT_S = 1.0
@@ -60,33 +61,31 @@ class BarLeader:
         self._felt, self._load = Weight(s, weight), weight
         self.correct = True  # by the marker
         here = self._bar_of_hands()
-        self._marker = find_marker(s.vehicle.world)
-        p, R = measure_tool(s, self._marker)
+        p, R = measure_tool(s)
         handle = p + R @ grip.handle
         self._dp, self._dn, self._pitch = handle - here.p, R[:, 1] - here.n, _find_pitch(R)
         self._error, self._turn, self._p_handle = np.zeros(3), np.zeros(3), handle
         self._q = np.array(s.vehicle.reference["q"])
         self._chains, self._n = chains, np.array([0.0, 1.0, 0.0])  # in a frame with the heading
+        self._middle = np.mean(grip.hands, axis=0)
+        self._width = float(np.linalg.norm(grip.hands[0] - grip.hands[1]))
         self._q_rest = self._q - self._solve(self._n)
         self._pressed = False
         self._hang = np.zeros(3)  # m, in W: from the pose of the grip to where the bar hangs free
 
     def _heading(self) -> Array:
-        R = self.s.vehicle.estimate["R_WB"]
+        R = self.s.vehicle.look(Estimate).R_WB
         return rot_z(math.atan2(R[1, 0], R[0, 0]))
 
     def _bar_of_hands(self) -> Bar:
         """(29), (30): the crossbar's axis lies in the cradles."""
-        p = np.array(self.s.vehicle.read(Hands).p_WH[:2]) + self._heading() @ self.grip.cradle
+        p = self.s.vehicle.look(Hands).p_WH[:2] + self._heading() @ self.grip.cradle
         return compute_bar(p[0], p[1])
 
     def _solve(self, n: Array) -> Array:
         """Joints that hold a bar along n (3,), its centre at rest in B: (29), (30) inverted."""
-        q, width = (
-            np.zeros(len(self._q)),
-            float(np.linalg.norm(self.grip.hands[0] - self.grip.hands[1])),
-        )
-        goals = compute_bar_hands(Bar(np.mean(self.grip.hands, axis=0), n), width)
+        q = np.zeros(len(self._q))
+        goals = compute_bar_hands(Bar(self._middle, n), self._width)
         for chain, goal in zip(self._chains, goals, strict=True):
             mine = slice(chain.first, chain.first + 4)
             q[mine] = compute_arm_ik(chain, goal - chain.p_shoulder, near=self.grip.q[mine]).q
@@ -96,7 +95,7 @@ class BarLeader:
         """Return the bar's pose by (29), (30), corrected."""
         bar = self._bar_of_hands()
         if self.correct:
-            p, R = measure_tool(self.s, self._marker)
+            p, R = measure_tool(self.s)
             share = MISSION_TICK / CORRECT_S
             self._dp += share * (p + R @ self.grip.handle - bar.p - self._dp)
             self._dn += share * (R[:, 1] - bar.n - self._dn)
@@ -208,7 +207,7 @@ class BarLeader:
     @property
     def lost(self) -> bool:
         """Whether the bar, as the marker says, is no longer where the hands would hold it."""
-        p, R = measure_tool(self.s, self._marker)
+        p, R = measure_tool(self.s)
         away = float(np.linalg.norm(p + R @ self.grip.handle - self._bar_of_hands().p))
         return away > LOST_M or abs(float(R[2, 1])) > math.sin(LOST_ANGLE)
 

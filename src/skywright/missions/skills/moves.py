@@ -20,12 +20,15 @@ STILL = (
 """What is zero in a row at rest. The hands keep their tasks, `v_WH` among them: how fast."""
 
 
+LEVEL = np.eye(3)
+
+
 def set_rest(row: Any) -> Any:
     """Return a copy of a REFERENCE row that stands still, its time 0."""
     row = np.array(row)
     for field in STILL:
         row[field] = 0.0
-    row["R_WS"] = np.eye(3)
+    row["R_WS"] = LEVEL
     return row
 
 

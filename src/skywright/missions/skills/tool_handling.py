@@ -8,6 +8,7 @@ so that the hands rise again to where they were.
 
 import math
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -21,8 +22,10 @@ from skywright.missions.skills.moves import build_move, set_rest
 from skywright.run.orders import Detour
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import HandForce, Hands, HandState, Marker
+from skywright.vehicle.bus import Estimate
 from skywright.vehicle.plant import MISSION_TICK
 
+_MARKERS = WeakKeyDictionary[Supervisor, Frame]()  # what find_marker says, of flights under way
 LOW = 0.08  # m, from the cradle, along its mouth, to where the hands wait for the handle
 DROP = 0.06  # m, by which the platform is lower meanwhile, so that the arms need not stretch
 PRESS = 0.015  # m, that the hands aim beyond the handle, so that they touch it
@@ -74,9 +77,10 @@ def find_platform(grip: Grip, place: Place) -> Array:
     return np.asarray(place.p_WO + rot_z(place.yaw) @ (grip.handle - middle))
 
 
-def measure_tool(s: Supervisor, marker: Frame | None = None) -> tuple[Array, Array]:
-    """Return (p_WO, R_WO) of the tool as motion capture sees it now; `marker`: of find_marker."""
-    marker, seen = marker or find_marker(s.vehicle.world), s.vehicle.read(Marker)
+def measure_tool(s: Supervisor) -> tuple[Array, Array]:
+    """Return (p_WO, R_WO) of the tool as motion capture sees it now."""
+    seen = s.vehicle.look(Marker)
+    marker = _MARKERS.get(s) or _MARKERS.setdefault(s, find_marker(s.vehicle.world))
     R = seen.R_WO @ marker.R.T
     return seen.p_WO - R @ marker.p, R
 
@@ -131,8 +135,7 @@ def lead_hands(
 
     `beside` (3,) m, in O, is added. The goal is fixed to the tool, which is tracked all the time.
     """
-    marker = find_marker(s.vehicle.world)
-    goals = {}
+    marker, goals = find_marker(s.vehicle.world), {}
     for name, hand in zip(("left", "right"), grip.hands, strict=True):
         side = np.array([0.0, hand[1], 0.0])
         p_O = grip.handle + side - grip.cradle + along * grip.mouth
@@ -147,8 +150,7 @@ def compute_miss(s: Supervisor, grip: Grip, shift: Array | None = None) -> float
     `shift` (3,) m: from the estimate to where the robot is taken to be.
     """
     p, R = measure_tool(s)
-    p = p if shift is None else p - shift
-    worst = 0.0
+    p, worst = p if shift is None else p - shift, 0.0
     for h, hand in enumerate(grip.hands):
         goal = p + R @ (grip.handle + np.array([0.0, hand[1], 0.0]) - grip.cradle)
         worst = max(worst, float(np.linalg.norm(s.vehicle.read(Hands).p_WH[h] - goal)))
@@ -175,7 +177,7 @@ class Weight:
 
     def feel(self, s: Supervisor, most: float) -> None:
         """Take in what is felt in this tick: no less than nothing, no more than `most` (N)."""
-        felt = self._zero - float(s.vehicle.estimate["f_ext_W"][2])
+        felt = self._zero - float(s.vehicle.look(Estimate).f_ext_W[2])
         self.carried += MISSION_TICK / FEEL_S * (min(max(felt, 0.0), most) - self.carried)
 
     def step(self, s: Supervisor, v: Array, most: float) -> None:
@@ -376,8 +378,7 @@ def align_tool(s: Supervisor, weight: Weight, place: Place, most: float) -> None
 def _correct(error: Array) -> Array:
     """Speed (3,) m/s of the platform for an error (3,) m of the tool."""
     v = ALIGN_RATE * error
-    size = float(np.linalg.norm(v))
-    return np.asarray(v * min(1.0, ALIGN_SPEED / max(size, 1e-9)))
+    return np.asarray(v * min(1.0, ALIGN_SPEED / max(float(np.linalg.norm(v)), 1e-9)))
 
 
 def let_go(s: Supervisor, grip: Grip, speed: float) -> None:
