@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from types import SimpleNamespace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pytest
@@ -21,10 +21,12 @@ from skywright.vehicle.component import (
     Normal,
     Out,
     Output,
+    ReferenceBlock,
     Sensor,
     Uniform,
     helper,
 )
+from skywright.vehicle.follower import Press, check_field
 from skywright.vehicle.native import read_error
 from skywright.vehicle.schedule import end_control, run_rows
 
@@ -357,3 +359,20 @@ def test_records_inherit_nest_and_copy_by_name():
 def test_context_is_not_changed_by_a_component():
     with pytest.raises(dataclasses.FrozenInstanceError):
         build_context().dt = 1.0  # type: ignore[misc]
+
+
+def test_a_block_of_the_reference_has_fields_of_a_row_alone() -> None:
+    class Misspelt(ReferenceBlock):
+        forces: float
+
+    class Short(ReferenceBlock):
+        f_feet_B: Annotated[Array, 2]
+
+    for block, known, says in (
+        (Misspelt, (), "Misspelt.forces: a row has no such field; valid: t, "),
+        (Short, (), r"Short.f_feet_B is .*; valid: .*\(3,\)"),
+        (Press, ("force",), "Press.force: another record has this field"),
+    ):
+        with pytest.raises(InputError, match=says):
+            for name in block.dtype.names:
+                check_field(block, name, known)

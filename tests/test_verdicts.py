@@ -54,7 +54,14 @@ def test_a_hold_that_a_pilot_interrupts_is_judged_as_one() -> None:
     run.phases[1] = PhaseRecord("manual", 1.0, 2.0, "done")
     run.phases[2] = PhaseRecord("hold 1", 2.0, 3.0, "done")
     assert compute_tracking(run)["position.hold_error_m"] == pytest.approx(0.03)
+    assert compute_tracking(run)["position.final_error_m"] == pytest.approx(0.03)
     run.phases[2] = PhaseRecord("hold 2", 2.0, 3.0, "done")  # never gone on with
+    assert compute_tracking(run)["position.hold_error_m"] == pytest.approx(0.06)
+    run.phases[1] = PhaseRecord("rejoin", 1.0, 2.0, "failed")  # a rule ended it
+    run.phases[2] = PhaseRecord("hold 1", 2.0, 3.0, "done")
+    assert compute_tracking(run)["position.hold_error_m"] == pytest.approx(0.06)
+    run.phases[0] = PhaseRecord("hold 1", 0.0, 1.0, "done")  # nobody took over: two holds
+    run.phases[1] = PhaseRecord("manual", 1.0, 2.0, "done")
     assert compute_tracking(run)["position.hold_error_m"] == pytest.approx(0.06)
 
 

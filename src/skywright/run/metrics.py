@@ -24,6 +24,8 @@ OFF_SURFACE = 1e-4
 """m, gap above which the tip counts as off the surface; below lies the soft contact model."""
 STALLED = 0.999
 """Share of its stall torque at which a servo makes all that it can."""
+BACK = ("manual", "rejoin")
+"""Phases of a pilot, until the phase that was taken over goes on."""
 OUTAGE = 0.6
 """s without a sample of the localisation that count as an outage."""
 
@@ -130,9 +132,9 @@ def compute_tracking(run: Flown[Any, Any]) -> dict[str, float]:
         np.clip(np.hypot(samples["q_WB"][:, 0], samples["q_WB"][:, 3]), 0.0, 1.0)
     )
     holds = HELD.find(phases)
-    last = samples["phase"] == holds[-1] if holds else moving
     out: dict[str, float] = {}
     held = [np.isin(samples["phase"], whole) for whole in _join_holds(phases, holds)]
+    last = held[-1] if held else moving
     passed = list[tuple[float, float]]()
     for i, phase in enumerate(phases[:-1]):  # what is not held is passed
         whole = phase.outcome != "taken over"
@@ -157,8 +159,11 @@ def _join_holds(phases: list[PhaseRecord], holds: list[int]) -> list[list[int]]:
     """Return the phases of each hold: one that a pilot interrupts goes on after that."""
     out = list[list[int]]()
     for i in holds:
-        before = phases[out[-1][-1]] if out else None
-        if before and before.outcome == "taken over" and before.name == phases[i].name:
+        at = out[-1][-1] if out else 0
+        between = phases[at + 1 : i]
+        goes_on = phases[at].outcome == "taken over" and phases[at].name == phases[i].name
+        back = all(p.name in BACK and p.outcome != "failed" for p in between)
+        if out and goes_on and back:
             out[-1].append(i)
         else:
             out.append([i])

@@ -72,8 +72,8 @@ class Output(Record):
 class ReferenceBlock(Output):
     """A part of the reference that a component owns: the plan's rows fill it (follower.py).
 
-    Its fields are fields of a row (core/types.py: REFERENCE); `rules` tell how each is interpolated
-    between rows, linear where it tells nothing.
+    Its fields are fields of a row (core/types.py: REFERENCE) that no other record has; `rules` tell
+    how each is interpolated between rows, linear where it tells nothing.
     """
 
     rules: ClassVar[dict[str, int]] = {}

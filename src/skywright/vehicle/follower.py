@@ -7,7 +7,7 @@ the record declares in `rules`; linear where it declares none.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -18,6 +18,7 @@ from skywright.core.record import Integers, Record, Vec3
 from skywright.core.rotations import orthonormalise
 from skywright.core.types import HOLD, HOLD_END, LINEAR, REFERENCE, ROTATION
 from skywright.core.user_code import njit
+from skywright.errors import InputError
 from skywright.vehicle.bus import Clock, Reference
 from skywright.vehicle.component import Component, Out, ReferenceBlock, helper
 
@@ -74,6 +75,19 @@ def list_rules(records: dict[Any, NDArray[Any]]) -> list[Rule]:
     return out
 
 
+def check_field(record: type[Record], name: str, known: Container[str]) -> None:
+    """Raise InputError for a field that no row fills; `known` are those that others have."""
+    where = f"{record.__qualname__}.{name}"
+    names = REFERENCE.names or ()
+    if name not in names:
+        raise InputError(f"{where}: a row has no such field; valid: {', '.join(names)}")
+    if name in known:
+        raise InputError(f"{where}: another record has this field of the reference")
+    found, wanted = record.dtype[name], REFERENCE[name]
+    if found != wanted:
+        raise InputError(f"{where} is {found}; valid: {wanted}, as in a row")
+
+
 def _is_told(record: type[Record]) -> bool:
     return record is Reference or issubclass(record, ReferenceBlock)
 
@@ -118,12 +132,16 @@ class Follower(Component):
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Find the records that rows are told to."""
         self._me = me
+        told = [(r, view) for (r, _), view in context.records.items() if _is_told(r)]
+        self.fields = dict[str, Any]()
+        for r, view in told:
+            for name in r.dtype.names:
+                check_field(r, name, self.fields)
+                self.fields[name] = view[name]
         rules = list_rules(context.records)
         me.width, me.n_rules = REFERENCE.itemsize // 8, len(rules)
         me.rules[: len(rules)] = rules
         self._rules = me.rules[: len(rules)]
-        told = [(r, view) for (r, _), view in context.records.items() if _is_told(r)]
-        self.fields = {name: view[name] for r, view in told for name in r.dtype.names}
         ref = context.records[Reference, ""][0]
         ref["R_WB"] = ref["R_WT"] = ref["R_WS"] = np.eye(3)
 

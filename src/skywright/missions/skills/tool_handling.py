@@ -25,7 +25,7 @@ from skywright.vehicle.arms.ports import HandForce, Hands, HandState, Marker
 from skywright.vehicle.bus import Estimate
 from skywright.vehicle.plant import MISSION_TICK
 
-_MARKERS = WeakKeyDictionary[Supervisor, Frame]()  # what find_marker says, of flights under way
+_MARKERS = WeakKeyDictionary[Any, Frame]()  # by vehicle: what find_marker says
 LOW = 0.08  # m, from the cradle, along its mouth, to where the hands wait for the handle
 DROP = 0.06  # m, by which the platform is lower meanwhile, so that the arms need not stretch
 PRESS = 0.015  # m, that the hands aim beyond the handle, so that they touch it
@@ -79,8 +79,9 @@ def find_platform(grip: Grip, place: Place) -> Array:
 
 def measure_tool(s: Supervisor) -> tuple[Array, Array]:
     """Return (p_WO, R_WO) of the tool as motion capture sees it now."""
-    seen = s.vehicle.look(Marker)
-    marker = _MARKERS.get(s) or _MARKERS.setdefault(s, find_marker(s.vehicle.world))
+    v = s.vehicle
+    marker = _MARKERS.get(v) or _MARKERS.setdefault(v, find_marker(v.world))
+    seen = v.look(Marker)
     R = seen.R_WO @ marker.R.T
     return seen.p_WO - R @ marker.p, R
 
@@ -159,8 +160,7 @@ def compute_miss(s: Supervisor, grip: Grip, shift: Array | None = None) -> float
 
 def is_at_hand(s: Supervisor, grip: Grip) -> bool:
     """Whether the tool is upright and near the hands; one that is not must not be followed."""
-    _, R = measure_tool(s)
-    return compute_miss(s, grip) < STRAY and R[2, 2] > math.cos(TILT_MAX)
+    return compute_miss(s, grip) < STRAY and measure_tool(s)[1][2, 2] > math.cos(TILT_MAX)
 
 
 class Weight:
