@@ -1,8 +1,8 @@
-"""Run the whole suite again and again: `python scripts/repeat_suite.py [--runs N] [--load K]`.
+"""Run the suite again and again: `python scripts/repeat_suite.py [--runs N] [--load K]`.
 
 A test that fails now and then is found by repetition, on an idle machine and on a loaded one.
-`--load K` keeps K processes busy beside each run. Appends a row a run to
-benchmarks/suite-runs.csv; exits with 1 where a run failed.
+`--load K` keeps K processes busy beside each run; `--workers W` is for `make test`. Appends a row
+a run to benchmarks/suite-runs.csv; exits with 1 where a run failed.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ ROOT = Path(__file__).resolve().parent.parent
 TABLE = ROOT / "benchmarks" / "suite-runs.csv"
 COLUMNS = (
     "when_utc", "commit", "cores", "busy_processes", "passed", "failed", "wall_s", "processor_s",
-    "failures",
+    "failures", "workers",
 )  # fmt: skip
 
 
-def run(load: int, commit: str) -> list[object]:
+def run(load: int, workers: int, commit: str) -> list[object]:
     """Run the suite once beside `load` busy processes; returns the row."""
     when = datetime.now(UTC).strftime("%Y-%m-%d %H:%M")
     busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(load)]
@@ -36,7 +36,8 @@ def run(load: int, commit: str) -> list[object]:
     begin = time.perf_counter()
     try:
         done = subprocess.run(
-            ["make", "test"], cwd=ROOT, env={**os.environ, "SKYWRIGHT_NO_SKIP": "1"},
+            ["make", "test", f"WORKERS={workers}"], cwd=ROOT,
+            env={**os.environ, "SKYWRIGHT_NO_SKIP": "1"},
             capture_output=True, text=True, stdin=subprocess.DEVNULL,
         )  # fmt: skip
         wall, after = time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -52,7 +53,7 @@ def run(load: int, commit: str) -> list[object]:
         names = [f"exit code {done.returncode}"]
     return [
         when, commit, os.cpu_count(), load, int(passed[1]) if passed else 0, len(names),
-        round(wall), round(spent), " ".join(names),
+        round(wall), round(spent), " ".join(names), workers,
     ]  # fmt: skip
 
 
@@ -60,11 +61,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=1)
     parser.add_argument("--load", type=int, default=0)
+    usual = re.search(r"^WORKERS := (\d+)", (ROOT / "Makefile").read_text("utf-8"), re.M)
+    parser.add_argument("--workers", type=int, default=int(usual[1]) if usual else 1)
     asked = parser.parse_args()
     failed, source = 0, read_commit()
     commit = f"{source['commit']}{'-changed' if source['changed'] else ''}"
     for _ in range(asked.runs):
-        row = run(asked.load, commit)
+        row = run(asked.load, asked.workers, commit)
         new = not TABLE.exists()
         with TABLE.open("a", encoding="utf-8", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")

@@ -190,7 +190,7 @@ def chromium() -> str:
 FEWER_PICTURES = """{ const draw = window.requestAnimationFrame;
     window.requestAnimationFrame = (f) => setTimeout(() => draw(f), 80);
     window.cancelAnimationFrame = clearTimeout; }"""
-"""Ten pictures a second: each costs 28 ms of a processor that has no graphics card."""
+"""Ten pictures a second: without a graphics card each takes a processor for longer than a frame."""
 
 
 @pytest.fixture(scope="module")
@@ -221,6 +221,8 @@ def open_page(browser: Browser) -> Iterator[Callable[..., Page]]:
 
     The arguments are those of Playwright's `new_context`.
     """
+    from playwright.sync_api import Error as PlaywrightError
+
     contexts, errors = [], []
 
     def open_one(width: int = 700, height: int = 450, **options: Any) -> Page:
@@ -231,8 +233,6 @@ def open_page(browser: Browser) -> Iterator[Callable[..., Page]]:
         context.add_init_script(FEWER_PICTURES)
         context.on("weberror", lambda error: errors.append(str(error.error)))
         return context.new_page()
-
-    from playwright.sync_api import Error as PlaywrightError
 
     yield open_one
     for context in contexts:

@@ -159,15 +159,18 @@ def _join_holds(phases: list[PhaseRecord], holds: list[int]) -> list[list[int]]:
     """Return the phases of each hold: one that a pilot interrupts goes on after that."""
     out = list[list[int]]()
     for i in holds:
-        at = out[-1][-1] if out else 0
-        between = phases[at + 1 : i]
-        goes_on = phases[at].outcome == "taken over" and phases[at].name == phases[i].name
-        back = all(p.name in BACK and p.outcome != "failed" for p in between)
-        if out and goes_on and back:
+        if out and _goes_on(phases[out[-1][-1] : i + 1]):
             out[-1].append(i)
         else:
             out.append([i])
     return out
+
+
+def _goes_on(phases: list[PhaseRecord]) -> bool:
+    """Whether the last phase is the first one, which a pilot took over and gave back."""
+    first, *between, last = phases
+    back = all(p.name in BACK and p.outcome != "failed" for p in between)
+    return first.outcome == "taken over" and first.name == last.name and back
 
 
 def _judge_hold(samples: Samples, held: NDArray[np.bool_]) -> tuple[float, float]:

@@ -21,6 +21,7 @@ from skywright.core.user_code import njit
 from skywright.errors import InputError
 from skywright.vehicle.bus import Clock, Reference
 from skywright.vehicle.component import Component, Out, ReferenceBlock, helper
+from skywright.vehicle.recorder import copy_words
 
 MAX_RULES = 64
 
@@ -153,7 +154,7 @@ class Follower(Component):
         assert rows.flags.c_contiguous
         self._rows, me = rows, self._me
         me.rows, me.n, me.t0, me.cursor = rows.ctypes.data, len(rows), t, 0
-        tell_row(self._rules, rows[:1].view(float))
+        copy_fields(self._rules, me.rows, False)
         self.fields["t"][0] = rows["t"][0]
 
     def delay(self, seconds: float) -> None:
@@ -168,7 +169,7 @@ class Follower(Component):
     def read_row(self) -> Any:
         """Return a REFERENCE row of what is referred to now."""
         row = self._rows[:1].copy()
-        ask_row(self._rules, row.view(float))
+        copy_fields(self._rules, row.ctypes.data, True)
         row["t"] = self.fields["t"]
         return row[0]
 
@@ -197,23 +198,14 @@ class Follower(Component):
 
 
 @njit(cache=True, error_model="numpy")
-def tell_row(rules: Any, row: Any) -> None:
-    """Write the words of a row to where the rules say."""
+def copy_fields(rules: Any, row: int, back: bool) -> None:
+    """Write the row at an address to where the rules say, or `back` from there into the row."""
     for r in range(len(rules)):
-        first, n = rules[r, 0], rules[r, 1] - rules[r, 0]
-        out = words(rules[r, 3], n)
-        for k in range(n):
-            out[k] = row[first + k]
-
-
-@njit(cache=True, error_model="numpy")
-def ask_row(rules: Any, row: Any) -> None:
-    """Write into a row the words that stand where the rules say."""
-    for r in range(len(rules)):
-        first, n = rules[r, 0], rules[r, 1] - rules[r, 0]
-        out = words(rules[r, 3], n)
-        for k in range(n):
-            row[first + k] = out[k]
+        here, there, n = row + 8 * rules[r, 0], rules[r, 3], rules[r, 1] - rules[r, 0]
+        if back:
+            copy_words(there, here, n)
+        else:
+            copy_words(here, there, n)
 
 
 @helper

@@ -201,7 +201,7 @@ class BarLeader:
 
     def _find_stretch(self, row: Any) -> Array:
         """Return how far (3,) m the bar is from where the arms have the pose of the grip."""
-        middle = 0.5 * (self.grip.hands[0] + self.grip.hands[1]) + self.grip.cradle
+        middle = self._middle + self.grip.cradle
         return np.asarray(self._p_handle - row["R_WB"] @ middle - row["p_WB"])
 
     @property

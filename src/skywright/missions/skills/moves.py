@@ -18,8 +18,6 @@ STILL = (
     "t", "v_WB", "a_WB", "w_WB_B", "wd_WB_B", "qd", "v_WT", "track_tip", "dead_zone", "tare",
 )  # fmt: skip
 """What is zero in a row at rest. The hands keep their tasks, `v_WH` among them: how fast."""
-
-
 LEVEL = np.eye(3)
 
 
