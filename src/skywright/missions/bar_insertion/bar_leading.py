@@ -21,7 +21,8 @@ from skywright.core.rotations import rot_z
 from skywright.core.types import TASK_FORCE_POSITION, TASK_JOINTS
 from skywright.missions.bar_insertion.bar_pose import OFF, BarPose, average_error, locate_bar
 from skywright.missions.skills.moves import set_rest
-from skywright.missions.skills.tool_handling import Grip, Weight, measure_tool
+from skywright.missions.skills.tool_handling import Grip, Weight
+from skywright.missions.skills.tool_pose import measure_tool
 from skywright.models.arm_inverse_kinematics import ArmChain, compute_arm_ik
 from skywright.models.bimanual import Bar, compute_bar_hands
 from skywright.run.supervisor import Supervisor

@@ -26,9 +26,9 @@ from skywright.missions.skills.tool_handling import (
     LIFT,
     Grip,
     Place,
-    find_marker,
     find_platform,
 )
+from skywright.missions.skills.tool_pose import find_marker
 from skywright.models.arm_inverse_kinematics import ArmChain, build_arm_chain
 from skywright.models.geometry import build_clearance, compute_clearance
 from skywright.models.rigid_body import posture
