@@ -48,8 +48,9 @@ def run(load: int, workers: int, commit: str) -> list[object]:
     spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     names = re.findall(r"^(?:FAILED|ERROR) (\S+)", done.stdout, re.M)
     passed = re.search(r"(\d+) passed", done.stdout)
+    if done.returncode != 0:
+        print(done.stdout[-20000:], done.stderr[-3000:], sep="\n", file=sys.stderr)
     if done.returncode != 0 and not names:
-        print(done.stdout[-3000:], done.stderr[-3000:], sep="\n", file=sys.stderr)
         names = [f"exit code {done.returncode}"]
     return [
         when, commit, os.cpu_count(), load, int(passed[1]) if passed else 0, len(names),

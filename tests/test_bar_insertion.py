@@ -10,12 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import exp_so3, rot_x, rot_y, rot_z
 from skywright.description.loader import load_description
 from skywright.description.world.thing import Frame, Solid
 from skywright.description.world.things import locate_thing
 from skywright.errors import InputError
-from skywright.missions.bar_insertion.bar_leading import build_attitude
+from skywright.missions.bar_insertion.bar_pose import OFF, build_attitude, locate_bar
 from skywright.missions.bar_insertion.insertion import find_offset
 from skywright.missions.bar_insertion.plan import InsertionPlan, plan
 from skywright.models.arm_body import Deviation
@@ -150,6 +151,35 @@ def test_an_attitude_is_put_together_from_direction_and_pitch(a: float, b: float
     level /= np.linalg.norm(level)
     pitch = math.atan2(float(R[:, 0] @ np.cross(R[:, 1], level)), float(R[:, 0] @ level))
     np.testing.assert_allclose(build_attitude(R[:, 1], pitch), R, atol=1e-9)
+
+
+def test_a_bar_in_both_hooks_is_where_hands_and_marker_say() -> None:
+    """The marker's pose is taken in by its share; the hands move what they hold at once."""
+    rng = np.random.default_rng(3)
+    cradle, handle, R_WB = np.array([0.02, 0.0, 0.015]), np.array([0.0, 0.01, 0.3]), rot_z(0.7)
+    R_tool, p_tool = rot_z(0.75) @ rot_x(0.06) @ rot_y(0.11), rng.normal(size=3)
+    middle = p_tool + R_tool @ handle - R_WB @ cradle
+    hands = middle + np.outer([0.15, -0.15], R_tool[:, 1])
+    wrong = hands + [0.004, -0.003, 0.002]  # encoders and play in the gears
+    off, p, R = np.zeros(OFF), np.empty(3), np.empty((3, 3))
+
+    def locate(hands: Array, share: float) -> None:
+        locate_bar(hands, R_WB, cradle, handle, p_tool, R_tool, share, off, p, R)
+
+    for _ in range(200):
+        locate(wrong, 0.1)
+    np.testing.assert_allclose(p, p_tool, atol=1e-9)
+    np.testing.assert_allclose(R, R_tool, atol=1e-9)
+    off[:] = 0.0
+    locate(wrong, 0.5)
+    np.testing.assert_allclose(p + R @ handle, p_tool + R_tool @ handle + [2e-3, -1.5e-3, 1e-3])
+    locate(wrong + [0.0, 0.0, 0.01], 0.0)  # all moves by what the hands move
+    np.testing.assert_allclose(p + R @ handle, p_tool + R_tool @ handle + [2e-3, -1.5e-3, 11e-3])
+    R_tool[:] = p_tool[:] = np.nan  # a marker that is out of sight is not read
+    locate(hands, 0.0)
+    assert np.isfinite(p).all() and np.isfinite(R).all()
+    locate(np.zeros((2, 3)), 0.0)
+    assert np.isfinite(p).all() and np.isfinite(R).all()
 
 
 def test_the_search_leaves_no_gap() -> None:

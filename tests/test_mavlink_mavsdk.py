@@ -69,6 +69,9 @@ async def fly(port: int) -> None:
         action, tell = ActionAsync(system), TelemetryAsync(system)
         offboard, parameters = OffboardAsync(system), ParamAsync(system)
         await until(tell.health_all_ok)
+        # half a second of the robot's time passes in a sixth of a second: on a busy computer
+        # set-points come later than that, and the robot would hold
+        await parameters.set_param_float("COM_OF_LOSS_T", 20.0)
         await action.set_takeoff_altitude(1.0)
         assert await action.get_takeoff_altitude() == 1.0
         await action.arm()
@@ -121,10 +124,10 @@ async def fly(port: int) -> None:
         await action.land()
 
         async def is_down() -> bool:
-            return not await tell.armed()
+            landed = await tell.landed_state() == LandedState.ON_GROUND
+            return landed and not await tell.armed()  # two messages: either may come first
 
         await until(is_down)
-        assert await tell.landed_state() == LandedState.ON_GROUND
 
 
 def test_mavsdk_arms_flies_offboard_and_lands(port: int) -> None:

@@ -93,6 +93,15 @@ def _is_told(record: type[Record]) -> bool:
     return record is Reference or issubclass(record, ReferenceBlock)
 
 
+def copy_row(row: Any) -> Any:
+    """Return a copy of a REFERENCE row, as an array of no dimension.
+
+    NumPy's `np.array(row)` is no copy but a view where `row` is an element of an array, and
+    `row.copy()` takes 14 times as long.
+    """
+    return np.frombuffer(bytearray(row.tobytes()), row.dtype).reshape(())
+
+
 class RowNow:
     """The REFERENCE row that is referred to now: `row["p_WB"]` is read where it stands."""
 
@@ -168,10 +177,10 @@ class Follower(Component):
 
     def read_row(self) -> Any:
         """Return a REFERENCE row of what is referred to now."""
-        row = self._rows[:1].copy()
+        row = copy_row(self._rows[0])
         copy_fields(self._rules, row.ctypes.data, True)
-        row["t"] = self.fields["t"]
-        return row[0]
+        row["t"] = self.fields["t"][0]
+        return row[()]
 
     def save(self) -> Any:
         """Return the rows that are tracked; where they stand is in the record."""

@@ -199,7 +199,7 @@ class WholeBody:
 
     def hold(self) -> None:
         """Stay at the reference, tip loop and dead zone unchanged."""
-        row = np.array(self.backend.reference)
+        row = self.backend.reference
         row["t"] = 0.0
         for field in ("v_WB", "a_WB", "w_WB_B", "wd_WB_B", "qd", "v_WT"):
             row[field] = 0.0

@@ -5,7 +5,8 @@ from __future__ import annotations
 import inspect
 import sys
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints
 
@@ -80,7 +81,7 @@ def list_steps(component: Component) -> list[Step]:
     return out
 
 
-def list_records(cls: type[Component]) -> dict[str, type[Record]]:
+def _list_records(cls: Any) -> Mapping[str, type[Record]]:
     """Return the records that a component's class defines, by name; bases' come first."""
     return {
         name: value
@@ -88,6 +89,10 @@ def list_records(cls: type[Component]) -> dict[str, type[Record]]:
         for name, value in vars(base).items()
         if isinstance(value, type) and issubclass(value, Record)
     }
+
+
+list_records: Callable[[Any], Mapping[str, type[Record]]] = cache(_list_records)
+"""The same, looked up once: a vehicle that is built asks some hundred times."""
 
 
 def _read_ports(component: Component, function: Callable[..., None]) -> list[Port]:

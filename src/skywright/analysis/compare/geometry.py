@@ -45,7 +45,7 @@ class PipeDistance:
 
 
 def measure_way(d: Description) -> Way:
-    """Fly the plan of sensor-install in thought, planned or not, and ask for the distances.
+    """Compute the distances along the legs that sensor-install plans, feasible or not.
 
     Raises InputError where the mission is not for this robot.
     """

@@ -28,7 +28,7 @@ from skywright.core.rotations import mat_t_mat, mat_t_vec, mat_vec, quat_to_rot
 from skywright.core.scratch import local
 from skywright.description.world.things import list_movers, locate_thing
 from skywright.missions.skills.moves import set_rest
-from skywright.missions.skills.tool_handling import find_marker
+from skywright.missions.skills.tool_pose import find_marker
 from skywright.models.deviation import build_socket_error
 from skywright.models.things._build import find_offsets
 from skywright.models.things.peg import Peg

@@ -12,17 +12,19 @@ sets the bar swinging. In contact the arms press by (31), and the platform follo
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.core.types import TASK_FORCE_POSITION, TASK_JOINTS
+from skywright.missions.bar_insertion.bar_pose import OFF, BarPose, average_error, locate_bar
 from skywright.missions.skills.moves import set_rest
-from skywright.missions.skills.tool_handling import Grip, Weight, measure_tool
+from skywright.missions.skills.tool_handling import Grip, Weight
+from skywright.missions.skills.tool_pose import measure_tool
 from skywright.models.arm_inverse_kinematics import ArmChain, compute_arm_ik
-from skywright.models.bimanual import Bar, compute_bar, compute_bar_hands
+from skywright.models.bimanual import Bar, compute_bar_hands
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import Hands, HandState
 from skywright.vehicle.bus import Estimate
@@ -43,13 +45,6 @@ FOLLOW_RATE = 0.5  # 1/s, of the platform behind a bar that is pressed
 HANGS = 0.95  # of its weight in the hands, from which a bar hangs free
 
 
-class BarPose(NamedTuple):
-    """Frame O of the bar (models/things/peg.py), as believed."""
-
-    p: Array  # (3,) m
-    R: Array  # (3, 3)
-
-
 class BarLeader:
     """Both hands on a bar that they carry; each `step` is one tick."""
 
@@ -60,11 +55,10 @@ class BarLeader:
         self.s, self.grip, self.weight = s, grip, weight
         self._felt, self._load = Weight(s, weight), weight
         self.correct = True  # by the marker
-        here = self._bar_of_hands()
-        p, R = measure_tool(s)
-        handle = p + R @ grip.handle
-        self._dp, self._dn, self._pitch = handle - here.p, R[:, 1] - here.n, _find_pitch(R)
-        self._error, self._turn, self._p_handle = np.zeros(3), np.zeros(3), handle
+        self._hands, self._R_WB = s.vehicle.look(Hands).p_WH, s.vehicle.look(Estimate).R_WB
+        self._off, self._error, self._turn = np.zeros(OFF), np.zeros(3), np.zeros(3)
+        first = self._locate(1.0)
+        self._p_handle = first.p + first.R @ grip.handle
         self._q = np.array(s.vehicle.reference["q"])
         self._chains, self._n = chains, np.array([0.0, 1.0, 0.0])  # in a frame with the heading
         self._middle = np.mean(grip.hands, axis=0)
@@ -74,13 +68,7 @@ class BarLeader:
         self._hang = np.zeros(3)  # m, in W: from the pose of the grip to where the bar hangs free
 
     def _heading(self) -> Array:
-        R = self.s.vehicle.look(Estimate).R_WB
-        return rot_z(math.atan2(R[1, 0], R[0, 0]))
-
-    def _bar_of_hands(self) -> Bar:
-        """(29), (30): the crossbar's axis lies in the cradles."""
-        p = self.s.vehicle.look(Hands).p_WH[:2] + self._heading() @ self.grip.cradle
-        return compute_bar(p[0], p[1])
+        return rot_z(math.atan2(self._R_WB[1, 0], self._R_WB[0, 0]))
 
     def _solve(self, n: Array) -> Array:
         """Joints that hold a bar along n (3,), its centre at rest in B: (29), (30) inverted."""
@@ -93,16 +81,17 @@ class BarLeader:
 
     def measure(self) -> BarPose:
         """Return the bar's pose by (29), (30), corrected."""
-        bar = self._bar_of_hands()
-        if self.correct:
-            p, R = measure_tool(self.s)
-            share = MISSION_TICK / CORRECT_S
-            self._dp += share * (p + R @ self.grip.handle - bar.p - self._dp)
-            self._dn += share * (R[:, 1] - bar.n - self._dn)
-            self._pitch += share * (_find_pitch(R) - self._pitch)
-        n = bar.n + self._dn
-        R = build_attitude(n, self._pitch)
-        return BarPose(bar.p + self._dp - R @ self.grip.handle, R)
+        return self._locate(MISSION_TICK / CORRECT_S if self.correct else 0.0)
+
+    def _locate(self, share: float) -> BarPose:
+        """Return the bar's pose, in which `share` of what the marker says is taken in."""
+        p, R = np.empty(3), np.empty((3, 3))
+        p_tool, R_tool = measure_tool(self.s)
+        locate_bar(
+            self._hands, self._R_WB, self.grip.cradle, self.grip.handle, p_tool, R_tool, share,
+            self._off, p, R,
+        )  # fmt: skip
+        return BarPose(p, R)
 
     def lead(
         self, p: Array, n: Array, point_O: Array, sink: float = 0.0, let_go: bool = False,
@@ -124,7 +113,7 @@ class BarLeader:
             self._q = np.array(s.vehicle.read(HandState).q_goal[: s.vehicle.n_joints])
             self._pressed = False
         v = LEAD_RATE * self._error
-        v *= min(1.0, LEAD_SPEED / max(float(np.linalg.norm(v)), 1e-9))
+        v *= min(1.0, LEAD_SPEED / max(math.hypot(*v), 1e-9))
         row = set_rest(s.vehicle.reference)
         if along is not None:
             v, row["a_WB"] = v + along[0], along[1]
@@ -136,7 +125,7 @@ class BarLeader:
         if sink != 0.0:
             v[2] = -sink
         self._n += MISSION_TICK * LEAD_RATE * (self._heading().T @ self._turn)
-        self._n /= np.linalg.norm(self._n)
+        self._n /= math.hypot(*self._n)
         most = MISSION_TICK * JOINT_SPEED
         k = s.vehicle.n_joints
         self._q[:k] += np.clip(
@@ -156,8 +145,8 @@ class BarLeader:
         s, pose = self.s, self._watch(p, n, point_O)
         more = max(force - (self.weight - self.carried), LEAST_N)
         row = set_rest(s.vehicle.reference)
-        hands = np.array(s.vehicle.read(Hands).p_WH[:2])
-        half = 0.5 * float(np.linalg.norm(hands[0] - hands[1]))
+        hands = self._hands
+        half = 0.5 * math.dist(hands[0], hands[1])
         across = self._error * [1.0, 1.0, 0.0]
         for h, sign in ((0, 1.0), (1, -1.0)):
             row["task"][h], row["gamma"][h] = TASK_FORCE_POSITION, gamma
@@ -187,17 +176,18 @@ class BarLeader:
     def _watch(self, p: Array, n: Array, point_O: Array) -> BarPose:
         """Measure the bar, average its error, and feel its weight."""
         self._felt.feel(self.s, ROOM * self.weight)
-        pose, share = self.measure(), MISSION_TICK / FILTER_S
-        self._error += share * (p - (pose.p + pose.R @ point_O) - self._error)
-        self._turn += share * (n - pose.R[:, 1] - self._turn)
-        self._p_handle += share * (pose.p + pose.R @ self.grip.handle - self._p_handle)
+        pose = self.measure()
+        average_error(
+            p, np.ascontiguousarray(n), np.ascontiguousarray(point_O), self.grip.handle, *pose,
+            MISSION_TICK / FILTER_S, self._error, self._turn, self._p_handle,
+        )  # fmt: skip
         return pose
 
     def _follow(self, row: Any) -> Array:
         """Speed (3,) m/s of the platform towards where the arms have the pose of the grip."""
         sag = min(self.carried / self.weight, 1.0) * self._hang
         v = FOLLOW_RATE * (self._find_stretch(row) - sag)
-        return np.asarray(v * min(1.0, LEAD_SPEED / max(float(np.linalg.norm(v)), 1e-9)))
+        return np.asarray(v * min(1.0, LEAD_SPEED / max(math.hypot(*v), 1e-9)))
 
     def _find_stretch(self, row: Any) -> Array:
         """Return how far (3,) m the bar is from where the arms have the pose of the grip."""
@@ -208,7 +198,8 @@ class BarLeader:
     def lost(self) -> bool:
         """Whether the bar, as the marker says, is no longer where the hands would hold it."""
         p, R = measure_tool(self.s)
-        away = float(np.linalg.norm(p + R @ self.grip.handle - self._bar_of_hands().p))
+        held = np.mean(self._hands, axis=0) + self._heading() @ self.grip.cradle
+        away = math.dist(p + R @ self.grip.handle, held)
         return away > LOST_M or abs(float(R[2, 1])) > math.sin(LOST_ANGLE)
 
     @property
@@ -223,19 +214,3 @@ class BarLeader:
         self.s.body.track(row[None])
         self.s.tick()
         return pose
-
-
-def _find_pitch(R: Array) -> float:
-    """Angle (rad) by which a bar R (3, 3) has turned about its own axis, from hanging level."""
-    (x0, n0, _), (x1, n1, _), (x2, _, _) = R.tolist()
-    return math.atan2(-x2, (x0 * n1 - x1 * n0) / math.hypot(n0, n1))
-
-
-def build_attitude(n: Array, pitch: float) -> Array:
-    """Return R_WO (3, 3) of a bar along n (3,) that is turned about it by `pitch` (rad)."""
-    n0, n1, n2 = (n / np.linalg.norm(n)).tolist()
-    across = math.hypot(n0, n1)
-    x0, x1 = n1 / across, -n0 / across  # level: y cross the vertical
-    c, s = math.cos(pitch), math.sin(pitch)
-    level = np.array([[x0, n0, x1 * n2], [x1, n1, -x0 * n2], [0.0, n2, x0 * n1 - x1 * n0]])
-    return np.asarray(level @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]))

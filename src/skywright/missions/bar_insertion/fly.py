@@ -39,11 +39,11 @@ from skywright.missions.skills.tool_handling import (
     hold_joints,
     lead_hands,
     let_go,
-    measure_tool,
     move_platform,
     put_down,
     take_up_again,
 )
+from skywright.missions.skills.tool_pose import measure_tool
 from skywright.models.things.peg import Peg
 from skywright.run.flight import Flight
 from skywright.run.orders import Detour

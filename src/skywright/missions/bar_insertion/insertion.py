@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from skywright.core.arrays import Array
-from skywright.missions.bar_insertion.bar_leading import BarLeader, BarPose
+from skywright.missions.bar_insertion.bar_leading import BarLeader
+from skywright.missions.bar_insertion.bar_pose import BarPose
 from skywright.missions.bar_insertion.task import BarInsertion
 from skywright.missions.skills.tool_handling import Grip, Place
 from skywright.models.things.peg import Peg

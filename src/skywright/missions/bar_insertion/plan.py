@@ -26,9 +26,9 @@ from skywright.missions.skills.tool_handling import (
     LIFT,
     Grip,
     Place,
-    find_marker,
     find_platform,
 )
+from skywright.missions.skills.tool_pose import find_marker
 from skywright.models.arm_inverse_kinematics import ArmChain, build_arm_chain
 from skywright.models.geometry import build_clearance, compute_clearance
 from skywright.models.rigid_body import posture
@@ -149,7 +149,7 @@ def _find_misfit(robot: Robot, world: World, task: BarInsertion) -> str | None:
 def _find_blocked_way(
     robot: Robot, world: World, way: InsertionPlan, keeps: float
 ) -> tuple[float, str | None]:
-    """Fly the straight ways in thought: (least distance m, what is in the way or None).
+    """Check the straight ways: (least distance m, what is in the way or None).
 
     The world is without the bar: it is what the hands touch.
     """

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from skywright.core.arrays import Table
 from skywright.core.rotations import exp_so3, log_so3
 from skywright.models.rigid_body import compute_tip
+from skywright.vehicle.follower import copy_row
 from skywright.vehicle.rest_to_rest import ROW_PERIOD, build_straight, duration
 
 TURN_SPEED, TURN_ACCELERATION = 0.3, 0.6  # rad/s, rad/s^2, of the platform's attitude
@@ -23,7 +24,7 @@ LEVEL = np.eye(3)
 
 def set_rest(row: Any) -> Any:
     """Return a copy of a REFERENCE row that stands still, its time 0."""
-    row = np.array(row)
+    row = copy_row(row)
     for field in STILL:
         row[field] = 0.0
     row["R_WS"] = LEVEL

@@ -8,24 +8,19 @@ so that the hands rise again to where they were.
 
 import math
 from typing import Any, NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
-from skywright.description.world.spec import World
-from skywright.description.world.thing import Frame
-from skywright.description.world.things import find_carrier, locate_thing
-from skywright.errors import InputError
 from skywright.missions.skills.moves import build_move, set_rest
+from skywright.missions.skills.tool_pose import find_marker, measure_tool
 from skywright.run.orders import Detour
 from skywright.run.supervisor import Supervisor
-from skywright.vehicle.arms.ports import HandForce, Hands, HandState, Marker
+from skywright.vehicle.arms.ports import HandForce, Hands, HandState
 from skywright.vehicle.bus import Estimate
 from skywright.vehicle.plant import MISSION_TICK
 
-_MARKERS = WeakKeyDictionary[Any, Frame]()  # by vehicle: what find_marker says
 LOW = 0.08  # m, from the cradle, along its mouth, to where the hands wait for the handle
 DROP = 0.06  # m, by which the platform is lower meanwhile, so that the arms need not stretch
 PRESS = 0.015  # m, that the hands aim beyond the handle, so that they touch it
@@ -75,30 +70,6 @@ def find_platform(grip: Grip, place: Place) -> Array:
     """Return p_WB (3,) m from which the hands hold a tool that stands at `place`."""
     middle = 0.5 * (grip.hands[0] + grip.hands[1]) + grip.cradle
     return np.asarray(place.p_WO + rot_z(place.yaw) @ (grip.handle - middle))
-
-
-def measure_tool(s: Supervisor) -> tuple[Array, Array]:
-    """Return (p_WO, R_WO) of the tool as motion capture sees it now."""
-    v = s.vehicle
-    marker = _MARKERS.get(v) or _MARKERS.setdefault(v, find_marker(v.world))
-    seen = v.look(Marker)
-    R = seen.R_WO @ marker.R.T
-    return seen.p_WO - R @ marker.p, R
-
-
-def find_marker(world: World, tool: str | None = None) -> Frame:
-    """Return where the marker is on the thing that carries it, which is `tool` where it is named.
-
-    Raises InputError where there is no such marker.
-    """
-    for name, thing in world.things.items():
-        carrier = find_carrier(world.things, name)
-        if thing.is_marker and carrier is not None and tool in (None, carrier):
-            return locate_thing(world.things, name, carrier)
-    raise InputError(
-        f"world {world.name!r}: tracking of {tool or 'the payload'} requires a thing of "
-        f"kind 'marker', on = {tool or 'NAME'!r}"
-    )
 
 
 def find_tool(s: Supervisor, seconds: float = 0.6) -> Place:

@@ -26,11 +26,11 @@ from skywright.missions.skills.tool_handling import (
     find_platform,
     find_tool,
     lead_hands,
-    measure_tool,
     move_platform,
     put_down,
     take_up_again,
 )
+from skywright.missions.skills.tool_pose import measure_tool
 from skywright.missions.tool_install.operated_install import install_by_operator
 from skywright.missions.tool_install.operated_retrieval import HAND_OVER, retrieve_by_operator
 from skywright.missions.tool_install.plan import (

@@ -24,8 +24,8 @@ from skywright.missions.skills.tool_handling import (
     align_tool,
     is_at_hand,
     let_go,
-    measure_tool,
 )
+from skywright.missions.skills.tool_pose import measure_tool
 from skywright.missions.tool_install.led_hands import (
     MOST,
     SEATED_M,

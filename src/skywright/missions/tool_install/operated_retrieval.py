@@ -31,8 +31,8 @@ from skywright.missions.skills.tool_handling import (
     is_at_hand,
     lead_hands,
     let_go,
-    measure_tool,
 )
+from skywright.missions.skills.tool_pose import measure_tool
 from skywright.missions.tool_install.led_hands import (
     FREE,
     MOST,

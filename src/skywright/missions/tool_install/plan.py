@@ -30,9 +30,9 @@ from skywright.missions.skills.tool_handling import (
     LIGHT_N,
     Grip,
     Place,
-    find_marker,
     find_platform,
 )
+from skywright.missions.skills.tool_pose import find_marker
 from skywright.missions.tool_install.task import ToolInstall
 from skywright.models.geometry import build_clearance, compute_clearance
 from skywright.models.kinematic_tree import build_planning_scene
