@@ -114,7 +114,7 @@ def locate(
     frame: tuple[Path, Path] | None, compare: str, reference_offset: float | None, demo: bool,
     out: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
-    """Fuse a total station with a tracking camera, or judge a trajectory.
+    """Fuse a total station with a tracking camera, or evaluate a trajectory.
 
     DATA: the station's and the camera's recording, or one trajectory with --reference. TUM, EuRoC,
     CSV with a header, or MCAP as FILE:TOPIC.

@@ -83,7 +83,7 @@ def receive(
 ) -> int:
     """Record live streams into files that `locate` and `weld` read.
 
-    Pose packets, MAVLink ODOMETRY and instrument lines are told apart by themselves.
+    It recognises pose packets, MAVLink ODOMETRY and instrument lines.
     """
     from skywright.links.live.receiver import LiveReceiver
     from skywright.links.live.recorder import LiveRecorder, record

@@ -1,4 +1,4 @@
-"""The command that says what an inspection would find."""
+"""The command `pod`: probability of detection."""
 
 from __future__ import annotations
 

@@ -66,11 +66,9 @@ def serve(
     asked = build_live(live)
     if mavlink:
         if backends:
-            raise InputError("--backend is offered in the page; valid: no --mavlink")
+            raise InputError("--backend is not valid with --mavlink; leave one of them out")
         if asked.wanted:
-            raise InputError(
-                "--ros2 and --foxglove publish flights of the page; valid: no --mavlink"
-            )
+            raise InputError("--ros2 and --foxglove are not valid with --mavlink; leave them out")
         _serve_mavlink(target, mavlink, world, sets, seed, duration)
         return
     given = {"world": world, "set": sets, "seed": seed is not None, "duration": duration}

@@ -71,9 +71,9 @@ def plan_survey(
         feet, lever = list_feet(docking), docking.radius_m
         if get_datum(setup) is not None:
             raise InputError(
-                "mission.task.datum: the feet of a docking gear survey this deck, and the probe's "
-                "camera does not look at the datum then; valid: mission.task.datum=false, or a "
-                "robot without [robot.docking]"
+                "mission.task.datum: a survey by the feet of a docking gear does not use the "
+                "probe's camera; valid: mission.task.datum=false, or a robot without "
+                "[robot.docking]"
             )
     elif task.dock:
         raise InputError(

@@ -127,7 +127,7 @@ class EddyArray(Sensor):
         if world.pipe is None or context.robot.probe is None:
             lacks = "world has no pipe" if world.pipe is None else "robot has no probe"
             raise InputError(
-                f"sensor {self.name!r}: an eddy-current array reads steel; the {lacks}"
+                f"sensor {self.name!r}: an eddy-current array requires pipe and probe; the {lacks}"
             )
         if 0.0 < table.low_pass_hz <= table.high_pass_hz:
             raise InputError(
