@@ -121,7 +121,7 @@ class EddyArray(Sensor):
         """Tabulate the signals of metal, welds and cracks.
 
         Raises InputError in a world without a pipe, for a robot without a probe, a coil that does
-        not fit, and for filters that leave nothing.
+        not fit, and filters without a pass band.
         """
         world = context.world
         if world.pipe is None or context.robot.probe is None:
