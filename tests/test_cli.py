@@ -57,6 +57,11 @@ def test_module_and_script_are_the_same() -> None:
     assert done.stdout.splitlines()[1:] == call("--help").stdout.splitlines()[1:]
 
 
+def test_no_line_of_the_help_is_cut_off_at_80_columns() -> None:
+    cut = [line for line in call("--help").stdout.splitlines()[1:] if line.endswith("...")]
+    assert not cut
+
+
 def test_help_names_the_contract() -> None:
     text = call("--help").stdout
     for name in ("run", "plan", "capability", "list", "show", "weld", "replay", "new", "check"):

@@ -179,8 +179,7 @@ def test_check_looks_at_all_of_a_folder(tmp_path, monkeypatch):
     Path("mine/world.toml").write_text(Path("place/world.toml").read_text())
     said = call("check", "mine").stdout
     assert (
-        "can lift its weight: hover takes" in said
-        and "a valid robot and world and mission" in said
+        "can lift its weight: hover takes" in said and "a valid robot and world and mission" in said
     )
     text = Path("mine/world.toml").read_text().replace("[world.wind]", "[world.wnd]")
     Path("mine/world.toml").write_text(text)

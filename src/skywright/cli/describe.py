@@ -193,7 +193,7 @@ def _write_urdf(subject: Subject, path: Path) -> None:
 @click.argument("what", metavar="WHAT")
 @click.argument("name")
 def new(what: str, name: str) -> None:
-    """Write a template of WHAT: robot, world, mission, kind, law, sensor, actuator, ...
+    """Write a commented template of a robot, mission, law or part.
 
     The files are written into the folder NAME. They are commented and fly without changes. WHAT
     is one of robot, world, mission, kind, law, estimator, sensor, actuator, effect, thing, fault
@@ -212,10 +212,10 @@ def new(what: str, name: str) -> None:
 @click.argument("file", metavar="FILE|FOLDER")
 @as_json_option
 def check(file: str, as_json: bool) -> int:
-    """List all errors and assumed values of a robot, world or mission.
+    """List all errors of a robot, world or mission.
 
-    It also states whether the robot can lift its weight. In a folder, it checks robot.toml,
-    world.toml and mission.toml.
+    It also lists assumed values and states whether the robot can lift its weight. In a folder, it
+    checks robot.toml, world.toml and mission.toml.
     """
     from skywright.run.check import check_file
 
