@@ -102,7 +102,7 @@ class LawStep(Stepped):
 
 
 class EstimatorRun(Stepped):
-    """An estimator that is fed arrays of inertial samples and fixes of the place."""
+    """An estimator that runs on arrays of inertial samples and position fixes."""
 
     def __init__(self, vehicle: SimulatedVehicle) -> None:
         parts = [c for c in vehicle.assembly.components if c.group == "estimator"]
