@@ -59,9 +59,10 @@ bench: $(STAMP)  ## measure what things cost, and write it into the docs
 # Tests of the mark `docs`.
 RUN_BY_DOCS := tests/test_docs_commands.py tests/test_examples.py tests/test_python_parts.py
 
+# With --quiet, --strict sees no warnings: a broken link would pass.
 docs: $(STAMP)  ## build the documentation into site/ (site/index.html) and run its commands
 	$(BIN)/python docs/generate_reference.py
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 	$(BIN)/pytest -n 2 --dist worksteal -m docs -q $(RUN_BY_DOCS)
 	@echo "Open site/index.html"
 

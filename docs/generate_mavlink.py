@@ -17,9 +17,9 @@ PAGE = Path(__file__).parent / "reference" / "mavlink.md"
 EVENTS = Path(__file__).parent.parent / "benchmarks" / "mavlink-events.csv"
 HEAD = """# MAVLink: robots and missions
 
-What the commands answer for each built-in robot and mission before anything is connected, as
-`python docs/generate_mavlink.py` writes it. **Accepted** is not flown: what was flown is in
-[Limitations](../limitations.md).
+This page lists whether the commands accept each built-in robot and mission, before a connection.
+`python docs/generate_mavlink.py` writes it. **Accepted** does not mean flown:
+[Limitations](../limitations.md) lists what was flown.
 """
 
 
@@ -114,13 +114,13 @@ def build() -> str:
             "",
             "## Events",
             "",
-            "A mission of one way-point, flown by `run --backend mavlink:URL` with the robot of",
-            "`serve hexarotor --mavlink URL`, both on one clock: nothing gets through for 0.2 s,",
-            "for 2 s or any more; the autopilot restarts; the pilot takes over for 3 s and gives",
-            "back, or lands. Each happens once in each phase",
-            "(`python benchmarks/mavlink_events.py`), as the",
-            "[rules](../howto/real-vehicle.md#rules) say. The last column is the vehicle 15 s",
-            "after the end of the mission. `touch-down` is the autopilot's landing at the end.",
+            "`run --backend mavlink:URL` flies a mission of one way-point with the robot of",
+            "`serve hexarotor --mavlink URL`, both on one clock. Events are a loss of all",
+            "packets for 0.2 s, for 2 s or permanently, a restart of the autopilot, a pilot who",
+            "takes over for 3 s and gives back, or lands. Each event occurs once in each phase",
+            "(`python benchmarks/mavlink_events.py`). The result must follow the",
+            "[rules](../howto/real-vehicle.md#rules). The last column is the vehicle 15 s after",
+            "the end of the mission. `touch-down` is the autopilot's landing at the end.",
             "",
             "| phase | event | the mission | the vehicle |",
             "|---|---|---|---|",

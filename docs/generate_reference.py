@@ -70,8 +70,8 @@ INTRODUCTION = """\
 *Made from the specs by `docs/generate_reference.py`; do not edit.*
 
 A description has four roots. A robot file fills `robot`, a world file `world`, a mission file
-`mission`, and any file may fill `plant`, how the simulated truth deviates from what the
-controllers believe. Each layer overrides the one before it: robot, world, mission, `--set`.
+`mission`, and any file may fill `plant`, deviations of the simulated truth from the
+nominal model. Each layer overrides the one before it: robot, world, mission, `--set`.
 
 - The unit is part of the key. A key without a unit is dimensionless.
 - Every number may carry its source:

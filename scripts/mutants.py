@@ -322,7 +322,9 @@ def main() -> int:
         and not (a.new and m.key in known)
         and not (a.retry_survivors and known.get(m.key, {}).get("result") != "survived")
     ]  # fmt: skip
-    rows = {m: known[m.key] for m in mutants if m.key in known}  # until they are tried again
+    rows = {  # until they are tried again
+        m: known[m.key] | {"line": str(m.line)} for m in mutants if m.key in known
+    }
     writing = Lock()
     with tempfile.TemporaryDirectory(prefix="mutants-") as top:
         copies: Queue[Path] = Queue()

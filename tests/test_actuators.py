@@ -68,7 +68,7 @@ def test_what_is_set_reaches_the_step_and_the_recording(vehicle: SimulatedVehicl
     area = math.pi * 0.001**2
     assert sample["spray_recoil"][0] == pytest.approx(1000.0 * 2e-5**2 / area, rel=1e-3)
     column = next(c for c in vehicle.recorded.columns if c.name == "spray_flow")
-    assert (column.unit, column.meaning) == ("l/min", "as told")
+    assert (column.unit, column.meaning) == ("l/min", "as commanded")
     sprayed = vehicle.save()
     vehicle.restore(start)
     assert vehicle.actuators["spray_flow"] == 0.0
@@ -223,13 +223,13 @@ def test_limits_that_hold_nothing_are_refused(tmp_path: Path, limits: str, says:
 @pytest.mark.parametrize(
     ("column", "says"),
     [
-        ('"flwo", "l/min", "as told"', "its record has no field 'flwo'; valid: flow"),
-        ('"flow", "l/min", "as told", item=1', "item 1 of 'flow', which has the shape ()"),
+        ('"flwo", "l/min", "as commanded"', "its record has no field 'flwo'; valid: flow"),
+        ('"flow", "l/min", "as commanded", item=1', "item 1 of 'flow', which has the shape ()"),
     ],
 )
 def test_a_column_of_what_is_not_there_is_refused(tmp_path: Path, column: str, says: str) -> None:
     code = re.findall(r"^```python\n(.*?)^```", PAGE.read_text("utf-8"), re.M | re.S)[0]
-    head = '"flow", "l/min", "as told"'
+    head = '"flow", "l/min", "as commanded"'
     assert head in code
     (tmp_path / "own.py").write_text(code.replace(head, column))
     sets = {"robot.actuators.nozzle.kind": f"{tmp_path / 'own.py'}:Nozzle"}

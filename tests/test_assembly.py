@@ -350,9 +350,9 @@ def test_records_inherit_nest_and_copy_by_name():
     view.y = 0.0
     fill(one[0], other[0])
     assert one["x"][0] == 1.0 and one["n"][0] == 1 and one["y"][0] == 0.0
-    with pytest.raises(TypeError, match=r"Wrong.name: .* is no field of a record; valid: float"):
+    with pytest.raises(TypeError, match=r"Wrong.name: .* is not a type of a field; valid: float"):
         type("Wrong", (Record,), {"__annotations__": {"name": str}})
-    with pytest.raises(TypeError, match="is no field"):
+    with pytest.raises(TypeError, match="is not a type of a field"):
         type("Wrong", (Record,), {"__annotations__": {"v": Array}})
 
 

@@ -263,7 +263,7 @@ def test_a_hop_with_the_peer_sets_up_arms_flies_lands_and_is_recorded(tmp_path: 
     ("wrong", "patience", "reason"),
     [
         (Wrong(silent={40: 3.0}), 1.5, "sent no outputs for 1.5 s"),
-        (Wrong(vanish=60), 10.0, "has ended or was started again"),
+        (Wrong(vanish=60), 10.0, "has ended or restarted"),
         (Wrong(disarm=60), 10.0, "disarmed in flight: crash"),
         (Wrong(count=4), 10.0, "another number of motors"),
     ],

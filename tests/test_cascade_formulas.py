@@ -19,9 +19,11 @@ from skywright.core.record import View
 from skywright.core.types import MAX_JOINTS
 from skywright.description.loader import load_description
 from skywright.description.robot.loader import load_robot
+from skywright.description.world.spec import Wind
 from skywright.models.body_records import MAX_LINKS, Kinematics
 from skywright.models.floating import compute_free_inertia
 from skywright.models.link_motion import Motion
+from skywright.models.nominal import Nominal
 from skywright.models.rigid_body import (
     build_body_model,
     compute_kinematics,
@@ -426,3 +428,20 @@ def test_the_motion_of_a_long_reach_keeps_its_sensitivity_and_settles() -> None:
         assert system.is_stable() and system.compute_sensitivity() <= c.motion_sensitivity + 1e-9
     settling = along.compute_settling(_cascade_gains.SETTLED)
     assert settling <= _cascade_gains.SETTLING
+    predicted = _cascade_gains.build_gust_model(c, g, Nominal(d.robot, d.world), 0.0)
+    assert predicted is not None
+    motion = predicted(Wind(kind="dryden", mean_mps=2.0))
+    assert motion.settle(_cascade_gains.SETTLED) == pytest.approx(settling)
+
+
+def test_a_link_that_swings_to_the_side_has_the_gains_of_one_that_swings_forward() -> None:
+    """About the other axis. The inertias about both axes differ by a few percent."""
+    gains = []
+    for axis in ("y", "x"):
+        d = load_description(
+            "waypoints", robot="bimanual-longreach", sets=[f"robot.pendulum.axis={axis}"]
+        )
+        model = build_body_model(d.robot)
+        g = _cascade_gains.compute_cascade_gains(d.robot.control, d.robot, d.world, model[0])
+        gains.append(np.array([g.k_position, g.k_velocity, g.k_attitude, g.k_rate, g.wrench]))
+    np.testing.assert_allclose(gains[1][:, [1, 0, 2]], gains[0], rtol=0.06)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import subprocess
 import sys
@@ -9,8 +10,10 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
+from rich.console import Console
 
 from skywright import cli
+from skywright.reports.terminal import new_table
 
 
 def call(*args: str) -> Result:
@@ -55,6 +58,19 @@ def test_module_and_script_are_the_same() -> None:
         [sys.executable, "-m", "skywright", "--help"], capture_output=True, text=True, check=True
     )
     assert done.stdout.splitlines()[1:] == call("--help").stdout.splitlines()[1:]
+
+
+def test_no_line_of_the_help_is_cut_off_at_80_columns() -> None:
+    cut = [line for line in call("--help").stdout.splitlines()[1:] if line.endswith("...")]
+    assert not cut
+
+
+def test_a_table_breaks_no_name_in_two_at_80_columns() -> None:
+    table = new_table("Requirements", "requirement", "value", "limit", "measured in")
+    table.add_row("heading.hold_error_deg", "0.0354 deg", "<= 3 deg", "whole run, but not " * 5)
+    out = io.StringIO()
+    Console(width=80, file=out).print(table)
+    assert "heading.hold_error_deg" in out.getvalue()
 
 
 def test_help_names_the_contract() -> None:

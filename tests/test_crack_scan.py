@@ -328,7 +328,7 @@ def test_a_run_is_imported_once(flown, tmp_path) -> None:
         i.indication for i in two.find_indications()
     ]
     one.close()
-    for args, says in (((), "is in it as flight"), (("--structure", "x"), "a run states all")):
+    for args, says in (((), "is in it as flight"), (("--structure", "x"), "not valid for a run")):
         done = CliRunner().invoke(
             main, ["records", str(tmp_path / "n.db"), "--import", str(flown.directory), *args]
         )
@@ -432,7 +432,7 @@ def test_passes_follow_swath_and_lateral_error() -> None:
         (["mission.task.arc_deg=5"], "narrower than the swath of 43 mm"),
         (["world.things.block.relative_permeability=60.0"], "block of the part's material"),
         (["mission.task.procedure.notch_m=0.0015"], "has notches of 0.0005, 0.001, 0.002 m"),
-        (["robot.sensors.eddy.layout=differential"], "takes absolute coils"),
+        (["robot.sensors.eddy.layout=differential"], "cannot be used to search for cracks"),
         (["mission.task.procedure.lateral_std_m=0.015"], "use an array, or lower"),
         (["robot.sensors.eddy.noise=5.0"], "of noise; valid: 10 times"),
     ],

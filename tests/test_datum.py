@@ -77,7 +77,7 @@ def test_a_datum_that_does_not_fit_its_world_is_refused() -> None:
     with pytest.raises(InputError, match=r"world.things.mark: world 'pipe' has no structure.*s_m"):
         find_datum(load_description("pipe-weld-scan", sets=sets).world)
     two = {**MARK, **{k.replace("mark", "other"): v for k, v in MARK.items()}}
-    with pytest.raises(InputError, match="mark, other are datums; valid: one"):
+    with pytest.raises(InputError, match="mark, other are datums; valid: at most one"):
         find_datum(load_description("pipe-weld-scan", sets=two).world)
 
 

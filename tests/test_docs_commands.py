@@ -166,6 +166,23 @@ def test_reference_names_every_command_and_option() -> None:
     assert not missing, f"not in docs/reference/command-line.md: {missing}"
 
 
+def test_reference_and_help_name_every_word_of_list_and_new() -> None:
+    from skywright.cli import main
+    from skywright.cli.describe import PARTS
+    from skywright.description.template import list_templates
+
+    page = (ROOT / "docs" / "reference" / "command-line.md").read_text(encoding="utf-8")
+    for name, words in (("list", PARTS), ("new", list_templates())):
+        row = next(line for line in page.splitlines() if line.startswith(f"| `skywright {name} ")
+                   and words_of(line) & set(words))  # fmt: skip
+        assert set(words) <= words_of(row), name
+        assert set(words) <= words_of(str(main.commands[name].help)), name
+
+
+def words_of(text: str) -> set[str]:
+    return set(re.findall(r"[a-z-]+", text))
+
+
 def test_a_command_of_the_server_is_that_of_a_process(
     commands: CommandServer, tmp_path: Path
 ) -> None:

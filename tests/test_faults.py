@@ -387,7 +387,7 @@ def test_a_link_that_gets_later_than_the_law_bears_slows_it_and_lands():
     sets = [*(f"plant.faults.a.{k}" for k in keys), "world.link.delay_s=0.001"]
     result = fly_and_evaluate(load_description("waypoints", "othex", sets=sets))
     check_down(result, "link_late", 6.0, 0.2, "land_here")
-    assert "14.0 ms late" in result.reason and "5.2 ms" in result.reason
+    assert "delay of 14.0 ms" in result.reason and "5.2 ms" in result.reason
     s = result.samples
     settled = s["saturated"][s["t"] > result.acted[0].t_s + 1.0]
     assert np.mean(settled > 0) < 0.1  # the loop is stable again

@@ -367,7 +367,7 @@ def test_notes_tell_what_a_number_hides() -> None:
     assert build_history([refused], {}) == []
     with pytest.raises(InputError, match="has no u95"):
         build_history([grown[0]._replace(reading=build_reading(8.0)._replace(u95=None))], {})
-    with pytest.raises(InputError, match="no time lies between"):
+    with pytest.raises(InputError, match="have the same time"):
         compute_rate(build_inspected(1, 9, 0.1), build_inspected(1, 8, 0.1), None)
 
 

@@ -274,7 +274,7 @@ HEAVY = encode_mesh(np.zeros((3, 3)), np.zeros((MAX_TRIANGLES + 1, 3), int))
     ({"data": "????"}, "holds no triangles"),
     ({"data": GOOD[: len(GOOD) // 2 // 4 * 4]}, "triangles"),
     ({"data": HEAVY}, "valid: 1 to 24000, whole"),
-    ({"data": encode_mesh(CORNERS, FACES + 1)}, "a corner that does not exist"),
+    ({"data": encode_mesh(CORNERS, FACES + 1)}, "a vertex that does not exist"),
     ({"data": encode_mesh(CORNERS * 100.0, FACES)}, "farther away than 20 m"),
     ({"on": "wing"}, "meshes.body.on is 'wing'; valid: platform"),
     ({"color": "red"}, "color"),

@@ -133,4 +133,4 @@ def test_the_age_of_what_arrives_counts_not_that_of_a_silent_link() -> None:
         value = rule.look(v)
         if ARRIVALS <= k < 30:
             assert value == pytest.approx(0.8)
-    assert value == pytest.approx(2.4) and "12.0 ms late" in rule.explain(value)
+    assert value == pytest.approx(2.4) and "delay of 12.0 ms" in rule.explain(value)

@@ -156,7 +156,7 @@ def test_other_files_are_told(tmp_path: Path) -> None:
         (build_eddy()._replace(position=np.zeros((3, 2))), "3 positions"),
         (build_eddy()._replace(offsets=np.zeros((1, 2))), "1 coils for 3"),
         (build_eddy()._replace(impedance=np.full((3, 50), np.nan + 0j)), "without a number"),
-        (build_ultrasonic()._replace(u=(0.0, 0.0)), "no distance"),
+        (build_ultrasonic()._replace(u=(0.0, 0.0)), "has spacings of"),
         (build_ultrasonic()._replace(time=np.zeros((9, 9))), "times for A-scans"),
     ],
 )

@@ -333,7 +333,7 @@ def test_fixes_may_come_faster_than_control_ticks():
         ({"description": skywright.load("waypoints", sets={"mission.estimator": "truth"})},
          "reads no inertial samples"),
         ({"description": skywright.load("bridge-contact", sets={
-            "world.localisation": "total-station"})}, "no odometry of a tracking camera"),
+            "world.localisation": "total-station"})}, "no input for odometry of a tracking camera"),
     ],
 )  # fmt: skip
 def test_arrays_that_do_not_fit_are_refused(change, words):

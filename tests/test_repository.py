@@ -356,6 +356,12 @@ def test_the_page_of_mutants_has_the_tables_of_todays_file():
     assert text == module.build_page(text), "run: python docs/generate_mutants.py"
 
 
+def test_the_documentation_is_built_so_that_a_broken_link_fails() -> None:
+    """mkdocs counts the warnings that it prints: with --quiet it prints, and counts, none."""
+    (build,) = re.findall(r"mkdocs build.*", (ROOT / "Makefile").read_text(encoding="utf-8"))
+    assert "--strict" in build and "-q" not in build
+
+
 def test_the_page_of_keys_is_the_generator_s() -> None:
     module = _load_file(ROOT / "docs" / "generate_reference.py")
     page = module.OUT.read_text(encoding="utf-8")

@@ -351,7 +351,7 @@ def test_a_flight_cut_short_is_told_whatever_the_verdict(paper, tmp_path):
 def test_a_case_that_the_measure_does_not_ask_for_is_told(paper, tmp_path):
     paper.write_text(paper.read_text().replace("cases = { scan =", "cases = { flight ="))
     report = runner.reproduce(str(paper), cache=tmp_path, fly=lambda *_: scan_record(3.0))
-    assert "asks for the case 'scan'; the claim gives: flight" in report.claims[0].explanation
+    assert "requires the case 'scan'; the claim gives: flight" in report.claims[0].explanation
     assert report.exit_code == 1
 
 

@@ -77,6 +77,24 @@ def test_touches_show_the_true_surface(world: str) -> None:
         assert m["survey.normal_error_deg"] < 0.5, (seed, m)
 
 
+def test_normals_of_a_deck_whose_answer_is_known() -> None:
+    """Found 2 deg steeper than it is; the map leans as it was drawn."""
+    d = load("bridge", seed=3)
+    setup = Setup(d)
+    assert d.world.structure is not None and d.true_world.structure is not None
+    true = d.true_world.structure
+    steeper = true.model_copy(update={"slope_deg": true.slope_deg + 2.0})
+    fitted = fit_structure(setup, make_touches(d), Ball(TIP, 0.0, 1e-4))
+    spread = fitted.found.fit._replace(covariance=np.diag([9e-6, 16e-6, 1e-8]))
+    found = fitted._replace(structure=steeper, found=fitted.found._replace(fit=spread))
+    m = judge_structure(setup, found, np.zeros(2), Ball(TIP, 0.0, 1e-4))
+    assert m["survey.normal_error_deg"] == pytest.approx(2.0, abs=1e-6)
+    assert m["survey.normal_std_deg"] == pytest.approx(math.degrees(5e-3))
+    mapped, is_ = (build_surface(s).R_WS[:, 2] for s in (d.world.structure, true))
+    between = math.degrees(math.acos(float(mapped @ is_)))
+    assert between > 0.5 and m["survey.map_normal_error_deg"] == pytest.approx(between)
+
+
 @pytest.mark.parametrize("world", WORLDS)
 def test_stated_deviations_hold(world: str) -> None:
     """Over many draws the errors of the surface at the spot are as large as the fit says."""

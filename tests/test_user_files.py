@@ -187,7 +187,9 @@ def test_a_campaign_survives_a_file_that_ends_python(tmp_path: Path) -> None:
     told = {(row.outcome, str(row.varied["mission.law"]).endswith(":Bad")) for row in result.rows}
     assert told == {("succeeded", False), ("refused", True)}
     assert all(
-        "it ends Python (SIGSEGV)" in r.reason for r in result.rows if r.outcome == "refused"
+        "the file ends the Python process (SIGSEGV)" in r.reason
+        for r in result.rows
+        if r.outcome == "refused"
     )
 
 
@@ -199,5 +201,7 @@ def test_a_campaign_whose_own_law_ends_python_is_refused(
     words = ["campaign", "waypoints", "--runs", "2", "--set", law, "--vary",
              "plant.mass_error=uniform(0,0.1)", "--out", "c"]  # fmt: skip
     done = commands.run(words, tmp_path)
-    assert done.returncode == 2 and "it ends Python (exit code 0)" in " ".join(done.stderr.split())
+    assert done.returncode == 2 and "the file ends the Python process (exit code 0)" in " ".join(
+        done.stderr.split()
+    )
     assert "Traceback" not in done.stderr and not (tmp_path / "c").exists()

@@ -141,7 +141,7 @@ def fly(
     if backend == "recording":
         if live is not None:
             raise InputError(
-                "live: a recording is not published; valid back ends: physics, kinematic"
+                "live: not valid with the back end recording; valid back ends: physics, kinematic"
             )
         return open_recording(Path(mission))
     description = load_description(mission, robot, world, sets, seed)

@@ -35,9 +35,9 @@ def main() -> None:
     """Simulate, plan, control and fly multirotors with arms that touch things.
 
     \b
-    skywright run pipe-weld-scan         fly the main job and map a weld
-    skywright list robots                what is there
-    skywright new robot my-robot         start your own
+    skywright run pipe-weld-scan         fly an inspection and map a weld
+    skywright list robots                list the built-in robots
+    skywright new robot my-robot         write a template of a robot
     """
 
 

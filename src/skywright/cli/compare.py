@@ -29,7 +29,7 @@ class CompareGroup(click.Group):
 
 @click.group(cls=CompareGroup, no_args_is_help=True)
 def compare() -> None:
-    """Compare two robots with arms (the default), two runs, or control laws.
+    """Compare two robots with arms, two runs, or control laws.
 
     \b
     skywright compare A B              two robots

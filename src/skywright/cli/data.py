@@ -114,7 +114,7 @@ def locate(
     frame: tuple[Path, Path] | None, compare: str, reference_offset: float | None, demo: bool,
     out: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
-    """Fuse a total station with a tracking camera, or judge a trajectory.
+    """Fuse total station and tracking camera, or test a trajectory.
 
     DATA: the station's and the camera's recording, or one trajectory with --reference. TUM, EuRoC,
     CSV with a header, or MCAP as FILE:TOPIC.
@@ -188,7 +188,7 @@ def identify(
 @click.command()
 @click.argument("what", type=click.Choice(["header", "matlab"]))
 def gateway(what: str) -> None:
-    """Print the packets of the UDP gateway as a C header or a MATLAB function."""
+    """Print the packets of the UDP gateway as C or MATLAB code."""
     from skywright.links.udp.generate import build_c_header, build_matlab
 
     click.echo(build_c_header() if what == "header" else build_matlab(), nl=False)

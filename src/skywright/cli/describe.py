@@ -1,4 +1,4 @@
-"""Commands about robots, worlds and missions: what is there, what it can do, one of your own."""
+"""Commands about robots, worlds and missions: list, show, check, capability, templates."""
 
 from __future__ import annotations
 
@@ -100,11 +100,10 @@ PARTS = {f"{group.replace('_', '-')}s": group for group in GROUPS}
 )
 @as_json_option
 def list_(kind: str | None, as_json: bool) -> None:
-    """List robots, worlds, missions or claims; or parts that are built in or installed.
+    """List robots, worlds, missions, claims, or components.
 
-    Parts are laws, arms-laws, sensors, actuators, estimators, effects, things and kinds (of
-    missions).
-    Without a word: the names alone.
+    Components are laws, arms-laws, sensors, actuators, estimators, effects, faults, rules, things
+    and kinds (of missions), built in or installed. Without an argument: all names.
     """
     from skywright.description.loader import list_missions
     from skywright.description.robot.loader import list_robots
@@ -152,9 +151,9 @@ def _print_names(found: dict[str, list[Entry]]) -> None:
 @click.option("--urdf", type=click.Path(path_type=Path), help="Write the robot as URDF.")
 @as_json_option
 def show(name: str, out: Path | None, urdf: Path | None, as_json: bool) -> None:
-    """Summary of a robot, world or mission.
+    """Print a summary of a robot, world or mission.
 
-    With --out it is drawn, with --urdf the robot (a mission's too) is written for other tools.
+    --out also draws a picture; --urdf also writes the robot, or the robot of the mission.
     """
     from skywright.description.lookup import find_any
     from skywright.reports.summary import build_summary
@@ -194,10 +193,11 @@ def _write_urdf(subject: Subject, path: Path) -> None:
 @click.argument("what", metavar="WHAT")
 @click.argument("name")
 def new(what: str, name: str) -> None:
-    """Start your own WHAT: robot, world, mission, kind, law, sensor, actuator, effect, thing, ...
+    """Write a commented template of a robot, mission, law or part.
 
-    Commented files in a folder NAME that fly as they are, ready to change. WHAT may also be
-    estimator, fault or rule.
+    The files are written into the folder NAME. They are commented and fly without changes. WHAT
+    is one of robot, world, mission, kind, law, estimator, sensor, actuator, effect, thing, fault
+    and rule.
     """
     from skywright.description.template import write_template
 
@@ -212,9 +212,10 @@ def new(what: str, name: str) -> None:
 @click.argument("file", metavar="FILE|FOLDER")
 @as_json_option
 def check(file: str, as_json: bool) -> int:
-    """List every problem and guess of a robot, world or mission, and whether it lifts itself.
+    """List all errors of a robot, world or mission.
 
-    Of a folder robot.toml, world.toml and mission.toml are checked.
+    It also lists assumed values and states whether the robot can lift its weight. In a folder, it
+    checks robot.toml, world.toml and mission.toml.
     """
     from skywright.run.check import check_file
 

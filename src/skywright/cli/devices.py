@@ -16,7 +16,7 @@ from skywright.errors import InputError
 @click.option("--last", type=click.IntRange(0, 253), default=32, show_default=True,
               help="Largest servo id to query.")  # fmt: skip
 def servos(port: str | None, emulate: str | None, last: int) -> int:
-    """List the servos on a bus with their positions, supply and errors."""
+    """List the servos on a bus, with positions, supply and errors."""
     if (port is None) == (emulate is None):
         raise InputError("servos: give serial:PORT, or --emulate ROBOT")
     from skywright.links.servo_bus.arms import describe_servos

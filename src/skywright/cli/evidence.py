@@ -77,9 +77,9 @@ def bench(
     names: tuple[str, ...], quick: bool, full: bool, out: Path | None, workers: int,
     resume: Path | None, as_json: bool,
 ) -> int:  # fmt: skip
-    """Measure what things cost, as ratios side by side.
+    """Measure computing times and memory, as ratios where possible.
 
-    A missed limit is told, not an error: timings depend on the machine and on who else uses it.
+    A missed limit is reported and is not an error: timings depend on the machine and its load.
     """
     from skywright.evidence.bench.present import Tables, print_end
     from skywright.evidence.bench.runner import run_benchmarks

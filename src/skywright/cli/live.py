@@ -20,7 +20,7 @@ from skywright.errors import InputError
 @click.option("--speed", type=float, default=1.0, show_default=True, help="Factor of real time.")
 @as_json_option
 def play(data: tuple[str, ...], to: str, speed: float, as_json: bool) -> None:
-    """Send recordings as live streams, at the pace at which they were taken.
+    """Send recordings as live streams, at their recorded pace.
 
     RUN is the directory or recording of a flight; FILE is a scan (as for `weld`) or a trajectory
     (as for `locate`; MCAP as FILE:/topic). A trajectory's stream has the file's name.
@@ -83,7 +83,7 @@ def receive(
 ) -> int:
     """Record live streams into files that `locate` and `weld` read.
 
-    Pose packets, MAVLink ODOMETRY and instrument lines are told apart by themselves.
+    It recognises pose packets, MAVLink ODOMETRY and instrument lines.
     """
     from skywright.links.live.receiver import LiveReceiver
     from skywright.links.live.recorder import LiveRecorder, record

@@ -1,4 +1,4 @@
-"""The command that says what an inspection would find."""
+"""The command `pod`: probability of detection."""
 
 from __future__ import annotations
 
@@ -105,10 +105,10 @@ def pod(
     size: str | None, robot: str | None, world: str | None, sets: tuple[str, ...],
     seed: int | None, workers: int | None, ray: str | None, out: Path | None, as_json: bool,
 ) -> int:  # fmt: skip
-    """Compute the probability of detection from inspections of known flaws.
+    """Compute a probability of detection from known flaws.
 
-    DATA.csv has one row an inspection: a size, and whether the flaw was found (hit) or its signal
-    (ahat). Size 0 is a site without a flaw. A MISSION is flown --runs times over flaws that
+    DATA.csv has one row for each inspection: a size, and whether the flaw was found (hit) or its
+    signal (ahat). Size 0 is a site without a flaw. A MISSION is flown --runs times over flaws that
     --vary sizes; its table, pod.csv, stays in the campaign's folder.
     """
     from skywright.analysis.pod.method import Method

@@ -1,4 +1,4 @@
-"""The command that lists what flights measured, what became of it over years, and exports it."""
+"""The command `records`: measurements of many flights, their history and their exports."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def records_(
         run = source if source is not None and source.is_dir() else None
         if run is not None:
             if (structure, component, *given) != (None,) * (2 + len(given)):
-                raise InputError(f"--import {run}: a run states all that a table has options for")
+                raise InputError(f"--import {run}: the options of a table are not valid for a run")
             from skywright.run.records_import import import_run
 
             flight = import_run(file, run)
@@ -209,7 +209,7 @@ def _decide(store: RecordStore, text: str, who: str | None) -> None:
             f"--decide {text!r}; valid: ID=WORD[:NOTE] with one of {', '.join(DISPOSITIONS)}"
         )
     if not who:
-        raise InputError("--decide requires --who NAME: a disposition is somebody's")
+        raise InputError("--decide requires --who NAME, the person who decides")
     store.decide(int(number), word.strip(), who, note.strip())
 
 

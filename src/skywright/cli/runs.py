@@ -21,7 +21,7 @@ FORMATS = ("csv", "parquet", "tum", "npz", "rosbag2")
 )  # fmt: skip
 @as_json_option
 def report(directory: Path, figures: Path | None, as_json: bool) -> None:
-    """Evaluate the recording of RUN and write its report.html anew."""
+    """Evaluate the recording of RUN and write its report.html again."""
     from skywright.reports.report import write_figures, write_report
     from skywright.run.run import evaluate_directory
 

@@ -56,21 +56,19 @@ def serve(
     mavlink: tuple[str, ...], world: str | None, sets: tuple[str, ...], seed: int | None,
     duration: float | None, **live: Any,
 ) -> None:  # fmt: skip
-    """Open the ground station in the browser, or let a simulated robot speak MAVLink.
+    """Open the ground station, or simulate a MAVLink vehicle.
 
-    A page chooses, starts, watches and controls missions. With MISSION it proposes that one; with
-    a finished run's directory it replays the run. --ros2 and --foxglove publish every flight. With
-    ROBOT and --mavlink no page is opened: QGroundControl, MAVSDK and `skywright run --backend
-    mavlink:URL` fly the robot.
+    The station is a page in the browser that starts, watches and controls missions. With MISSION
+    it proposes that one; with the directory of a finished run it replays the run. --ros2 and
+    --foxglove publish every flight. With ROBOT and --mavlink no page is opened: QGroundControl,
+    MAVSDK and `skywright run --backend mavlink:URL` fly the robot.
     """
     asked = build_live(live)
     if mavlink:
         if backends:
-            raise InputError("--backend is offered in the page; valid: no --mavlink")
+            raise InputError("--backend is not valid with --mavlink; leave one of them out")
         if asked.wanted:
-            raise InputError(
-                "--ros2 and --foxglove publish flights of the page; valid: no --mavlink"
-            )
+            raise InputError("--ros2 and --foxglove are not valid with --mavlink; leave them out")
         _serve_mavlink(target, mavlink, world, sets, seed, duration)
         return
     given = {"world": world, "set": sets, "seed": seed is not None, "duration": duration}

@@ -46,7 +46,7 @@ class OpenSpec(Spec):
         if found.cls is cls:
             return handler({**data, "kind": found.name})
         if not issubclass(found.cls, cls):
-            raise ValueError(f"kind: {found.name!r} is no {cls.__name__}")
+            raise ValueError(f"kind: {found.name!r} is not a {cls.__name__}")
         return found.cls.model_validate({**data, "kind": found.name})
 
 

@@ -66,7 +66,7 @@ def _read_hint(cls: type, name: str, hint: Any) -> tuple[Any, tuple[int, ...]]:
     array = hint in (Array, Integers)
     if base is None or array != bool(shape) or not all(isinstance(n, int) and n > 0 for n in shape):
         raise TypeError(
-            f"{cls.__qualname__}.{name}: {hint!r} is no field of a record; valid: float, int, "
+            f"{cls.__qualname__}.{name}: {hint!r} is not a type of a field; valid: float, int, "
             "Vec3, Mat3, Annotated[Array, 3, 2], Annotated[Integers, 4], a Record"
         )
     return base, shape

@@ -56,7 +56,7 @@ def load_file(path: Path) -> Any:
         _modules[_name_module(one, found)] = _Module(one, source.data, names)
     name = _name_module(path, found)
     if _in_child_first.get() and name not in sys.modules and (how := _try_in_child(path, name)):
-        raise PythonEndedError(f"it ends Python ({how})")
+        raise PythonEndedError(f"the file ends the Python process ({how})")
     return importlib.import_module(name)
 
 

@@ -104,7 +104,7 @@ class Feed:
         supervisor.choose_mode(Mode.POSITION)
 
     def on_tick(self, t: float, phase: str, vehicle: SimulatedVehicle) -> None:
-        """Tell of the tick, hear the operator, and hold the flight back to its pace."""
+        """Publish the tick, read the operator's input, and pace the flight."""
         began = time.perf_counter()
         if self._builder is None:
             self._begin(vehicle)

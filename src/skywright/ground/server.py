@@ -50,8 +50,8 @@ class Address(NamedTuple):
                 raise InputError(f"{option} {name[:80]!r}; valid: a host's name or address")
         if self.host not in LOCAL and self.certificate is None and not self.unencrypted:
             raise InputError(
-                f"--host {self.host}: other computers could connect, and everything would be "
-                "readable on the way; give --certificate and --key, or --unencrypted to accept that"
+                f"--host {self.host}: other computers could connect without encryption; give "
+                "--certificate and --key, or --unencrypted to accept that"
             )
         if (self.certificate is None) != (self.key is None):
             raise InputError("--certificate and --key: give both, or none")

@@ -52,8 +52,7 @@ def _find_station(text: str) -> tuple[socket.socket, Path]:
         end = socket.socket(fileno=int(number))
     except (ValueError, OSError):
         raise InputError(
-            f"--station {text[:80]!r}: no such socket; this option is for `skywright serve`, which "
-            "starts runs by itself"
+            f"--station {text[:80]!r}: no such socket; this option is internal to `skywright serve`"
         ) from None
     prepare(end)
     return end, Path(folder)

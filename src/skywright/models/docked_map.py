@@ -47,9 +47,9 @@ def parse_condition(
         if value is not None and not math.isfinite(value):
             raise InputError(f"--{flag} {value}: give a finite angle in deg")
     if not 0.0 <= slope < 90.0:
-        raise InputError(f"--slope {slope:g}: valid is 0 to below 90 deg")
+        raise InputError(f"--slope {slope:g}; valid: 0 to below 90 deg")
     if not 0.0 <= wind <= FASTEST:
-        raise InputError(f"--wind {wind:g}: valid is 0 to {FASTEST:g} m/s")
+        raise InputError(f"--wind {wind:g}; valid: 0 to {FASTEST:g} m/s")
     point = None
     if contact is not None:
         try:

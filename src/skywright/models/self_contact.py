@@ -53,9 +53,9 @@ def exclude_neighbours(spec: mujoco.MjSpec, robot: Robot) -> None:
 
 
 def is_apart(query: ClearanceQuery | None, a: Array, b: Array) -> bool:
-    """Whether no two parts of the robot meet that are apart in posture a, on the way to posture b.
+    """Whether parts that are apart in posture a stay apart on the path to posture b.
 
-    Both (n_joints,) rad, in the nominal scene; without one nothing is known, and this is False.
+    Both (n_joints,) rad, in the nominal scene. Returns False without a scene.
     """
     if query is None:
         return False

@@ -21,7 +21,7 @@ CAMERA_BLOCK = 4096
 
 
 class Tracker(Record):
-    """A tracking camera: what it is and what it is doing."""
+    """Parameters and state of a tracking camera."""
 
     # what it is
     period: float  # s, between samples

@@ -33,6 +33,7 @@ def new_table(title: str, *columns: str, right: tuple[str, ...] = ()) -> Table:
     table = Table(title=title, title_justify="left", title_style="bold", header_style="bold")
     for name in columns:
         table.add_column(name, justify="right" if name in right else "left", overflow="fold")
+    table.columns[0].no_wrap = True  # a name that is broken in two cannot be searched for
     return table
 
 

@@ -157,8 +157,8 @@ def _check_lift(
         problems.append(f"{label}: {error}")
         return
     notes.append(
-        f"robot {robot.name!r} lifts itself: hovering takes {100 * share:.0f} % of thrust_max_n "
-        f"(missions may use {100 * robot.rotors.thrust_fraction:.0f} %)"
+        f"robot {robot.name!r} can lift its weight: hover takes {100 * share:.0f} % of "
+        f"thrust_max_n (missions may use {100 * robot.rotors.thrust_fraction:.0f} %)"
     )
 
 

@@ -1,4 +1,4 @@
-"""A kind of mission: what it asks for, how it is planned, flown, judged and shown.
+"""A kind of mission: its task, planning, flight, evaluation and figures.
 
 Each kind is one folder of `skywright.missions`, one class in a user's file, or one class of an
 installed package (entry points `skywright.missions`); `core/find.py` finds it by its name. The
@@ -48,7 +48,7 @@ class Chart(NamedTuple):
 
 
 class Sketch(NamedTuple):
-    """What is drawn of a mission beside robot and world, in pictures and 3-D views."""
+    """Geometry of a mission that is drawn beside robot and world."""
 
     name: str = ""  # in a legend
     points: NDArray[np.float64] = np.zeros((0, 3))  # m in W, way-points
@@ -69,7 +69,7 @@ class Mark(NamedTuple):
 
 
 class Figures(NamedTuple):
-    """What a report shows of a kind of mission."""
+    """Figures and descriptions of a kind of mission for its report."""
 
     describe: Callable[[RunResult[Any, Any]], str]
     """What was done, as the beginning of a sentence ("ROBOT in world W ...")."""
@@ -120,18 +120,18 @@ class MissionKind(ABC, Generic[T, P]):
     def plan(self, setup: Setup[T]) -> MissionPlan[P]:
         """Plan; `blocked_by` of the plan says why a request is infeasible.
 
-        Raises InputError where robot or world lack what the mission is about.
+        Raises InputError if robot or world lack a part that the mission requires.
         """
 
     def check_vehicle(self, vehicle: Backend, task: T) -> None:
-        """Raise InputError where the vehicle lacks what the task asks for, before it flies."""
+        """Raise InputError if the vehicle lacks what the task requires; called before take-off."""
 
     @abstractmethod
     def fly(self, s: Supervisor[T], way: P) -> Flight:
         """Fly the phases between take-off and landing; `s.segments` are those of the plan."""
 
     def withdraw(self, s: Supervisor[T], way: P) -> None:
-        """Draw back, after a fault, from what the robot touches or grasps.
+        """Retreat, after a fault, from what the robot touches or grasps.
 
         By default 0.25 m along the normal of what it touches, the arm as it is.
         """
@@ -156,17 +156,17 @@ class MissionKind(ABC, Generic[T, P]):
 
     @abstractmethod
     def metrics(self, run: Flown[T, P]) -> dict[str, float]:
-        """Judge a flight; what was not reached has no metric.
+        """Compute the metrics of a flight; parts that were not reached have none.
 
         Raises InputError when the samples do not allow it (a flight cut short).
         """
 
     def result(self, run: Flown[T, P]) -> object:
-        """Return what was found beyond numbers (`RunResult.details`)."""
+        """Return results that are not metrics (`RunResult.details`)."""
         return None
 
     def describe(self, run: Flown[T, P]) -> dict[str, Any]:
-        """Return what was found as plain JSON: `result` in metrics.json."""
+        """Return the results as plain JSON: `result` in metrics.json."""
         return {}
 
     def inspected(self, run: Flown[T, P]) -> Inspected | None:
@@ -186,7 +186,7 @@ class MissionKind(ABC, Generic[T, P]):
         return Entries()
 
     def procedure(self, setup: Setup[T]) -> Procedure | None:
-        """Return what was agreed on the inspection, for the database; None by default."""
+        """Return the procedure of the inspection, for the database; None by default."""
         return None
 
     def list_waived(self, metrics: dict[str, float]) -> dict[str, str]:
@@ -198,13 +198,13 @@ class MissionKind(ABC, Generic[T, P]):
 
     @abstractmethod
     def figures(self) -> Figures:
-        """Return what a report shows."""
+        """Return the figures and descriptions of the report."""
 
 
 def load_kind(name: str) -> MissionKind[Any, Any]:
     """Return a kind of mission by its name, or by `file.py:Class` with an absolute path.
 
-    Raises InputError where there is none, or where it lacks something.
+    Raises InputError if it does not exist or is incomplete.
     """
     cls = find("kind", name, key="mission.kind").cls
     if not issubclass(cls, MissionKind):

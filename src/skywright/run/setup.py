@@ -67,7 +67,7 @@ class Setup(Nominal, Generic[T]):
 
     @cached_property
     def deviation(self) -> Deviation:
-        """How the simulated truth deviates from all this."""
+        """Deviations of the plant from the nominal model."""
         d = self.description
         return build_deviation(d.plant, d.robot, d.mission.seed)
 

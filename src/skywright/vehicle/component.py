@@ -1,4 +1,4 @@
-"""What a component of a vehicle is: everything that the author of a sensor or a law imports.
+"""Base classes of components: everything that the author of a sensor or a law imports.
 
 A component is a class with
 - `Table`: its TOML table (a Spec: units in the keys, ranges);
@@ -61,7 +61,7 @@ InOut = Annotated[_T, "inout"]
 
 
 class Output(Record):
-    """A record that a component fills and others may ask for as a port.
+    """A record that a component fills and that others may declare as a port.
 
     Over a delayed link the far end gets the latest one. With a first field `fresh` (float) it is
     delivered when it is new (`fresh` 1, cleared by the framework each tick); with first fields
@@ -96,7 +96,7 @@ class Uniform(Draws):
 
 @dataclass(frozen=True)
 class Context:
-    """What a component is built from: the robot's side, nominal."""
+    """Data for `build` of a component on the robot's side: nominal robot and map."""
 
     nominal: Nominal  # the robot, its rigid body, rotors and allocation, the world's surfaces
     world: World
@@ -134,7 +134,7 @@ class Context:
         return self.nominal.allocator
 
     def limit(self) -> Context:
-        """Return what of it the robot's side may see."""
+        """Return the part that components on the robot's side may read."""
         return self
 
     def keep(self, array: NDArray[Any]) -> int:
@@ -160,7 +160,7 @@ class PlantContext(Context):
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def limit(self) -> Context:
-        """Return what of it the robot's side may see: the nominal robot in the map's world."""
+        """Return the part for the robot's side: the nominal robot and the map."""
         seen = {f.name: getattr(self, f.name) for f in fields(Context)}
         return Context(**{**seen, "world": self.known})
 
@@ -255,16 +255,16 @@ class Component:
         """
 
     def before_tick(self, t: float, n_ticks: int) -> None:
-        """Do in Python what a mission tick from `t` (s) of `n_ticks` control ticks needs."""
+        """Called in Python before a mission tick from `t` (s) with `n_ticks` control ticks."""
 
     def after_tick(self, t: float) -> None:
-        """Do in Python what follows a mission tick that ended at `t` (s)."""
+        """Called in Python after a mission tick that ended at `t` (s)."""
 
     def save(self) -> Any:
-        """Return what this object remembers besides its records."""
+        """Return the state of this object that is not in its records."""
 
     def restore(self, saved: Any) -> None:
-        """Go back to what `save` returned."""
+        """Restore the state that `save` returned."""
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
@@ -273,7 +273,7 @@ class Component:
 
 
 class Sensor(Component):
-    """A sensor: sees the truth of the plant, fills an Output. `[robot.sensors.NAME]`."""
+    """A sensor: reads the true state of the plant and fills an Output. `[robot.sensors.NAME]`."""
 
     group, slot, side = "sensor", "sense", "plant"
 
@@ -309,17 +309,17 @@ class Law(Component):
     """Whether it tells the servos torques instead of speeds."""
 
     def check_robot(self, robot: Robot) -> None:
-        """Raise InputError where a robot lacks what the law needs besides its rotors."""
+        """Raise InputError if the robot lacks parts that the law requires."""
 
     def give_up_rotor(self, me: Any, left: RotorsLeft) -> None:
-        """Know that a rotor was lost: laws that tell thrusts override this."""
+        """Called after the loss of a rotor; laws that command thrusts override this."""
 
     def get_attitude_loop(self, robot: Robot) -> AttitudeGains | None:
-        """Return the loop that a link's delay may make unstable; None: none that is known."""
+        """Return the attitude loop, to check it against a link's delay; None: not known."""
         return None
 
     def compute_borne_delay(self, nominal: Nominal, spare: float) -> float:
-        """Return the link's delay (s) each way that keeps `spare` (rad), where no loop is told."""
+        """Return the one-way delay (s) for a phase margin of `spare` (rad); NaN if unknown."""
         return float("nan")
 
     def compute_rate_torque(self, nominal: Nominal, I_C: Array) -> Array | None:
@@ -360,14 +360,14 @@ class ArmsLaw(Component):
 
 
 class Fault(Component):
-    """Something that goes wrong in the plant at `start_s`. `[plant.faults.NAME]`."""
+    """A fault of the plant that begins at `start_s`. `[plant.faults.NAME]`."""
 
     group, slot, side = "fault", "effects", "plant"
     needs_link: ClassVar[bool] = False
     """Whether there must be a control link that it acts on."""
 
     class Table(Spec):
-        """When it begins."""
+        """Keys of every fault: its start."""
 
         start_s: NonNegative = 0.0
 

@@ -198,7 +198,7 @@ def _record(
     ts: Any, cam: Any, t: Array, p: Array, R: Array, visible: Array, first: int, last: int,
     station_rows: Array, camera_rows: Array,
 ) -> None:  # fmt: skip
-    """Step both sensors along the path and write down what is new."""
+    """Step both sensors along the path and record their new samples."""
     for k in range(first, last):
         step_total_station(ts[0], t[k], p[k], R[k], visible[k])
         step_tracking_camera(cam[0], t[k], p[k], R[k])

@@ -102,20 +102,20 @@ class LawStep(Stepped):
 
 
 class EstimatorRun(Stepped):
-    """An estimator that is fed arrays of inertial samples and fixes of the place."""
+    """An estimator that runs on arrays of inertial samples and position fixes."""
 
     def __init__(self, vehicle: SimulatedVehicle) -> None:
         parts = [c for c in vehicle.assembly.components if c.group == "estimator"]
         super().__init__(vehicle, parts)
         if self.find(Odometry) is not None:
             raise InputError(
-                "run_estimator has no odometry of a tracking camera to give: take a world with "
+                "run_estimator has no input for odometry of a tracking camera: use a world with "
                 "world.localisation = 'mocap' or 'gnss'"
             )
         if vehicle.estimator.is_truth or self.find(ImuBatch) is None:
             raise InputError(
-                f"estimator {vehicle.estimator.name!r} reads no inertial samples; take one that "
-                "does: mission.estimator = 'filter'"
+                f"estimator {vehicle.estimator.name!r} reads no inertial samples; use one that "
+                "does, such as mission.estimator = 'filter'"
             )
 
     def feed(
@@ -130,8 +130,8 @@ class EstimatorRun(Stepped):
         mocap, fix = self.find(MocapSample), self.find(Fix)
         target = mocap if mocap is not None else fix
         if target is None or (mocap is not None and R_fix is None):
-            what = "a pose: give R_fix" if target is not None else "no fixes"
-            raise InputError(f"estimator {self.vehicle.estimator.name!r} takes {what}")
+            what = "requires poses: give R_fix" if target is not None else "reads no fixes"
+            raise InputError(f"estimator {self.vehicle.estimator.name!r} {what}")
         out = np.zeros(len(t) // k, ESTIMATES)
         est, state = View(self.assembly.get(Estimate)), self.find(EstimatorState)
         self.assembly.get(Allocated)["f_B_alloc"] = 0.0

@@ -128,7 +128,7 @@ class Uav(Commanded):
         self, p: ArrayLike, yaw: float | None = None, v: ArrayLike = (0.0, 0.0, 0.0),
         yaw_rate: float = 0.0,
     ) -> Handle:  # fmt: skip
-        """Lead the platform to p (3,) m in W and `yaw` (rad); called repeatedly, as a stream.
+        """Move the platform to p (3,) m in W and `yaw` (rad); called repeatedly, as a stream.
 
         Of a pose that moves, v (3,) m/s and `yaw_rate` (rad/s) are fed forward.
         """
@@ -176,7 +176,7 @@ class Uav(Commanded):
         return self._do(Command.SET_ATTITUDE, tell)
 
     def set_joints(self, q: ArrayLike) -> Handle:
-        """Lead the arms' joints to q (n_joints,) rad; called at up to 50 Hz, as a stream.
+        """Move the arms' joints to q (n_joints,) rad; called at up to 50 Hz, as a stream.
 
         `set_pose` and `set_velocity` may run at the same time; without them the platform holds.
         """

@@ -122,7 +122,9 @@ def start_fork(module: str, files: Sequence[int], *, silent: bool = False) -> Fo
             return Fork(_source.ask(request, files), _source)
         except (OSError, EOFError):  # it was killed
             _source = None
-    raise SimulationError("no worker process could be started: it ends at once (out of memory?)")
+    raise SimulationError(
+        "no worker process could be started: each one ended at once (out of memory?)"
+    )
 
 
 def end_source() -> None:

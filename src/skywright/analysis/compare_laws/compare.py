@@ -182,7 +182,9 @@ def compare_laws(
     chosen = choose_cases(base, cases)
     for text in (*sets, *(text for case in chosen for text in case.sets)):
         if text.strip().startswith("mission.law"):
-            raise InputError(f"{text}: the laws are what is compared; leave it out")
+            raise InputError(
+                f"{text}: not valid here, because the compared laws set mission.law; leave it out"
+            )
     known = list_cases(base)
     planned: list[tuple[str, Case, Campaign | str]] = []
     for case in chosen:

@@ -101,7 +101,15 @@ def _list_metrics(a: Run, b: Run) -> list[Metric]:
 
 
 def _distance(first: str, second: str) -> Callable[[Run], Array]:
-    return lambda run: 1e3 * np.linalg.norm(run[first] - run[second], axis=1)
+    """Return a distance in mm, NaN while the motors are off: the estimator may not be ready."""
+
+    def compute(run: Run) -> Array:
+        distance: Array = 1e3 * np.linalg.norm(run[first] - run[second], axis=1)
+        if "rotor_thrust" in run.names:
+            distance[run["rotor_thrust"].sum(axis=1) <= 0.5] = np.nan  # N
+        return distance
+
+    return compute
 
 
 def _tilt(run: Run) -> Array:
@@ -130,6 +138,6 @@ def _list_series(a: Run, b: Run) -> list[Series]:
         if "p_WT" in needed and any("q" not in r.names or not r["q"].size for r in (a, b)):
             continue
         lines = [(np.asarray(run["t"]), np.asarray(compute(run))) for run in (a, b)]
-        if any(np.any(y) for _, y in lines):
+        if any(np.any(np.nan_to_num(y)) for _, y in lines):
             out.append(Series(title, unit, lines[0], lines[1]))
     return out

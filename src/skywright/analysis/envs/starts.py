@@ -77,8 +77,8 @@ def build_starts(
             refused.append(f"condition {i}: {error}")
     if not out:
         raise InputError(
-            f"none of {len(conditions)} conditions of mission {campaign.mission!r} came to the "
-            f"phase {wanted.phase!r}, the first: {refused[0]}"
+            f"none of {len(conditions)} conditions of mission {campaign.mission!r} reached the "
+            f"phase {wanted.phase!r}; the first: {refused[0]}"
         )
     return out, refused
 

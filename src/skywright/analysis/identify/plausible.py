@@ -40,7 +40,7 @@ def check_fit(fit: Fit, robot: Robot, logs: str, notes: Sequence[str] = ()) -> N
         "accelerations; " + told
     )
     if bad and force <= LARGEST_ERROR:  # thrust and weight fit
-        wrong = f"{logs}: the flight does not tell how robot {robot.name!r} turns"
+        wrong = f"{logs}: the flight does not identify the rotation of robot {robot.name!r}"
         advice = (
             f"its specific force is predicted to {force:.2g} m/s², its angular acceleration is "
             f"{turns} rad/s² (rms about x, y, z): add a flight that rolls, pitches and yaws more, "

@@ -83,7 +83,7 @@ class Mission(Spec, Generic[T]):
     # standard deviations that gusts count with: 3 is the expected largest of the tens that pass
     # during a scan (peak factor, Davenport 1964)
     gust_sigmas: float = Field(default=3.0, ge=0, le=6)
-    # of what a rotor is asked for by the gyroscope's noise, that its limits leave room for
+    # of the thrust commands caused by the gyroscope's noise, that the rotors' limits must permit
     noise_sigmas: float = Field(default=3.0, ge=0, le=6)
     link_phase_deg: float = Field(default=0.0, ge=0, le=60)  # left to the attitude loop by a link
     # wall time that a mission tick (20 ms of flight) may take before a component counts as stuck
@@ -108,7 +108,7 @@ class Mission(Spec, Generic[T]):
 
 
 class Plant(Spec):
-    """The root `plant`: how the simulated truth deviates from what the controllers believe.
+    """The root `plant`: deviations of the simulated truth from the nominal model.
 
     Errors are fractions of the nominal value, or absolute where the key carries a unit.
     """

@@ -19,7 +19,7 @@ class TrackingCamera(Spec):
     """Visual odometry at the origin of B, in a frame of its own that is scaled and drifts."""
 
     rate_hz: float = Field(default=200.0, gt=0, le=500)
-    scale: float = Field(default=0.95, gt=0.2, lt=5)  # length that it tells of a metre
+    scale: float = Field(default=0.95, gt=0.2, lt=5)  # reported length of a true metre
     walk_m_per_sqrt_m: NonNegative = 0.015  # drift along the path, each axis
     walk_m_per_sqrt_s: NonNegative = 0.0
     yaw_rate_deg_per_min: float = Field(default=1.0, ge=-60, le=60)  # drift of the heading

@@ -72,5 +72,7 @@ def decode_mesh(data: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     faces = np.frombuffer(raw, "<u2", 3 * m, at + 6 * n).reshape(m, 3).astype(np.int64)
     vertices = head["low"].astype(float) + float(head["step"]) * grid
     if faces.max() >= n or not np.all(np.abs(vertices) <= FAR):
-        raise ValueError(f"has a corner that does not exist or is farther away than {FAR:g} m")
+        raise ValueError(
+            f"has a vertex that does not exist, or one that is farther away than {FAR:g} m"
+        )
     return vertices, faces

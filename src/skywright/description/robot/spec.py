@@ -209,7 +209,7 @@ class Control(Spec):
     deflection_bandwidth_rad_s: Bandwidth = 0.5  # of a joint's output position loop
     hand_speed_max_mps: float = Field(default=0.15, gt=0, le=2)
     force_estimator: Literal["torque", "cartesian"] = "torque"  # Suarez 2020 (26): "cartesian"
-    friction_feed_forward: NonNegative = 0.0  # believed friction of the surface; 0: none
+    friction_feed_forward: NonNegative = 0.0  # assumed friction of the surface; 0: none
     tilt_max_deg: Positive = 25.0
     rate_hz: Positive = 500.0
     observer_bandwidth_rad_s: Positive = 12.0
@@ -237,7 +237,7 @@ class Robot(Spec):
     name: Name
     description: str = ""
     paper: str = ""
-    extends: str | None = None  # a robot (name or file) of which this file tells the differences
+    extends: str | None = None  # a robot (name or file) that this file modifies
     platform: Platform
     rotors: Rotors
     battery: Battery

@@ -69,10 +69,7 @@ def find_datum(world: World) -> DatumThing | None:
     if not found:
         return None
     if len(found) > 1:
-        raise InputError(
-            f"world {world.name!r}: {', '.join(found)} are datums; valid: one, from which all "
-            "places count"
-        )
+        raise InputError(f"world {world.name!r}: {', '.join(found)} are datums; valid: at most one")
     (name, datum), = found.items()  # fmt: skip
     if (world.pipe if datum.on_pipe else world.structure) is None:
         has = "no pipe" if datum.on_pipe else "no structure"

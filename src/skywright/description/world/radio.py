@@ -17,7 +17,7 @@ class Radio(Spec):
     jitter_s: float = Field(default=0.0, ge=0, le=1)  # standard deviation
     loss_fraction: float = Field(default=0.0, ge=0, lt=1)  # of packets
     bandwidth_kbps: Positive | None = None  # each way; without it size costs no time
-    # of the video to the operator; 0: the operator sees the robot's states instead of a video
+    # of the video to the operator; 0: states are shown instead of a video
     video_kbps: NonNegative = 0.0
     video_rate_hz: float = Field(default=25.0, ge=1, le=50)  # of its pictures
 

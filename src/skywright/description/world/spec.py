@@ -40,7 +40,7 @@ class Pipe(Spec):
     conductivity_s_per_m: Positive = 5.0e6
     relative_permeability: Positive = 100.0
     supports: bool = True  # two posts from the ground, near the ends
-    tracked: bool = False  # motion capture sees targets on it and tells where it is
+    tracked: bool = False  # motion capture measures its pose by targets on it
 
 
 class Weld(Spec):
@@ -228,7 +228,7 @@ class World(Spec):
     scenario_seed: int | None = Field(default=None, ge=0)  # draws tubes and passages instead
     difficulty: Fraction = 0.5  # of a drawn scenario: narrower, and three structures above 0.5
     wind: Wind = Wind()
-    localisation: Literal["mocap", "gnss", "total-station"] = "mocap"  # tells the robot its place
+    localisation: Literal["mocap", "gnss", "total-station"] = "mocap"  # measures the pose
     mocap: Mocap = Mocap()
     gnss: Gnss = Gnss()
     total_station: TotalStation = TotalStation()

@@ -111,7 +111,7 @@ class Thing(OpenSpec):
 
     @property
     def movable(self) -> bool:
-        """Whether it is free to move as a whole: then its pose is recorded."""
+        """Whether it moves freely as a whole; its pose is then recorded."""
         return False
 
     @property

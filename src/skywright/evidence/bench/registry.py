@@ -44,13 +44,13 @@ BENCHMARKS = {
     "envs": Benchmark(HERE + "envs", "steps and resets of the environments", False),
     "consistency": Benchmark(
         HERE + "evidence",
-        "is the filter as sure as it should be (NEES)",
+        "consistency of the filter (NEES)",
         False,
         "measure_consistency",
     ),
     "estimators": Benchmark(
         HERE + "evidence",
-        "errors of each estimator, conditions good and bad",
+        "errors of each estimator in good and degraded conditions",
         False,
         "measure_estimators",
     ),

@@ -276,7 +276,7 @@ class _Roles(dict[str, list[Record]]):
 
     def __missing__(self, role: str) -> list[Record]:
         given = ", ".join(self) or "none"
-        raise InputError(f"its measure asks for the case {role!r}; the claim gives: {given}")
+        raise InputError(f"the measure requires the case {role!r}; the claim gives: {given}")
 
 
 def _tell_cut_short(claim: Claim, records: dict[str, list[Record]]) -> str:

@@ -167,7 +167,9 @@ def _check(scan: UltrasonicScan | EddyScan) -> None:
         if scan.time is not None and scan.time.shape != scan.ascan.shape[:2]:
             raise InputError(f".nde: {scan.time.shape} times for A-scans {scan.ascan.shape[:2]}")
         if min(scan.u[1], scan.v[1]) <= 0:
-            raise InputError(".nde: neighbouring places have no distance")
+            raise InputError(
+                f".nde: the grid has spacings of {scan.u[1]:g} and {scan.v[1]:g} m; valid: above 0"
+            )
     elif scan.impedance.ndim != 2 or len(scan.position) != scan.impedance.shape[1]:
         raise InputError(
             f".nde: {len(scan.position)} positions for an impedance of {scan.impedance.shape}"

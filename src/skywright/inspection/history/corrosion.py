@@ -100,7 +100,7 @@ def compute_rate(first: Inspected, last: Inspected, required_mm: float | None) -
     """Return loss, rate and life between two inspections, with their deviations."""
     years = (last.time - first.time).total_seconds() / YEAR_S
     if years <= 0:
-        raise InputError(f"flights {first.flight} and {last.flight}: no time lies between them")
+        raise InputError(f"flights {first.flight} and {last.flight} have the same time")
     loss = first.thickness_mm - last.thickness_mm
     loss_std = math.hypot(first.std_mm, last.std_mm)
     rate, rate_std = loss / years, loss_std / years

@@ -95,10 +95,12 @@ def build_airframe(robot: Robot, world: World) -> BetaflightAirframe:
     torque = rotors.B[3:] - np.cross(p_BC, rotors.axis).T  # about the centre of mass, per newton
     B = np.vstack([rotors.axis[:, 2], torque])
     if np.linalg.matrix_rank(B, tol=1e-6) < 4:
-        raise InputError(f"{robot.name!r}: its rotors do not turn it about all three axes")
+        raise InputError(f"{robot.name!r}: its rotors cannot produce torque about all three axes")
     share = np.linalg.pinv(B)[:, 0]
     if share.min() <= 0.0:
-        raise InputError(f"{robot.name!r}: its rotors cannot hover level without one that pushes")
+        raise InputError(
+            f"{robot.name!r}: level hover would require a rotor with thrust of zero or less"
+        )
     mix = np.column_stack([np.sqrt(share), np.linalg.pinv(B)[:, 1:]])
     mix /= np.abs(mix).max(axis=0)
     most, weight = rotors.thrust_max, mass * world.gravity_mps2

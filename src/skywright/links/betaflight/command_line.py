@@ -65,7 +65,9 @@ class CommandLine:
         text = self.ask("version")
         found = re.search(r"#?\s*(Betaflight[^\r\n]*)", text)
         if found is None:
-            raise NoCommandLine(f"the command line answers {text.strip()[:60]!r}: no Betaflight")
+            raise NoCommandLine(
+                f"the command line answers {text.strip()[:60]!r}; this is not Betaflight"
+            )
         return found.group(1).strip()
 
     def ask(self, line: str) -> str:

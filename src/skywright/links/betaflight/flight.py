@@ -283,8 +283,8 @@ class _Flight:
             raise AutopilotFailed(link.trouble)
         if link.gone:
             raise AutopilotFailed(
-                "Betaflight has ended or was started again; the rotors stop, and a flight does not "
-                "go on with an autopilot that has forgotten it"
+                "Betaflight has ended or restarted; the rotors stop, because a restarted autopilot "
+                "cannot continue the flight"
             )
         status = link.status
         if self._stage == "flying" and status is not None and not status.armed:

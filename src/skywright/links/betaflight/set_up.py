@@ -52,7 +52,7 @@ class SetUp:
         except OSError as error:
             raise InputError(
                 f"{self._host}:{self._port} closed the connection ({error.strerror or error}): "
-                "another program is connected to Betaflight, or what listens there is none"
+                "another program is connected to Betaflight, or this port is not Betaflight's"
             ) from None
         finally:
             peer.close()

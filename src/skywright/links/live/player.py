@@ -92,7 +92,7 @@ class Target:
             try:
                 self._serial.write(data)
             except OSError as error:
-                raise InputError(f"--to serial: the port takes no bytes: {error}") from None
+                raise InputError(f"--to serial: cannot write to the port: {error}") from None
             return
         assert self._socket is not None
         try:

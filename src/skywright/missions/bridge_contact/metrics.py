@@ -67,7 +67,7 @@ MEASURES: Measures = {
         "m",
         "largest distance of the tip from where its slide began; the smaller of both ways",
     ),
-    "slide.length_fraction": ("", "this distance as a fraction of the length asked for"),
+    "slide.length_fraction": ("", "this distance as a fraction of the requested length"),
     **STRUCTURE_MEASURES,
     **OPERATED_MEASURES,
 }

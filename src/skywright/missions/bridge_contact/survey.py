@@ -1,9 +1,9 @@
-"""Where the structure is touched before anything is pressed on it, and how well that tells it.
+"""Places of the survey touches before a press, and the accuracy of the survey.
 
-Under a deck the feet of the docking gear touch, all at once and half a metre apart: the robot's
-attitude tells the slope to a fraction of a degree, while places of touches that are made one after
-the other differ by what a total station is off. Elsewhere the probe's tip touches at places
-around the spots, each along the normal that the map has there.
+Under a deck the feet of the docking gear, half a metre apart, touch simultaneously. The attitude of
+the robot then measures the slope to a fraction of a degree; consecutive touches would differ by the
+error of the total station. On other structures the tip of the probe touches at places around the
+spots, each along the normal of the map.
 """
 
 import math
@@ -71,9 +71,9 @@ def plan_survey(
         feet, lever = list_feet(docking), docking.radius_m
         if get_datum(setup) is not None:
             raise InputError(
-                "mission.task.datum: the feet of a docking gear survey this deck, and the probe's "
-                "camera does not look at the datum then; valid: mission.task.datum=false, or a "
-                "robot without [robot.docking]"
+                "mission.task.datum: a survey by the feet of a docking gear does not use the "
+                "probe's camera; valid: mission.task.datum=false, or a robot without "
+                "[robot.docking]"
             )
     elif task.dock:
         raise InputError(

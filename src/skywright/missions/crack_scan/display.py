@@ -33,8 +33,8 @@ def find_array(setup: Setup[Any]) -> Array:
     array: Array = find_instrument(setup, EddyArray, "eddy-current array")
     if array.table.layout == "differential":
         raise InputError(
-            f"robot.sensors.{array.name}.layout: a search for cracks takes absolute coils; "
-            "valid: 'absolute'"
+            f"robot.sensors.{array.name}.layout: {array.table.layout!r} cannot be used to "
+            "search for cracks; valid: 'absolute'"
         )
     return array
 

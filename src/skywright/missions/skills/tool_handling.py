@@ -235,9 +235,9 @@ class _TakeUp:
         return weight.carried if hangs else None
 
     def lower(self) -> None:
-        """Set down what is lifted, and draw the hooks out.
+        """Set a lifted load down, and withdraw the hooks.
 
-        A tool hangs higher in hands that its weight is fed forward to: down until it stands.
+        The feedforward of its weight raises the load, so the platform descends until it stands.
         """
         s, weight, down = self.s, self.weight, np.array([0.0, 0.0, -self.speeds[1]])
         while weight is not None and (above := self._find_height() - self.height) > -LOW:

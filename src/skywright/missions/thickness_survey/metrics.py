@@ -28,7 +28,7 @@ SKIP = 0.25e-3
 """m, of an error from which it is a skipped cycle or a doubling."""
 
 MEASURES: Measures = {
-    "thickness.spots": ("", "number of spots that were asked for"),
+    "thickness.spots": ("", "number of requested spots"),
     "thickness.accepted_fraction": ("", "fraction of the spots with an accepted reading"),
     "thickness.error_p95_mm": (
         "mm",

@@ -98,8 +98,8 @@ def build_gripper(
             break
     else:
         raise InputError(
-            f"{note}: the fingers of {gripper.mass:g} kg leave no body to the link that carries "
-            f"them; freeze them with --weld {gripper.joints[0]}"
+            f"{note}: without the fingers ({gripper.mass:g} kg), the link that carries them has no "
+            f"valid inertia; freeze them with --weld {gripper.joints[0]}"
         )
     mass = imported(hand.mass_kg, note)
     if share < 1.0:
@@ -138,8 +138,8 @@ def _shape_fingers(gripper: Gripper, length: float, note: str) -> dict[str, Valu
     )  # fmt: skip
     if radius.value < 1e-3:
         raise InputError(
-            f"{note}: the fingers do not part before the tip, {length:g} m away; freeze them with "
-            f"--weld {gripper.joints[0]}"
+            f"{note}: the pads of the fingers do not open at {length:g} m, the tip; freeze them "
+            f"with --weld {gripper.joints[0]}"
         )
     way = f"limits of {note}, and the way to the centres of mass"
     return {

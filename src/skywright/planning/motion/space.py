@@ -323,5 +323,8 @@ def _first_moments(tree: Tree, passive: int) -> tuple[Array, float]:
     across = steady - (steady @ tree.axis[passive]) * tree.axis[passive]
     least = float(np.linalg.norm(across)) - moving
     if least <= 0.0:
-        raise InputError("the passive joint has no unique equilibrium angle: its load can balance")
+        raise InputError(
+            "the passive joint has no unique equilibrium angle: its load is balanced "
+            "in some posture of the arms"
+        )
     return moment, least

@@ -1,4 +1,4 @@
-"""What a rule is: everything that the author of one imports."""
+"""Base class of fault rules: everything that the author of a rule imports."""
 
 from __future__ import annotations
 
@@ -76,19 +76,19 @@ class Rule:
         self._since: float | None = None
 
     def begin(self, v: Senses) -> None:
-        """The robot has taken off: what is usual may be remembered here."""
+        """Called after take-off: store the values that are normal in this flight."""
 
     def look(self, v: Senses) -> float:
-        """Return the value now; NaN where there is nothing to watch."""
+        """Return the present value; NaN if there is none."""
         raise NotImplementedError
 
     def explain(self, value: float) -> str:
-        """Say what happened, for a reason."""
+        """Return the reason of the run; by default it states value and limit."""
         unit = f" {self.unit}" if self.unit else ""
         return f"{self.name.replace('_', ' ')} {value:.3g}{unit}, limit {self.table.limit:g}{unit}"
 
     def repair(self, s: Supervisor) -> Response:
-        """Do what has to be done at once; returns the response to fly."""
+        """Called when the rule acts, before the response; returns the response to fly."""
         response: Response = self.table.response
         return response
 
@@ -108,7 +108,7 @@ class Rule:
 
 
 class Follow:
-    """A first-order lag of numbers that are looked at now and then."""
+    """A first-order lag of numbers that are sampled at irregular times."""
 
     def __init__(self, lag: float) -> None:
         """`lag` (s)."""

@@ -1,4 +1,4 @@
-"""A battery that is all but empty."""
+"""Battery nearly empty."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from skywright.run.faults.battery_low import BatteryLow
 
 
 class BatteryEmpty(BatteryLow):
-    """As battery_low, where no time is left for the way home."""
+    """As battery_low, but the remaining energy is not enough for the return flight."""
 
-    source = "5 % of 50 Wh fly a robot of 300 W for half a minute: a landing"
+    source = "5 % of 50 Wh supply a robot of 300 W for 30 s, enough for a landing"
 
     class Table(Rule.Table):
         """Limit as a share."""

@@ -1,4 +1,4 @@
-"""A step of the robot's computer that raised, gave no finite number, or did not return."""
+"""A step of the robot's computer that raised, returned a non-finite number, or did not return."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ class ComputerFailed(Rule):
     A watchdog starts a control law again once (vehicle/failed_step.py); the robot then lands.
     """
 
-    watches = "whether the control law or the estimator raised, gave no finite number, or hung"
+    watches = "1 if the control law or the estimator raised, returned a non-finite number, or hung"
     unit = ""
     source = (
-        "a control law that is started again lands the robot; after a second failure, or that of "
-        "the estimator, nothing is left that could fly"
+        "a restarted control law lands the robot; after a second failure, or a failure of the "
+        "estimator, nothing can control the robot"
     )
     from_take_off = True
     answers_failed_computer = True
     every = 100  # where a step has failed, it looks at once
 
     class Table(Rule.Table):
-        """Limit: 1 says that it failed. Where no step is left that could fly, it falls."""
+        """Limit; the value is 1 after a failure. Without a working law the motors are stopped."""
 
         limit: NonNegative = 0.5
         hold_s: NonNegative = 0.0

@@ -1,4 +1,4 @@
-"""Measurements that contradict the estimate one after the other."""
+"""Consecutive measurements that contradict the estimate."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ if TYPE_CHECKING:
     from skywright.run.faults._senses import Senses
     from skywright.run.supervisor import Supervisor
 
-FAR = 2.0  # m, beyond which an estimate is not believed either
+FAR = 2.0  # m, largest jump of an estimate that is still used
 RESTART = 100.0
-"""Rejections that an estimate given up counts as."""
+"""Number of rejections as which a restart of the estimator counts."""
 
 
 class EstimatorInconsistent(Rule):
-    """Measurements in a row that the estimator's gate rejected."""
+    """Number of consecutive measurements that the gate of the estimator rejected."""
 
     watches = (
-        "measurements in a row that the estimator's gate rejects (chi-square, 99.9 %); an "
-        "estimate that is given up counts as 100"
+        "number of consecutive measurements that the gate of the estimator rejects (chi-square, "
+        "99.9 %); a restart of the estimator counts as 100"
     )
     unit = ""
-    source = "the filter gives up after 10 that agree with each other"
+    source = "the filter restarts after 10 rejected samples that agree with each other"
     from_take_off = True
     every = 1  # hands that are led follow an estimate that jumps
 

@@ -1,4 +1,4 @@
-"""A robot that leaves the place where it may fly."""
+"""A robot that leaves the permitted volume."""
 
 from __future__ import annotations
 

@@ -14,14 +14,14 @@ if TYPE_CHECKING:
 
 
 class JointOff(Rule):
-    """Where the worst servo should be, less where it is.
+    """Difference between the modelled and the measured angle of a servo, for the worst joint.
 
-    A position servo should be where (17) of Suarez 2020 takes it: a lag T_s behind its command, no
-    faster than the no-load speed. Near a stretched arm's singularity the command itself runs away
-    at that speed, 0.35 rad ahead of a healthy servo.
+    Model of a position servo: (17) of Suarez 2020, a lag T_s and a speed limit, the no-load speed.
+    The command alone is not the model: near the singularity of a stretched arm it moves at that
+    speed, 0.35 rad ahead of a healthy servo.
     """
 
-    watches = "where a servo's shaft should be less where it is, the worst joint"
+    watches = "modelled less measured angle of a servo's shaft; the worst joint"
     unit = "rad"
     source = (
         "1.5 times the largest of the built-in missions (0.17 rad, wall-contact); a joint without "

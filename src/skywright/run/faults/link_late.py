@@ -1,4 +1,4 @@
-"""A control link that gets later in flight than the loops bear."""
+"""A control link whose delay grows in flight beyond what the control loops tolerate."""
 
 from __future__ import annotations
 
@@ -20,12 +20,13 @@ wait for each other, and medians of a link as expected reach two."""
 
 
 class LinkLate(Rule):
-    """Age of inertial samples as they come over the link, over what the law bears."""
+    """Age of the inertial samples that arrive over the link, divided by the tolerated delay."""
 
     watches = (
-        "age of the inertial samples that come over the control link, by their stamps, over the "
-        "delay each way that the law bears (both ways are taken to be alike), or that a packet of "
-        "`[world.link]` has at three standard deviations, if that is more"
+        "age of the inertial samples that arrive over the control link, by their time stamps, "
+        "divided by the tolerated delay. This is the one-way delay at which the law is still "
+        "stable (both ways are assumed equal), or the delay of `[world.link]` plus three standard "
+        "deviations of its jitter, whichever is larger"
     )
     unit = ""
     source = "beyond it the attitude loop is unstable: the check before take-off has the same limit"
@@ -83,6 +84,6 @@ class LinkLate(Rule):
     def explain(self, value: float) -> str:
         """Say both delays."""
         return (
-            f"the control link is {1000.0 * self.age:.1f} ms late each way, more than the "
-            f"{1000.0 * self._most:.1f} ms that the law bears or [world.link] tells"
+            f"the control link has a delay of {1000.0 * self.age:.1f} ms each way; tolerated: "
+            f"{1000.0 * self._most:.1f} ms"
         )

@@ -1,4 +1,4 @@
-"""A control link that is silent for so long that the motors' own controllers have stopped them."""
+"""A control link that was silent until the motor controllers stopped the motors."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from skywright.run.faults.link_silent import LinkSilent
 
 
 class LinkLost(LinkSilent):
-    """Age of the newest inertial sample that came over the link, where nothing is left to do."""
+    """Age of the newest inertial sample over the link, beyond the time-out of the motors."""
 
-    source = "the motors' controllers stop them after 0.5 s without a command"
+    source = "the motor controllers stop the motors after 0.5 s without a command"
 
     class Table(LinkSilent.Table):
         """Limit (s). A link that comes back starts no motors of a robot that falls."""

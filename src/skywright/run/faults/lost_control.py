@@ -23,11 +23,11 @@ class LostControl(Rule):
     """Distance from the reference, as estimated."""
 
     watches = (
-        "distance of the estimated from the commanded position; a quarter of it while another "
-        "rule's response is flown"
+        "distance between estimated and commanded position; a quarter of it while the response of "
+        "another rule is flown"
     )
     unit = "m"
-    source = "as the guard of the tick (vehicle/guard.py): no built-in flight strays so far"
+    source = "as the guard of the tick (vehicle/guard.py): no built-in flight deviates this far"
     from_take_off = True
     shows_control = True
 

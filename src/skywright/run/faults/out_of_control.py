@@ -1,4 +1,4 @@
-"""The robot has tipped over, or does not come down when it is told to."""
+"""The robot has tipped over, or does not follow the commanded descent."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ TIPPED = 10.0
 
 
 class OutOfControl(Rule):
-    """Nothing but stopping the motors helps."""
+    """Loss of control that only stopping the motors can end."""
 
     watches = (
-        "while another rule's response is flown, how far the estimated height is from the "
-        "commanded one; at any time a tilt beyond 73 deg, which counts as 10 m"
+        "difference between estimated and commanded height while the response of another rule is "
+        "flown. At any time a tilt beyond 73 deg counts as 10 m"
     )
     unit = "m"
     source = "four times the distance at which control counts as lost"

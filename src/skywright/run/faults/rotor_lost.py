@@ -16,11 +16,11 @@ TURNING = 0.3
 
 
 class RotorLost(Rule):
-    """What a motor's electronics tell of its speed, against what it is told."""
+    """Difference between the commanded and the reported speed of a rotor, as a share."""
 
-    watches = "speed of a rotor by its motor's electronics, against the commanded one"
+    watches = "missing share of a rotor's commanded speed, as its motor controller reports it"
     unit = ""
-    source = "a rotor that turns lags by its time constant, 0.05 s"
+    source = "a healthy rotor follows its command with a time constant of 0.05 s"
     from_take_off = True
     every = 1
 

@@ -1,4 +1,4 @@
-"""A rotor that makes less thrust than it is told."""
+"""A rotor that produces less thrust than commanded."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class RotorWeak(Rule):
     as (f_z, t / arm), with each rotor's column of the allocation.
     """
 
-    watches = "external wrench as observed, compared with the loss of each rotor's thrust"
+    watches = "share of a rotor's thrust whose loss explains the observed external wrench"
     unit = ""
     source = "a propeller that lost a blade tip keeps 70 %; gains differ by 2 % between rotors"
     every = 4

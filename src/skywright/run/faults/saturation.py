@@ -1,4 +1,4 @@
-"""Rotors that cannot make what is commanded for long."""
+"""Rotors that are saturated for a long time."""
 
 from __future__ import annotations
 
@@ -15,15 +15,13 @@ LAG_S = 1.0
 
 
 class Saturation(Rule):
-    """Share of the time in which the allocation had to cut the command."""
+    """Share of the time in which the allocation limited the command."""
 
-    watches = "share of the last second in which the allocation cut the command"
+    watches = "share of the last second in which the allocation limited the command"
     unit = ""
     shows_control = True
     every = 10
-    source = (
-        "gusts and touch-downs of the built-in missions reach 0.5; 0.8 is 1.6 s without a break"
-    )
+    source = "gusts and touch-downs of the built-in missions reach 0.5; 0.8 corresponds to 1.6 s"
 
     class Table(Rule.Table):
         """Limit as a share."""

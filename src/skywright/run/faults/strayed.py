@@ -1,4 +1,4 @@
-"""A platform that is driven from its place while its hands are led to something."""
+"""A platform that is displaced while its hands approach something."""
 
 from __future__ import annotations
 
@@ -17,11 +17,10 @@ class Strayed(Rule):
     """Distance from the reference, as estimated, beside a structure."""
 
     watches = (
-        "distance of the estimated from the commanded position while hands are led that carry "
-        "nothing"
+        "distance between estimated and commanded position while empty hands approach an object"
     )
     unit = "m"
-    source = "what ways keep from everything; three times the motion in gusts that plans admit"
+    source = "clearance of planned paths; three times the motion in the strongest accepted gusts"
     every = 2
 
     class Table(Rule.Table):

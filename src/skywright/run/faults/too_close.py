@@ -1,4 +1,4 @@
-"""A robot that comes nearer to a thing than any wind that its plan admits brings it."""
+"""A robot closer to an object than the wind accepted by its plan can bring it."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ if TYPE_CHECKING:
 
 
 class TooClose(Rule):
-    """What is missing of the distance that a mission keeps until it touches."""
+    """Shortfall of the clearance that a mission keeps until it touches."""
 
     watches = (
-        "what is missing of the distance to the nominal scene that a mission keeps while it waits "
-        "beside a thing that it comes up to, until it is to touch it"
+        "shortfall of the clearance to the nominal scene that a mission keeps while it waits "
+        "beside an object that it will touch"
     )
     unit = "m"
-    source = "the mission keeps what the lean, place and gusts of its plan leave"
+    source = "the mission sets the clearance from tilt, position error and gusts of its plan"
     every = 2
 
     class Table(Rule.Table):
@@ -35,4 +35,4 @@ class TooClose(Rule):
 
     def explain(self, value: float) -> str:
         """Say it as a reason."""
-        return f"{1000.0 * value:.0f} mm too close to what it works at"
+        return f"{1000.0 * value:.0f} mm too close to the object it works at"

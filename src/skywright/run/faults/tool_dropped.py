@@ -1,4 +1,4 @@
-"""What is carried is not at the hands any more."""
+"""A carried object that is no longer at the hands."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ if TYPE_CHECKING:
 
 
 class ToolDropped(Rule):
-    """Distance of what is carried from where it hung at the hands."""
+    """Displacement of the carried object relative to the hands."""
 
     watches = (
-        "place of what is carried by its marker, less its place at the hands when it was lifted"
+        "displacement of the carried object relative to the hands since it was lifted, measured "
+        "by its marker"
     )
     unit = "m"
     source = "a tool that swings on its hooks moves by less than 0.1 m"

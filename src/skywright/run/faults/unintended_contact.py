@@ -1,4 +1,4 @@
-"""A push where the robot means to touch nothing."""
+"""Contact in a phase without intended contact."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ FOLLOWS = 5
 
 
 class UnintendedContact(Rule):
-    """The external force as estimated, less what it has been, over the robot's weight."""
+    """Estimated external force less its recent mean, divided by the weight of the robot."""
 
     watches = (
-        "estimated external force, less its mean of 2 s, over the weight, while nothing is "
-        "to be touched"
+        "estimated external force less its mean of 2 s, divided by the weight, in phases without "
+        "intended contact"
     )
     unit = ""
-    source = "above what gusts of 3 m/s and the hardest built-in manoeuvre show"
+    source = "above the largest value in gusts of 3 m/s and in the hardest built-in manoeuvre"
     every = 2
 
     class Table(Rule.Table):

@@ -150,8 +150,8 @@ class Filter(Estimator):
 def fuse(me: Any, mocap: Any) -> bool:
     """Fuse a motion-capture sample taken at the horizon; False when the gate rejects it.
 
-    What the sample was off before the correction, times what it is off after it, is its noise's
-    variance in the mean (Desroziers et al., Diagnosis of observation, background and analysis-error
+    The residual before the correction times the residual after it has the variance of the noise as
+    its mean (Desroziers et al., Diagnosis of observation, background and analysis-error
     statistics in observation space, 2005, (4)): so the filter learns the noise from the data sheet
     on.
     """

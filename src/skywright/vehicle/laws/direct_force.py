@@ -114,7 +114,7 @@ class DirectForce(ThreeLoops):
         touching: float  # 1: a force is felt
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Fill gains; raises InputError where the loop is too slow for any."""
+        """Compute the gains; raises InputError if the delay of the loop leaves no bandwidth."""
         super().build(me, table, context)
         contact = build_contact(context.robot, context.world, table, context.dt, context.h)
         gains = compute_gains(contact, table)

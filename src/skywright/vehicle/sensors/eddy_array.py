@@ -121,13 +121,13 @@ class EddyArray(Sensor):
         """Tabulate the signals of metal, welds and cracks.
 
         Raises InputError in a world without a pipe, for a robot without a probe, a coil that does
-        not fit, and for filters that leave nothing.
+        not fit, and filters without a pass band.
         """
         world = context.world
         if world.pipe is None or context.robot.probe is None:
             lacks = "world has no pipe" if world.pipe is None else "robot has no probe"
             raise InputError(
-                f"sensor {self.name!r}: an eddy-current array reads steel; the {lacks}"
+                f"sensor {self.name!r}: an eddy-current array requires pipe and probe; the {lacks}"
             )
         if 0.0 < table.low_pass_hz <= table.high_pass_hz:
             raise InputError(
