@@ -15,6 +15,7 @@ from skywright.description.robot.limbs import list_joints, list_limbs
 from skywright.description.robot.loader import load_robot
 from skywright.models.arm_body import Deviation
 from skywright.models.deviation import build_deviation
+from skywright.models.fixed_body import FIXED
 from skywright.models.part_masses import link_direction
 from skywright.models.scene import build_scene, set_pose
 from skywright.vehicle.actuators._velocity_servos import VelocityServos
@@ -192,3 +193,26 @@ def test_a_fast_servo_without_a_load_does_not_stall(description, speed):
         mujoco.mj_step(scene.model, d, 2)
     motor = float(me.motor_from_joint[1, :2] @ d.qvel[me.qvel[:2]])
     assert motor == pytest.approx(speed, rel=0.05)
+
+
+@pytest.mark.parametrize("mission", ["pipe-weld-scan", "bar-insertion", "bridge-contact"])
+def test_what_stands_still_is_a_weightless_body_of_the_plant_at_its_place(mission: str) -> None:
+    d = load_description(mission)
+    nominal = build_scene(d.robot, d.world).model
+    plant = build_scene(d.robot, d.world, Deviation()).model
+    data = mujoco.MjData(plant)
+    mujoco.mj_kinematics(plant, data)
+    fixed = [b for b in range(plant.nbody) if plant.body(b).name.startswith(FIXED)]
+    assert fixed and not any(nominal.body(b).name.startswith(FIXED) for b in range(nominal.nbody))
+    assert not np.any(plant.body_mass[fixed]) and not np.any(plant.body_weldid[fixed])
+    assert not np.any(plant.geom_bodyid[plant.geom_type != mujoco.mjtGeom.mjGEOM_PLANE] == 0)
+    of_world = [g for g in range(nominal.ngeom) if nominal.geom_bodyid[g] == 0]
+    names = {nominal.geom(g).name for g in of_world} - {"ground"}
+    assert names == {plant.geom(g).name for g in np.flatnonzero(np.isin(plant.geom_bodyid, fixed))}
+    for g in of_world:
+        h = plant.geom(nominal.geom(g).name).id
+        np.testing.assert_allclose(data.geom_xpos[h], nominal.geom_pos[g], atol=1e-12)
+        kept = ("contype", "conaffinity", "condim", "size", "friction", "solref", "margin")
+        for name in kept:
+            values = (getattr(model, f"geom_{name}")[i] for model, i in ((plant, h), (nominal, g)))
+            np.testing.assert_array_equal(*values)

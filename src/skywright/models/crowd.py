@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Ints
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.models.arm_body import Deviation
@@ -33,7 +33,7 @@ def build_crowd(robot: Robot, world: World, deviation: Deviation, n_robots: int)
     for i in range(1, n_robots):
         copy = build_spec(robot, world, deviation)
         frame = spec.worldbody.add_frame(pos=[0.0, i * SPACING, 0.0])
-        frame.attach_body(copy.body("platform"), f"robot{i} ", "")
+        frame.attach_body(copy.body("platform"), _get_prefix(i), "")
     model = spec.compile()
     return Crowd(model, mujoco.MjData(model), n_robots)
 
@@ -61,5 +61,19 @@ def step_crowd(crowd: Crowd, controls: Any, forces: Any, n_steps: int) -> None:
 
 def repeat_controls(crowd: Crowd, controls: Array, forces: Array) -> tuple[Array, Array]:
     """Give every copy what one robot got: controls (t, nu) and forces (t, nbody, 6)."""
-    robot = np.tile(forces[:, 1:], (1, crowd.n_robots, 1))  # body 0 is the world
-    return np.tile(controls, (1, crowd.n_robots)), np.concatenate([forces[:, :1], robot], axis=1)
+    model = crowd.model
+    everywhere = np.zeros((len(forces), model.nbody, 6))
+    first = _list_bodies(model, "platform")
+    for i in range(crowd.n_robots):
+        mine = _list_bodies(model, f"{_get_prefix(i)}platform")
+        everywhere[:, mine] = forces[:, first]
+    return np.tile(controls, (1, crowd.n_robots)), everywhere
+
+
+def _get_prefix(i: int) -> str:
+    """What names of the robot `i`, from 0, begin with."""
+    return f"robot{i} " if i else ""
+
+
+def _list_bodies(model: mujoco.MjModel, root: str) -> Ints:
+    return np.flatnonzero(model.body_rootid == model.body(root).id)

@@ -27,6 +27,7 @@ from skywright.errors import InputError
 from skywright.models.arm_body import FEET, OWN, PEN, ROBOT, WORLD, Deviation, add_arm
 from skywright.models.bar_body import BAR, add_bar
 from skywright.models.docking_body import NOSLIP_ITERATIONS, add_docking, set_foot_stiffness
+from skywright.models.fixed_body import add_fixed
 from skywright.models.gauges import add_gauges, has_gauges
 from skywright.models.nominal import Nominal
 from skywright.models.part_masses import platform_inertia, set_inertia
@@ -132,9 +133,9 @@ def build_spec(
     spec.option.gravity = [0.0, 0.0, -world.gravity_mps2]
     spec.compiler.degree = False
     spec.visual.headlight.ambient = [0.4, 0.4, 0.4]
-    _add_world(spec, world, nominal)
     plant = deviation is not None
     _add_robot(spec, robot, nominal.rotors, deviation or Deviation(), plant)
+    _add_world(spec, world, nominal, plant)
     if deviation is not None:
         error = deviation.socket_error
     offsets = {} if error is None else find_offsets(world.things, error)
@@ -147,17 +148,17 @@ def build_spec(
     return spec
 
 
-def _add_world(spec: mujoco.MjSpec, world: World, nominal: Nominal) -> None:
-    body = spec.worldbody
+def _add_world(spec: mujoco.MjSpec, world: World, nominal: Nominal, plant: bool) -> None:
     # the pipe itself is met by the probe's tip only, through an explicit pair
-    pipe: dict[str, Any] = {"contype": WORLD, "conaffinity": ROBOT | FEET}
-    kwargs: dict[str, Any] = {"contype": WORLD, "conaffinity": ROBOT | FEET | PEN}
-    body.add_geom(
+    pipe: dict[str, Any] = {"contype": WORLD, "conaffinity": ROBOT | FEET, "mass": 0.0}
+    kwargs: dict[str, Any] = {**pipe, "conaffinity": ROBOT | FEET | PEN}
+    spec.worldbody.add_geom(
         name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[10, 10, 0.1],
         rgba=[0.75, 0.77, 0.8, 1], friction=[0.8, 0.005, 0.0001], **kwargs,
     )  # fmt: skip
     cyl = nominal.cylinder
     if world.pipe is not None and cyl is not None:
+        body = add_fixed(spec, "pipe", plant)
         y, x, z = cyl.R_WP[:, 1], cyl.R_WP[:, 0], cyl.R_WP[:, 2]
         quat = quat_from_rot(np.column_stack([z, x, y]))  # MuJoCo cylinders run along z
         body.add_geom(
@@ -173,9 +174,9 @@ def _add_world(spec: mujoco.MjSpec, world: World, nominal: Nominal) -> None:
                     size=[SUPPORT_RADIUS, half, 0], pos=[p[0], p[1], half],
                     rgba=[0.35, 0.37, 0.4, 1], **kwargs,
                 )  # fmt: skip
-    add_structure(spec, world, nominal.surface, pipe)
+    add_structure(spec, world, nominal.surface, pipe, plant)
     for name, tube in get_structures(world).tubes.items():
-        body.add_geom(
+        add_fixed(spec, f"tube {name}", plant).add_geom(
             name=f"tube {name}", type=mujoco.mjtGeom.mjGEOM_CYLINDER,
             size=[tube.diameter_m / 2, 0, 0],
             fromto=[tube.x_m, tube.y_m, tube.z_m, tube.to_x_m, tube.to_y_m, tube.to_z_m],

@@ -9,6 +9,7 @@ import numpy as np
 from skywright.core.rotations import quat_from_rot
 from skywright.description.world.spec import World
 from skywright.description.world.structure import ARCH, CYLINDER, Surface
+from skywright.models.fixed_body import add_fixed
 
 STRUCTURE = "structure"
 """Names of the structure's geometries begin with it."""
@@ -19,12 +20,17 @@ COLOUR = [0.62, 0.63, 0.62, 1]
 
 
 def add_structure(
-    spec: mujoco.MjSpec, world: World, surface: Surface | None, classes: dict[str, Any]
+    spec: mujoco.MjSpec,
+    world: World,
+    surface: Surface | None,
+    classes: dict[str, Any],
+    plant: bool,
 ) -> None:
     """Add the world's structure with its `surface`; `classes` are its collision classes."""
-    s, body = world.structure, spec.worldbody
+    s = world.structure
     if s is None or surface is None:
         return
+    body = add_fixed(spec, STRUCTURE, plant)
     p, R = surface.p_WS, surface.R_WS
     if surface.shape == CYLINDER:
         axis, half = R[:, surface.along], 0.5 * (s.width_m if surface.along else s.length_m)

@@ -2,8 +2,8 @@
 
 In the nominal scene everything stands where the file puts it; in the plant what is movable has a
 free joint, parts move on theirs, and a tracked thing that does not move stands where it is in
-truth. Movable things are bodies `object NAME`; the rest are geometries of what carries them, W or a
-movable thing.
+truth. Movable things are bodies `object NAME`; the rest are geometries of the movable thing that
+carries them, or of a body that stands still (models/fixed_body.py).
 
 Contacts. Friction is Coulomb's on an elliptic cone, with MuJoCo's no-slip step where something can
 be carried, since its soft friction creeps by millimetres a second under a load.
@@ -23,6 +23,7 @@ from skywright.description.world.thing import Frame, Part, Placed, Solid, Thing,
 from skywright.description.world.things import find_carrier, list_movers, locate_thing
 from skywright.models.arm_body import FEET, LIMITED, PEN, ROBOT, WORLD
 from skywright.models.docking_body import NOSLIP_ITERATIONS
+from skywright.models.fixed_body import FIXED, add_fixed
 
 OBJECT = "object "
 """Names of movable things' bodies and joints start with it."""
@@ -68,13 +69,13 @@ def add_things(spec: mujoco.MjSpec, things: Things, plant: bool, offsets: dict[s
         )
     for name, thing in things.items():
         carrier = find_carrier(things, name)
-        body, frame = spec.worldbody, build_frame()
-        if name in bodies:
-            body = bodies[name]
-        elif isinstance(thing, Placed):
+        parts, frame = thing.list_parts(), build_frame()
+        if name not in bodies and isinstance(thing, Placed):
             frame = locate_thing(things, name, carrier, offsets)
-            body = body if carrier is None else bodies[carrier]
-        parts = thing.list_parts()
+        if name in bodies or carrier is not None:
+            body = bodies[name if carrier is None else carrier]
+        else:
+            body = add_fixed(spec, name, plant and any(part.solids for part in parts))
         for part in parts:
             moving = name in bodies or carrier is not None
             _add_part(spec, body, name, part, frame.at(part.frame), moving, plant)
@@ -92,8 +93,7 @@ def _let_sleep(spec: mujoco.MjSpec) -> None:
     """
     spec.option.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
     spec.option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
-    for body in spec.worldbody.bodies:
-        body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_NEVER
+    spec.body("platform").sleep = mujoco.mjtSleepPolicy.mjSLEEP_NEVER
 
 
 def _add_part(
@@ -106,9 +106,12 @@ def _add_part(
         body = body.add_body(name=label, pos=frame.p, quat=quat_from_rot(frame.R))
         _add_joint(body, label, part)
         frame = build_frame()
+    still = body.name.startswith(FIXED)  # and weighs nothing: only what moves has a mass
     for solid in part.solids:
-        _add_solid(body, label if len(part.solids) == 1 else f"{name} {solid.name}", solid, frame,
-                   moving)  # fmt: skip
+        _add_solid(
+            body, label if len(part.solids) == 1 else f"{name} {solid.name}",
+            solid._replace(mass_kg=0.0) if still else solid, frame, moving,
+        )  # fmt: skip
     if plant and part.gauged:
         _add_contact_sensor(spec, IMPACT + label, body.name)
 

@@ -105,7 +105,8 @@ def find_floors(model: mujoco.MjModel) -> NDArray[np.float64]:
     the third outward, half its sizes along the first two (m), and 1 for a round one.
     """
     rows = []
-    still = np.flatnonzero((model.geom_bodyid == 0) & (model.geom_contype != 0))
+    fixed = model.body_weldid[model.geom_bodyid] == 0
+    still = np.flatnonzero(fixed & (model.geom_contype != 0))
     for g in still:
         kind, size = model.geom_type[g], model.geom_size[g]
         R = np.empty((3, 3))

@@ -1,0 +1,16 @@
+"""Bodies of the plant for what stands still: pipe, structure, tubes and things on the ground."""
+
+import mujoco
+
+FIXED = "fixed "
+"""Names of these bodies begin with it."""
+
+
+def add_fixed(spec: mujoco.MjSpec, name: str, plant: bool) -> mujoco.MjsBody:
+    """Return the body for the geometries of what stands still, with the frame of W.
+
+    In the plant it has a body of its own: MuJoCo skips a body as a whole while it is far from the
+    robot, but compares every geometry of W with every geometry of the robot in each step. In the
+    nominal scene, whose bodies are those that move, it is W.
+    """
+    return spec.worldbody.add_body(name=FIXED + name) if plant else spec.worldbody
