@@ -78,7 +78,7 @@ class LocateReport(NamedTuple):
     point: str  # point of the robot that the trajectory describes
     fusion: Fusion | None
     reference: Trajectory | None
-    errors: dict[str, TrajectoryError]  # by name: fused, paper filter, aligned camera; or judged
+    errors: dict[str, TrajectoryError]  # by name: fused, paper filter, aligned camera; trajectory
     notes: tuple[str, ...]
 
     def to_json(self) -> dict[str, Any]:
