@@ -11,7 +11,8 @@ from skywright.description.robot.spec import Robot
 class BarTransport(Task):
     """Carry a bar in both hands through a world's structures, in the plane y = 0.
 
-    The flight starts at (`mission.start_x_m`, 0, `mission.hover_height_m`), arms at work.
+    The flight starts at (`mission.start_x_m`, 0, `mission.hover_height_m`), arms in working
+    posture.
     """
 
     bar_length_m: NonNegative = 2.0  # length of the bar; 0: no bar

@@ -1,4 +1,4 @@
-"""What a mission of the kind "bimanual-bench" may say."""
+"""Keys of a mission of the kind "bimanual-bench"."""
 
 from typing import Literal
 
@@ -17,7 +17,7 @@ JUDGED_BY: dict[str, tuple[str, ...]] = {
 
 
 class BimanualBench(Task):
-    """Two hands on a bench (Suarez 2020, section V-D and VI): which trials, and how hard."""
+    """Trials of two hands on a bench (Suarez 2020, section V-D and VI), and their forces."""
 
     # which trials are done, in this order
     trials: list[Trial] = Field(
