@@ -164,9 +164,7 @@ def _find_place_error(run: Flown[BridgeContact, ContactPlan], deck: Surface) -> 
         place, R = locate_point(deck, np.array([spot.x_m, spot.y_m]))
         off = (samples["p_WT"][samples["phase"] == i] - place) @ R[:, :2]
         worst = max(worst, float(np.max(np.linalg.norm(off, axis=1), initial=0.0)))
-    seen = (
-        read_datum(run.setup, samples, phases) is not None
-    )  # then the map's error has no influence
+    seen = read_datum(run.setup, samples, phases) is not None  # then the map is not used
     return max(worst - (0.0 if seen else run.setup.description.plant.map_error_m), 0.0)
 
 

@@ -21,6 +21,6 @@ class ToolInstallKind(FolderKind[ToolInstall]):
     operated = True
 
     def requirements(self, setup: Setup[ToolInstall], way: Any) -> dict[str, Requirement]:
-        """Ask nothing of the tracking of grasp points where it is left out."""
+        """Leave out the requirements on the tracking of grasp points if the task omits it."""
         left_out = {"tip.hover": setup.task.hover_s == 0.0}
         return self.leave_out(super().requirements(setup, way), left_out)

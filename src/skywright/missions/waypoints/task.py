@@ -1,4 +1,4 @@
-"""What a mission of the kind "waypoints" may say."""
+"""Keys of a mission of the kind "waypoints"."""
 
 from pydantic import Field
 
