@@ -60,9 +60,7 @@ def fly(s: Supervisor[BridgeContact], way: ContactPlan) -> Flight:
         if not reason and free is not None and pilot.way.free_forces:
             told = pilot.inspect_flying(pilot.way.stations[i], free)
             beside = beside or told
-            reason = (
-                "" if pilot.contact.dock else told
-            )  # without docking no requirement applies to it
+            reason = "" if pilot.contact.dock else told  # then it has no requirements
         if reason:
             break
     pilot.go("return", p=home["p_WB"], R=home["R_WB"], q=home["q"][: s.vehicle.n_joints])

@@ -35,10 +35,7 @@ DEEP = 2.0
 """Travel beyond the farthest deck, relative to the travel that causes the threshold force."""
 FOOT_N = 1.0  # N, of each foot, once all of them touch
 PUSH_S = 0.5  # s, ramp of the push
-STILL_RAD, STILL_M = (
-    math.radians(0.2),
-    2e-3,
-)  # motion within STILL_S below which the robot is at rest
+STILL_RAD, STILL_M = math.radians(0.2), 2e-3  # largest motion within STILL_S at rest
 STILL_S, SEAT_MAX_S = 0.5, 8.0
 
 

@@ -35,10 +35,7 @@ CONTACT_N = 0.3  # N, estimated force that counts as contact
 CONTACT_S = 0.1  # s, time for which the force must last
 SEARCH = 0.1  # m, distance beyond the expected surface to which the hand moves
 RAMP_S, SETTLE_S = 3.0, 4.0  # s, before the force is evaluated
-SWING_FORCE, SWING_USUAL = (
-    6.0,
-    math.radians(10.0),
-)  # N, rad: push and its swing angle
+SWING_FORCE, SWING_USUAL = 6.0, math.radians(10.0)  # N, rad: push and its swing angle
 SWING_WAIT = 6.0  # s, observed after the link reverses
 CALM = 0.3  # fraction of the speed and acceleration limits, near the pipe
 SLOW = 0.05  # the same fraction while the hand presses

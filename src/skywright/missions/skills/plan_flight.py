@@ -16,10 +16,7 @@ from skywright.models.rigid_body import joint_names
 from skywright.planning.motion.plan_file import PlanFile, load_plan_file
 
 TOLERANCE = 0.05  # fraction by which a plan may exceed a robot's limit
-NEAR_M, NEAR_RAD = (
-    0.05,
-    0.05,
-)  # largest distance of the plan's start from the mission's
+NEAR_M, NEAR_RAD = 0.05, 0.05  # largest distance of the plan's start from the mission's
 
 
 def load_plan_description(
