@@ -146,7 +146,7 @@ class Dryden(Spec):
 
 
 class Wind(Spec):
-    """Air moving in W. `toward_deg` is the direction in which it blows, from +x counter-clockwise."""
+    """Air moving in W. `toward_deg` is the direction of its motion, from +x counter-clockwise."""
 
     kind: Literal["none", "steady", "fan", "dryden"] = "none"
     mean_mps: NonNegative = 0.0

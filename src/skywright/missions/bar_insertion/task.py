@@ -12,7 +12,7 @@ class BarInsertion(OperatedTask):
     """Insert the peg below a bar into the socket: (29) to (31) of Suarez 2020."""
 
     bar: str = "peg"  # name of the thing that is the bar with its peg
-    rack: str = "rack"  # name of the thing that the bar stands in
+    rack: str = "rack"  # name of the thing in which the bar initially stands
     socket: str = "socket"  # name of the thing that has the hole
     # where the bar's pose comes from: hands and a marker, or hands alone
     bar_pose: Literal["marker", "hands"] = "marker"

@@ -1,4 +1,4 @@
-"""What a mission of the kind "bar-transport" may say."""
+"""Keys of a mission of the kind "bar-transport"."""
 
 from pydantic import Field
 
@@ -31,7 +31,7 @@ class BarTransport(Task):
     duration_s: Positive | None = None
 
     def adapt_robot(self, robot: Robot) -> Robot:
-        """Put the bar into the robot's hands."""
+        """Add the bar to the robot's hands."""
         if robot.arm is None or robot.arm.sides != 2:
             return robot
         bar = None

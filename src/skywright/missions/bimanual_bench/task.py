@@ -25,7 +25,7 @@ class BimanualBench(Task):
     )
     box: str = "box"  # name of the thing that is squeezed and lifted
     plug: str = "plug"  # name of the thing that is pulled out
-    bar: str = "bar"  # name of the thing that both hands lead and turn
+    bar: str = "bar"  # name of the thing that both hands move and turn
     post: str = "post"  # name of the thing that the hand touches to measure the base's drift
     squeeze_n: float = Field(default=3.5, gt=0, le=15)  # squeezing force on the box
     # usable share of the computed limit k L / 2; springs differ by plant.spring_spread

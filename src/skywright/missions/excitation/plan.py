@@ -94,7 +94,7 @@ def _rest(d: Description, hover: Array) -> Any:
 def _check_clearance(
     setup: Setup[ExcitationTask], table: NDArray[Any], name: str, n: int, least: float
 ) -> tuple[float, str]:
-    """Return the smallest clearance so far, and what is too close, or ""."""
+    """Return the smallest clearance so far, and which geometries are too close, or ""."""
     query, mission = setup.clearance, setup.description.mission
     keeps, apart = mission.clearance_m, mission.self_clearance_m
     for row in table[:: 25 if name.startswith("excite") else 10]:

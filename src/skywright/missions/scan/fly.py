@@ -39,7 +39,7 @@ class More(Protocol):
     def plan_again(self, known: Cylinder, row: Any) -> Mapping[str, Table] | None:
         """Plan another scan from the present row of REFERENCE; returns None if none is needed.
 
-        `known` is the pipe as the robot knows it.
+        `known` is the surveyed pipe, or that of the map.
         """
 
 

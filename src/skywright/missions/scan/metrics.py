@@ -214,7 +214,7 @@ def find_place_std(run: Flown[Scan, ScanWay]) -> float | None:
 
 
 def get_surface(run: Flown[Scan, ScanWay]) -> Cylinder | None:
-    """Return the pipe as the inspection knows it: surveyed, otherwise that of the map."""
+    """Return the inspection's pipe: the surveyed one, otherwise that of the map."""
     surveyed = run.once(find_survey)
     return run.setup.cylinder if surveyed is None else surveyed.found.cylinder
 

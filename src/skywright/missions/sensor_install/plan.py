@@ -217,10 +217,10 @@ def _choose_survey(
 def build_pose(robot: Robot, pose: str, radius: float, lower: float = 0.0, idle: int = 1) -> Array:
     """Return q (n_joints,) rad of the operation pose, equal for both arms.
 
-    `lower` (rad) turns the forearm of the arm `idle` (0 left, 1 right) down from there.
+    `lower` (rad) rotates the forearm of the arm `idle` (0 left, 1 right) down from there.
 
-    L: the forearm rises a little towards the hand. The upper arm hangs, or leans forward as far as
-    the pipe's radius requires to keep the body that carries the arms clear of the pipe.
+    L: the forearm rises a little towards the hand. The upper arm points down, or leans forward as
+    far as the pipe's radius requires to keep the body that carries the arms clear of the pipe.
     """
     assert robot.arm is not None
     joints = list_joints(robot)

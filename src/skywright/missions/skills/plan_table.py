@@ -22,8 +22,8 @@ def build_plan_table(plan: PlanFile, model: NDArray[Any]) -> Table:
 
     The position loop is closed at the tip (`track_tip`): the platform compensates the wind's
     displacement of the tip. With a passive joint the suspended arms lag z a / g behind an
-    acceleration a, and the platform leans by as much. `p_WB` therefore leads the plan by this lag.
-    The table is then LEAD_S longer than the plan, with half of it at rest at either end.
+    acceleration a, and the platform leans by as much. `p_WB` is therefore ahead of the plan by this
+    lag. The table is then LEAD_S longer than the plan, with half of it at rest at either end.
     """
     swings = len(plan.joints) > 0 and find_swing(model, np.ones(len(plan.joints)))[0] != 1.0
     if swings:

@@ -74,7 +74,7 @@ def compute_structure_reach(structure: Structure, error: MapError, place: Array)
     reach = error.place * float(np.sum(np.abs(normal))) + turn * far * math.sqrt(2.0)
     if surface.shape == PLANE:
         return reach
-    # a laterally shifted curved surface is met where it slopes
+    # a tip touches a laterally shifted curved surface where it slopes
     aside, off = error.place + turn * surface.radius, abs(float(place[1 - surface.along]))
     return reach + error.size + (off + 0.5 * aside) * aside / surface.radius
 

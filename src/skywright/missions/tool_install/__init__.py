@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class ToolInstallKind(FolderKind[ToolInstall]):
-    """Put an inspection tool onto a pipe and take it back."""
+    """Install an inspection tool on a pipe and retrieve it."""
 
     task = ToolInstall
     needs = frozenset({"uav", "hands"})

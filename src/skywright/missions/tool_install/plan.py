@@ -57,7 +57,7 @@ HAND_ROOM = 0.03  # m, from a hand's hook to handle's end and box
 END_ROOM = 0.02  # m, from a foot's middle to the pipe's end: half its profile and the error
 COMES = (0.0, 0.05, 0.1, 0.2, BACK)  # m, behind the tool, where the clearance in wind is checked
 STEPS = 6  # bisection steps of the search for the largest wind
-STEEPEST_DEG = 1.5  # of the pipe: a suspended tool is level, and is judged by a level pipe
+STEEPEST_DEG = 1.5  # largest inclination of the pipe: a suspended tool is level
 
 
 class ToolPlan(NamedTuple):

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class WaypointsKind(FolderKind[Waypoints]):
-    """Fly through way-points."""
+    """Fly through waypoints."""
 
     task = Waypoints
     needs = frozenset({"uav"})

@@ -18,7 +18,7 @@ def describe(result: RunResult[Waypoints, None]) -> str:
 
 
 def sketch(d: Description[Waypoints], way: None) -> Sketch:
-    """Return the way-points."""
+    """Return the waypoints."""
     points = np.array([[p.x_m, p.y_m, p.z_m] for p in d.mission.task.points])
     return Sketch("way-points", points)
 
