@@ -38,7 +38,7 @@ MEASURES: Measures = {
         "angle between bar and hole about the hole's axis at that moment",
     ),
 }
-"""Metric -> unit and meaning, of those that only this kind has."""
+"""Metric -> unit and meaning, for the metrics that only this kind has."""
 
 END, TRIES = Where(("return",), "at its end"), Where(("lower", "insert"))
 INSERTING = Where((*TRIES.phases, "draw out", "set free"))

@@ -63,7 +63,7 @@ def insert_by_operator(
 
 
 class _Insertion:
-    """The state of an operated insertion; each step is one tick."""
+    """State of an operated insertion; each step is one tick."""
 
     def __init__(
         self, s: Supervisor[BarInsertion], lead: Lead, leader: BarLeader, hole: Hole

@@ -41,7 +41,7 @@ MEASURES: Measures = {
     "bench.drift_rms_mm": ("mm", "rms of the base's drift"),
     "bench.drift_off": ("", "bench.drift_error_mm divided by the amplitude of the drift"),
 }
-"""Metric -> unit and meaning, of those that only this kind has."""
+"""Metric -> unit and meaning, for the metrics that only this kind has."""
 
 LAST_S = 1.0  # s at the end of a phase over which a pose is evaluated
 BOX, DRIFT = Where(("hold box",)), Where(("drift",))

@@ -13,7 +13,7 @@ JUDGED_BY: dict[str, tuple[str, ...]] = {
     "bar": ("bench.bar_",),
     "position-sensor": ("bench.drift_",),
 }
-"""Trial -> beginnings of the names of its metrics."""
+"""Trial -> prefixes of the names of its metrics."""
 
 
 class BimanualBench(Task):

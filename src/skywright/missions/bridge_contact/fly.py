@@ -234,7 +234,7 @@ class Pilot(Presser):
         self._slide_to("slide", begin + length)
         self._slide_to("slide back", begin)
         if np.linalg.norm(self.s.vehicle.reference["p_WB"] - stood) > 2.0 * SLIDE_STEP:
-            self.go(None, p=stood, speed=task.slide_speed_mps)  # the tip sticks
+            self.go(None, p=stood, speed=task.slide_speed_mps)  # the tip stuck: return the platform
 
     def _slide_to(self, phase: str, end: Array) -> None:
         """Slide until the estimated tip is at `end` (3,) along the path, or moves no farther."""

@@ -72,7 +72,7 @@ MEASURES: Measures = {
     **STRUCTURE_MEASURES,
     **OPERATED_MEASURES,
 }
-"""Metric -> unit and meaning, of those that only this kind has."""
+"""Metric -> unit and meaning, for the metrics that only this kind has."""
 
 HOLD, FREE, SLIDE = Where(("hold *",)), Where(("free hold *",)), Where(("slide*",))
 FELT = Where((TOUCH, PRESS))  # by an operator, if there is one

@@ -19,7 +19,7 @@ def _check_forces(forces: list[float]) -> list[float]:
 PressForces = Annotated[
     list[float], Field(min_length=1, max_length=50), AfterValidator(_check_forces)
 ]
-"""N, the forces that a mission presses with, one after the other."""
+"""Forces (N) of a mission, applied in sequence."""
 
 
 class Spot(Spec):

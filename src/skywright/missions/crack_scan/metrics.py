@@ -57,7 +57,7 @@ MEASURES: Measures = {
     **SURVEY_MEASURES,
     **DATUM_MEASURES,
 }
-"""Metric -> unit and meaning, of those that only this kind has."""
+"""Metric -> unit and meaning, for the metrics that only this kind has."""
 WHERE = {
     **dict.fromkeys((*SHARED, "force.", "crack.", "coverage."), SCAN),
     "coverage.pitch": PLANNING,

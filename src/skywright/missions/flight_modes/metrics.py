@@ -29,7 +29,7 @@ MEASURES: Measures = {
     ),
     "modes.standard_drift_m": ("m", "drift in standard stabilisation"),
 }
-"""Metric -> unit and meaning, of those that only this kind has."""
+"""Metric -> unit and meaning, for the metrics that only this kind has."""
 
 HOLD, ANGLE = Where(("hold angle",)), Where(("command angle", "hold angle"))
 MOVE, STANDARD = Where(("command position",)), Where(("standard stabilisation",))

@@ -57,7 +57,7 @@ MEASURES: Measures = {
     ),
     "impact.overrun_m": ("m", "distance that the platform travels on after contact"),
 }
-"""Metric -> unit and meaning, of those that only this kind has."""
+"""Metric -> unit and meaning, for the metrics that only this kind has."""
 
 NEAR = Where(("impact", "retreat"), "from contact on")
 BEFORE_S = 0.05  # s over which the speed before the contact is measured

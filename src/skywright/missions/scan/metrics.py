@@ -98,7 +98,7 @@ MEASURES: Measures = {
     **DATUM_MEASURES,
     **COVERAGE_MEASURES,
 }
-"""Metric -> unit and meaning, of those that only this kind has."""
+"""Metric -> unit and meaning, for the metrics that only this kind has."""
 
 
 TOUCH = Where(("touch", "settle"))

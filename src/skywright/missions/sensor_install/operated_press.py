@@ -60,7 +60,7 @@ def press_by_operator(s: Supervisor[SensorInstall], lead: Lead, way: InstallPlan
 
 
 class _Press:
-    """The state of an operated press; each step is one tick."""
+    """State of an operated press; each step is one tick."""
 
     def __init__(self, s: Supervisor[SensorInstall], lead: Lead, way: InstallPlan) -> None:
         self.s, self.task, self.lead = s, s.task, lead

@@ -66,7 +66,7 @@ MEASURES: Measures = {
     ),
     **STRUCTURE_MEASURES,
 }
-"""Metric -> unit and meaning, of those that only this kind has."""
+"""Metric -> unit and meaning, for the metrics that only this kind has."""
 HELD = Where(("hold *", "free hold *"))
 WHERE = {
     **SURVEY_WHERE,

@@ -52,7 +52,7 @@ MEASURES: Measures = {
         "largest displacement of the platform since the start of the tracking of grasp points",
     ),
 }
-"""Metric -> unit and meaning, of those that only this kind has."""
+"""Metric -> unit and meaning, for the metrics that only this kind has."""
 
 WAIT, RETURN, INSTALL, HOVER, RETRIEVAL = (
     Where(("wait",), "at its end"), Where(("return",), "at its end"), Where(("install",)),

@@ -19,7 +19,7 @@ class WaypointsKind(FolderKind[Waypoints]):
     needs = frozenset({"uav"})
 
     def check_vehicle(self, vehicle: Backend, task: Waypoints) -> None:
-        """Refuse values that the vehicle's actuators do not take."""
+        """Refuse values that are invalid for the vehicle's actuators."""
         for i, point in enumerate(task.points):
             for column, value in point.actuators.items():
                 try:

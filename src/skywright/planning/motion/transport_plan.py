@@ -29,7 +29,7 @@ RESOLUTION = 1e-3  # spacing in cost (6) of the samples of the reported clearanc
 
 
 class TransportPlan(NamedTuple):
-    """A transport's path, its times, and the rows of its plan file."""
+    """A transport's path, its time parametrisation, and the rows of its plan file."""
 
     path: Path
     timed: Timed
