@@ -157,7 +157,7 @@ class Servo(Spec):
     mode: Literal["velocity", "position", "torque"] = "velocity"
     stall_torque_nm: Positive
     no_load_speed_rad_s: Positive
-    velocity_time_constant_s: Positive = 0.03  # mode "torque": of the law's velocity loop
+    velocity_time_constant_s: Positive = 0.03  # mode "torque": of the law's joint loop
     position_time_constant_s: float = Field(default=0.05, ge=0.005, le=2)  # T_s: Suarez 2020 (17)
     command_period_s: float = Field(default=0.02, ge=0.001, le=1)  # mode "position"; and readings
     resolution_deg: float = Field(default=0.0, ge=0, le=30)  # of a commanded angle
