@@ -8,6 +8,7 @@ import numpy as np
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.models.arm_body import Deviation
+from skywright.models.fixed_body import FIXED
 from skywright.models.scene import build_scene
 from skywright.models.things._build import OBJECT
 
@@ -39,4 +40,6 @@ def find_overlaps(robot: Robot, world: World) -> list[tuple[str, str, float]]:
 def _name(model: mujoco.MjModel, geom: int) -> str:
     """The thing that a shape belongs to: its body, or the shape's own name in the world."""
     body = int(model.geom_bodyid[geom])
-    return str(model.body(body).name.removeprefix(OBJECT) if body else model.geom(geom).name)
+    if not body:
+        return str(model.geom(geom).name)
+    return str(model.body(body).name).removeprefix(OBJECT).removeprefix(FIXED)
