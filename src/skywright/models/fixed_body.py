@@ -14,3 +14,8 @@ def add_fixed(spec: mujoco.MjSpec, name: str, plant: bool) -> mujoco.MjsBody:
     nominal scene, whose bodies are those that move, it is W.
     """
     return spec.worldbody.add_body(name=FIXED + name) if plant else spec.worldbody
+
+
+def list_moving(model: mujoco.MjModel) -> list[str]:
+    """Return the names of the bodies that can move."""
+    return [model.body(i).name for i in range(model.nbody) if model.body_weldid[i]]
