@@ -39,11 +39,12 @@ from skywright.models.eddy_current import (
 Complex = NDArray[np.complex128]
 
 GAPS = np.array([0.0, 1e-4, 2e-4, 3e-4, 5e-4, 8e-4, 1.2e-3, 2e-3, 4e-3])
-"""m, of the nose above the surface, at which a crack's signal is tabulated; 0 beyond the last."""
+"""m, gaps of the nose above the surface at which a crack's signal is tabulated; 0 beyond the last.
+"""
 REACH = 0.008
-"""m, beside a crack, that its signal is tabulated for: three coil radii."""
+"""m, half width of the tabulated region beside a crack: three coil radii."""
 CELL = 0.00025
-"""m, of the tables."""
+"""m, spacing of the tables."""
 _SHALLOW = np.array([0.0, 0.5, 1.0, 2.0, 5.0])
 _SHALLOW_G = np.array([0j, 0.336 + 0.201j, 1.11 + 0.47j, 3.12 + 0.76j, 9.22 + 0.77j])
 
@@ -71,8 +72,8 @@ def compute_surface_field(
 ) -> Complex:
     """Return the tangential (radial) field H_r (A/m per A), the shape of `r` (m).
 
-    `height` (m) is that of the coil's face above the surface. Its normal component carries no
-    current; the coil is upright.
+    `height` (m) is that of the coil's face above the surface. The normal component of the field
+    drives no current. The coil is upright.
     """
     edges = np.concatenate([[0.0], 2.0 ** np.arange(-2, 9)]) / coil.outer_radius
     node, node_weight = np.polynomial.legendre.leggauss(24)
@@ -112,7 +113,7 @@ def compute_display_gain(coil: Coil, metal: Metal, instrument: Instrument) -> co
 def compute_long_crack(
     coil: Coil, metal: Metal, frequency: float, depth: Array, x: float = 0.0, gap: float = 0.0
 ) -> Complex:
-    """Return dZ (ohm), one for each `depth` (n,) m, of a crack longer than the coil sees.
+    """Return dZ (ohm) for each `depth` (n,) m of a crack that is long compared with the coil.
 
     `x` (m) is the distance of the coil's axis from the crack, `gap` (m) that of its nose from the
     surface. Raises InputError for a depth that is not above 0.
@@ -137,7 +138,7 @@ def compute_long_crack(
 def _tabulate_field(
     coil: Coil, metal: Metal, frequency: float, gap: float
 ) -> tuple[Array, Complex]:
-    """Return H_r at a grid of distances (m); it falls by six orders of magnitude until its end."""
+    """Return H_r on a grid of distances (m); it falls by six orders of magnitude over the grid."""
     height = float(compute_coil_height(coil, np.array([gap]), 0.0)[0])
     grid = np.concatenate([np.linspace(0.0, 0.02, 800), np.geomspace(0.0205, 2.0, 60)])
     return grid, compute_surface_field(coil, height, metal, frequency, grid)
@@ -189,7 +190,7 @@ def build_crack_table(
     away = np.linspace(-2 * n * step, 2 * n * step, 4 * n + 1)
     out = np.zeros((GAPS.size, x.size, y.size), complex)
     for g, gap in enumerate(GAPS[:-1].tolist()):
-        # the depth that counts, from the long crack under the coil, where the signal is largest
+        # effective depth from the long crack under the coil, where the signal is largest
         long = np.abs(compute_long_crack(coil, metal, frequency, depths, 0.0, gap) / factor)
         under = _field_along(coil, metal, frequency, 0.0, np.linspace(-0.02, 0.02, 801), gap)
         unit = abs(2 * compute_surface_impedance(metal, frequency) * np.sum(under**2) * 5e-5)
