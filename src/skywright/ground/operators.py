@@ -21,9 +21,10 @@ SOURCES = "view, udp:PORT, udp:HOST:PORT, " + ", ".join(f"model:{name}" for name
 
 
 def open_operator(source: str, description: Description) -> Person | ModelOperator:
-    """Return the operator that `source` names; a computed one draws from the mission's seed.
+    """Return the operator of `source`; a computed one draws from the mission's seed.
 
-    That of a gateway is ground.gateway_operator.GatewayOperator. Raises InputError on another name.
+    The gateway's operator is ground.gateway_operator.GatewayOperator. Raises InputError for another
+    name.
     """
     kind, _, rest = source.partition(":")
     if source in ("view", "page"):
