@@ -1,11 +1,11 @@
-"""Who may be at the stick while a mission flies (`skywright run MISSION --operator SOURCE`).
+"""Operators at the stick while a mission flies (`skywright run MISSION --operator SOURCE`).
 
 - `view`: keyboard or gamepad at the ground station's page, see page_operator.py;
-- `udp:PORT` or `udp:HOST:PORT`: whoever connects to the gateway, see gateway_operator.py;
+- `udp:PORT` or `udp:HOST:PORT`: a client of the gateway, see gateway_operator.py;
 - `model:practised`, `model:careful`, `model:hasty`: a computed operator, see operator_model.py.
 
-What anyone here does is recorded into the run's directory (operator.csv), from which the run is
-repeated. Simulated time is held to the wall clock while a person is at the stick.
+The sticks are recorded in the run's directory (operator.csv), from which the run is repeated.
+Simulated time follows the wall clock while a person is at the stick.
 """
 
 from __future__ import annotations

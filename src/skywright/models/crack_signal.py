@@ -1,18 +1,18 @@
-"""What a surface-breaking crack adds to an eddy-current coil's impedance, by reciprocity.
+"""Impedance change of an eddy-current coil due to a surface-breaking crack, by reciprocity.
 
 With the surface impedance Zs = (1 + j) / (sigma delta) of the metal, the coil's own tangential
 field H on the surface (1 A) gives dZ = int dZs H^2 dS (the square, not its modulus). In a closed
-crack that is deep against the skin depth delta the current runs down one face and up the other.
-Along the mouth (y), with H_par = H_r y / r parallel to it (Auld and Moulder, J. Nondestr. Eval. 18,
-3 (1999); Harfield and Bowler, J. Appl. Phys. 82, 4590 (1997)),
+crack that is deep compared with the skin depth delta, the current runs down one face and up the
+other. Along the mouth (y), with H_par = H_r y / r parallel to it (Auld and Moulder, J. Nondestr.
+Eval. 18, 3 (1999); Harfield and Bowler, J. Appl. Phys. 82, 4590 (1997)),
 
     dZ = 2 Zs int H_par(y) [g * H_par](y) dy,   g~(k) = tanh(k d) / k,
 
-which is 2 Zs d int H_par^2 dy of a shallow crack and saturates once d reaches the coil's radius.
-Of a short crack d follows its profile d(y): the depth that counts at each y is what the long crack
-of that depth makes of the shallow law. Below five skin depths 2 d gives way to delta G(d / delta)
-(two-dimensional finite differences). Flux that leaves the mouth is neglected: a set-up on a notch
-scales it (inspection/notch_setup.py).
+which is 2 Zs d int H_par^2 dy for a shallow crack and saturates once d reaches the coil's radius.
+For a short crack, d is the profile d(y): the effective depth at each y is the one with which the
+law of the shallow crack gives the result of the long crack of depth d(y). Below five skin depths
+delta G(d / delta) replaces 2 d (two-dimensional finite differences). Flux that leaves the mouth is
+neglected; a set-up on a notch scales it (inspection/notch_setup.py).
 
 Coordinates of a crack: x across its mouth, y along it, in m on the unrolled surface.
 """
@@ -94,7 +94,7 @@ def compute_surface_field(
 
 
 def compute_depth_factor(depth: Array, skin_depth: float) -> Complex:
-    """Return delta G(d / delta) / (2 d): what a shallow crack of `depth` (m) makes of 2 d."""
+    """Return delta G(d / delta) / (2 d): correction of 2 d for a shallow crack of `depth` (m)."""
     ratio = np.maximum(np.asarray(depth, float) / skin_depth, 1e-6)
     g = np.interp(ratio, _SHALLOW, _SHALLOW_G.real) + 1j * np.interp(
         ratio, _SHALLOW, _SHALLOW_G.imag

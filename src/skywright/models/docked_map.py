@@ -152,7 +152,7 @@ def compute_worst_press(docked: DockedRobot, stance: Stance, c: Condition) -> Do
 
 
 def compute_docked_map(docked: DockedRobot, condition: Condition) -> DockedMap:
-    """Compute the asked condition and what surrounds it.
+    """Compute the requested condition and the maps around it.
 
     Raises InputError like `find_stance` and `compute_docked_press`.
     """

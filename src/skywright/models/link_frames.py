@@ -32,7 +32,7 @@ class Frame(NamedTuple):
     name: str
     position: Array  # (3,) m
     quaternion: Array  # derivative by the joint: (3,) of a slide; (4,) of a rotation, see above
-    change: Array  # what the motion adds: (3,) a metre of sliding; (4,) of turning, see below
+    change: Array  # motion per unit: (3,) of a slide; (4,) of a rotation, see below
     motion: str  # "free", "fixed", "turn", "slide" by a joint, "spring" by the probe's spring
     joint: int  # index in q
 

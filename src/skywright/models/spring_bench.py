@@ -123,7 +123,7 @@ def _fit(
 
     k0, slack0 = float(springs.stiffness[j]), float(springs.slack[j])
     hard0 = float(springs.hardening[j])
-    within = np.abs(loads) < 0.8 * k0 * linear  # a stop says nothing of the spring
+    within = np.abs(loads) < 0.8 * k0 * linear  # stop: no information on the spring
     tau, delta = (loads, seen) if hardens else (loads[within], seen[within])
 
     def residual(x: Array) -> Array:

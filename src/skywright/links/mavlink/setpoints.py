@@ -165,7 +165,7 @@ def _explain(handle: Any) -> str:
 
 
 def _read(mask: int, first: int, *values: float) -> Array:
-    """Return three numbers; NaN where the mask excludes them."""
+    """Return three numbers; NaN for those that the mask excludes."""
     return np.array([math.nan if mask & 1 << first + i else v for i, v in enumerate(values)])
 
 

@@ -1,13 +1,12 @@
-"""Lockstep with PX4: one packet of actuators answers each inertial sample. Knows no socket.
+"""Lockstep with PX4: one packet of actuators answers each inertial sample. Uses no socket.
 
 PX4's clock is that of the samples, so an answer carries the time of a sample. States:
 
-- `absent`: nobody is connected. The rotors stand still.
-- `starting`: PX4 boots; until its first actuators samples go out at the pace of the wall clock.
-- `locked`: the plant waits for the answer to each sample. Where none comes, time stands still.
+- `absent`: no autopilot is connected. The rotors stand still.
+- `starting`: PX4 boots; until its first actuators samples are sent at the pace of the wall clock.
+- `locked`: the plant waits for the answer to each sample. Without an answer, its time pauses.
 
-What does not fit is counted by its cause and changes no command. Too many in a row end the
-connection.
+Invalid packets are counted by cause and change no command. Too many in a row end the connection.
 """
 
 from __future__ import annotations

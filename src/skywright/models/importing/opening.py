@@ -129,7 +129,7 @@ def _find_locked(path: Path, root: ET.Element) -> dict[str, float]:
 
 def _is_weighed(spec: mujoco.MjSpec, body: mujoco.MjsBody, geom: mujoco.MjsGeom) -> bool:
     """Whether the body's inertia depends on this geom."""
-    from_geoms = int(spec.compiler.inertiafromgeom)  # 0 false, 1 true, 2 where none is given
+    from_geoms = int(spec.compiler.inertiafromgeom)  # 0 false, 1 true, 2 if none is given
     if from_geoms == 0 or (from_geoms == 2 and body.explicitinertial):
         return False
     return geom.density != 0.0 if math.isnan(geom.mass) else geom.mass != 0.0
