@@ -1,10 +1,10 @@
 """Draw the conditions of the bar's campaign: `python benchmarks/bar_insertion_conditions.py`.
 
-Writes a table for `skywright campaign bar-insertion --vary FILE.csv`: a socket that stands up to
-2 cm and 5 deg beside where the world file says and up to 2 deg out of level, a bar of another mass
-and friction, a mass that the nominal model does not know, and light turbulence from any direction.
-The clearance stays 2 mm. The runs' seeds, which draw sensors, the survey's error and the plant's
-other deviations, are the campaign's.
+Writes a table for `skywright campaign bar-insertion --vary FILE.csv`: a socket with an offset of up
+to 2 cm and 5 deg from the world file and a slope of up to 2 deg, varied mass and friction of the
+bar, a mass error of the nominal model, and light turbulence from any direction. The clearance is
+always 2 mm. The seeds of the runs, which draw sensors, the survey's error and further deviations of
+the plant, are the campaign's.
 """
 
 from __future__ import annotations

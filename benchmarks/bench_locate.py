@@ -1,7 +1,7 @@
-"""What localisation reaches: `python benchmarks/bench_locate.py [--seeds N] [--out FILE]`.
+"""Accuracy of localisation: `python benchmarks/bench_locate.py [--seeds N] [--out FILE]`.
 
-Simulated flights, a seed each; errors are three-dimensional, against the truth, rms over all
-seeds. The outage is flown with cameras that drift in different ways, each against its own floor.
+Simulated flights with one seed each; errors are three-dimensional, against the truth, rms over all
+seeds. The outage is flown with cameras of different drift, each compared with its own lower bound.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ CAMERAS = {
     ),
     "scale 0.3 % per sqrt(s)": CameraErrors(walk_m_per_sqrt_m=0.01, scale_walk_per_sqrt_s=0.003),
 }
-"""How the camera drifts; the first is the default."""
+"""Drift of the camera; the first entry is the default."""
 
 
 def rms(values: Any) -> float:
-    """Root mean square, m."""
+    """Return the root mean square, m."""
     return round(math.sqrt(float(np.mean(np.square(values)))), 5)
 
 
 def measure_outages(seeds: int) -> dict[str, Any]:
-    """13 s without the station, for each camera."""
+    """Measure 13 s without the station, for each camera."""
     table = {}
     for name, camera in CAMERAS.items():
         o = reach.measure_outage(seeds, camera)

@@ -1,11 +1,11 @@
 """Draw the conditions of the bridge's campaign: `python benchmarks/bridge_contact_conditions.py`.
 
 Writes a table for `skywright campaign bridge-contact --vary FILE.csv`. Slope (to 10 deg) and its
-direction, the place on the deck, the wind (calm, steady or Dryden turbulence, to 4 m/s, from any
-direction), the station's place (15 to 40 m away, anywhere it sees the robot start) and what its
-camera drifts vary at once. The forces go up to 30 to 100 % of what the mission may ask for there:
-80 % of the computed press, 95 % level and calm; the deck is known (plant.map_error_* = 0). Ranges
-could not say that: the limit depends on slope, wind and their directions.
+direction, the spot on the deck, the wind (calm, steady or Dryden turbulence, to 4 m/s, from any
+direction), the station's position (15 to 40 m away, with a view of the start) and the drift of the
+camera vary together. The largest force is 30 to 100 % of the maximum that the mission admits: 80 %
+of the computed press force, 95 % if level and calm. The deck is known (plant.map_error_* = 0).
+Ranges cannot express this, because the limit depends on slope, wind and their directions.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from skywright.run.planning import plan_mission
 SLOPE_DEG, WIND_MPS = 10.0, 4.0
 KINDS = ("none", "steady", "dryden", "steady")
 LEAST_N = 1.0
-"""N, smallest limit that a row may have: below it there is no profile to press."""
+"""N, minimum limit of a row; below it no force profile exists."""
 
 
 def draw_spot(rng: np.random.Generator) -> str:
-    """Draw a place on the deck, as a list of one spot."""
+    """Draw a spot on the deck, as a list of one spot."""
     return f"[{{x_m = {rng.uniform(-0.6, 0.6):.2f}, y_m = {rng.uniform(-0.3, 0.3):.2f}}}]"
 
 
 def draw_row(rng: np.random.Generator, kind: str) -> dict[str, Any]:
-    """Draw one row but for the forces."""
+    """Draw one row without the forces."""
     far, toward = rng.uniform(15.0, 40.0), rng.uniform(-math.pi, math.pi)
     row: dict[str, Any] = {
         "world.structure.slope_deg": round(rng.uniform(0.0, SLOPE_DEG), 2) * (rng.random() < 0.8),
@@ -51,7 +51,7 @@ def draw_row(rng: np.random.Generator, kind: str) -> dict[str, Any]:
 
 
 def find_limit(row: dict[str, Any]) -> float:
-    """Return the largest force (N) that the mission may ask for; NaN where it cannot be docked."""
+    """Return the maximum force (N) that the mission admits; NaN if the robot cannot dock."""
     values = {k: v for k, v in row.items() if k != "mission.task.spots"}
     spots = [("mission.task.spots", row["mission.task.spots"])]
     sets = [*(f"{k}={v!r}" for k, v in values.items()), *(f"{k}={v}" for k, v in spots)]
@@ -66,7 +66,7 @@ def find_limit(row: dict[str, Any]) -> float:
 
 
 def draw_table(rows: int, seed: int) -> list[dict[str, Any]]:
-    """Draw all rows; what cannot be docked at all, or not seen at the start, is drawn again."""
+    """Draw all rows; rows without a dock or without a view of the start are drawn again."""
     rng, out = np.random.default_rng(seed), []
     drawn = 0
     while len(out) < rows:
@@ -77,7 +77,7 @@ def draw_table(rows: int, seed: int) -> list[dict[str, Any]]:
             limit = find_limit(row)
         except InputError:
             continue
-        if not limit >= LEAST_N:  # NaN: it cannot
+        if not limit >= LEAST_N:  # NaN: cannot dock
             continue
         top = math.floor(1e3 * max(share * limit, 0.5)) / 1e3
         row["mission.task.forces_n"] = f"[{0.5 * top:.3f}, {top:.3f}]"

@@ -1,11 +1,11 @@
-"""What a run of a campaign costs over 1, 2 and 100 workers, and what would limit it.
+"""Cost of a campaign's run with 1, 2 and 100 workers, and its limit.
 
     python benchmarks/campaign_scale.py                # writes benchmarks/scale.json
     python docs/generate_scale.py                      # and the table of docs/howto/campaign.md
 
-Workers take turns: 1, 2, 1, 2, ... Processor time tells what a flight costs, what a worker's start
-costs, and what the one process that hands runs out does for each; it does not depend on who else
-uses the machine. 100 workers are not measured: what they would take follows from these parts.
+Numbers of workers alternate: 1, 2, 1, 2, ... Processor time gives the cost of a flight, of a
+worker's start, and of the process that distributes the runs; it does not depend on other users of
+the machine. 100 workers are not measured; their time is computed from these parts.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def fly(mission: str, runs: int, workers: int, folder: Path) -> dict[str, float]
 
 
 def hand_out(mission: str, n: int, folder: Path) -> float:
-    """Return the processor time (s) that the parent spends on a run: load, send, receive, write."""
+    """Return the processor time (s) of the parent per run: load, send, receive, write."""
     campaign = build_campaign(mission, MISSIONS[mission], seed=1)
     store = Store(folder, build_identity(campaign))
     times = []
@@ -101,7 +101,7 @@ def measure(mission: str, runs: int, turns: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Measure, and write the table."""
+    """Measure and write the table."""
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     p.add_argument("--runs", type=int, default=8)
     p.add_argument("--turns", type=int, default=3)

@@ -1,4 +1,4 @@
-"""The command line of the scripts that draw a campaign's conditions: rows, seed, and a CSV file."""
+"""Command line of the scripts that draw a campaign's conditions: rows, seed, and a CSV file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def write_table(draw: Callable[[int, int], Table], mission: str, rows: int, name
 
 
 def save_table(table: Table, path: Path) -> None:
-    """Write a table as CSV, and say where."""
+    """Write a table as CSV and print its path."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, fieldnames=list(table[0]), lineterminator="\n")
         writer.writeheader()

@@ -1,9 +1,10 @@
-"""What gap and paint leave of detection, without a flight: `python benchmarks/crack_detection.py`.
+"""Effect of gap and paint on detection, without flights: `python benchmarks/crack_detection.py`.
 
-A reduced model of `crack-scan`: one pass of its 16 coils over a crack of 6 mm, of any depth,
-direction and place under the array, on textured steel, at a gap that varies along the way. Signals,
-set-up on the notch, contact test, finder and threshold are those of the mission; only the flight is
-left out. Writes inspection/detection.json: a50, a90 and a90/95 of each case and its false calls.
+A reduced model of `crack-scan`: one pass of its 16 coils over a crack of 6 mm with random depth,
+direction and position under the array, on textured steel, at a gap that varies along the path.
+Signals, set-up on the notch, contact test, finder and threshold are those of the mission; only the
+flight is omitted. Writes inspection/detection.json: a50, a90 and a90/95 of each case and its false
+calls.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ def read_metal(probe: Any, s: Array, c: Array, gap: Array) -> Any:
 
 
 def add_crack(z: Any, crack: Crack, metal: Metal, s: Array, c: Array, gap: Array) -> None:
-    """Add the signal of a crack at (0, 0) to `z` (n, k), between the points of its table."""
+    """Add the signal of a crack at (0, 0) to `z` (n, k), interpolated from its table."""
     table = build_crack_table(crack.length_m, crack.depth_m, metal, Coil(), Instrument()).signal
     turn = math.radians(crack.angle_deg)
     x = np.abs(s * math.cos(turn) - c * math.sin(turn)) / CELL
@@ -83,7 +84,7 @@ def add_crack(z: Any, crack: Crack, metal: Metal, s: Array, c: Array, gap: Array
 
 
 def draw_gap(rng: np.random.Generator, n: int, case: dict[str, float]) -> Array:
-    """Return gaps (n,) m along a path: a first-order process, its size where it crosses zero."""
+    """Return gaps (n,) m along a path: the absolute value of a first-order process."""
     decay = math.exp(-STEP / ALONG)
     noise = rng.standard_normal(n + 500) * math.sqrt(1 - decay**2)
     x = np.asarray(lfilter([1.0], [1.0, -decay], noise))[500:]
@@ -91,7 +92,7 @@ def draw_gap(rng: np.random.Generator, n: int, case: dict[str, float]) -> Array:
 
 
 def run_case(case: dict[str, float], cracks: int, seed: int) -> dict[str, Any]:
-    """Inspect `cracks` places with a crack and as many without; returns the probability."""
+    """Inspect `cracks` sites with a crack and as many without; return the detection results."""
     d = load_description("crack-scan")
     pipe, procedure = d.world.pipe, d.mission.task.procedure
     assert pipe is not None
@@ -127,7 +128,7 @@ def inspect(
     rng: np.random.Generator, display: NotchSetup, probe: Any, metal: Metal, crack: Crack | None,
     case: dict[str, float], procedure: Any,
 ) -> list[Any]:  # fmt: skip
-    """Slide the array over a place, whose crack lies anywhere between its coils."""
+    """Slide the array over a site with a crack at a random position between its coils."""
     n = round(LENGTH / STEP)
     aside = float(rng.uniform(-0.5, 0.5) * (COILS[1] - COILS[0]))
     s = np.broadcast_to((np.arange(n) - n / 2)[:, None] * STEP, (n, len(COILS)))
@@ -141,7 +142,7 @@ def inspect(
     shown = display.show(z)
     shown[lift > procedure.gap_max_m] = np.nan
     finder = FlawFinder(threshold=procedure.threshold_percent, track_std=procedure.track_std_m)
-    place = 0.3e-3 * rng.standard_normal((2, n, 1))  # of the tracker
+    place = 0.3e-3 * rng.standard_normal((2, n, 1))  # error of the tracker
     finder.add(0.01 * np.arange(n), shown, s + place[0], c + place[1])
     return finder.find()
 

@@ -5,9 +5,10 @@
         --group mission.robot --out FOLDER
     python benchmarks/crack_gusts.py FOLDER        # writes inspection/gusts.json
 
-Nine cracks of 6 mm in a sector, of random depth and direction in each flight, without an error of
-the map. Ten sites, each by five flights: the law of Tognon 2018 (`othex`) and `direct_force`
-(`othex-force`) in calm air and in gusts, which the plan for `othex` accepts up to about 2.7 m/s.
+Each flight inspects a sector with nine cracks of 6 mm, of random depth and direction, without map
+errors. Ten sites are each flown five times: with the law of Tognon 2018 (`othex`) and
+`direct_force` (`othex-force`), in calm air and in gusts. The plan for `othex` accepts gusts up to
+about 2.7 m/s.
 """
 
 from __future__ import annotations
@@ -34,13 +35,13 @@ CELLS = (
     ("othex", 0.0), ("othex-force", 0.0), ("othex", 2.6), ("othex-force", 2.6),
     ("othex-force", 3.5),
 )  # fmt: skip
-"""Robot, and mean of the gusty wind in m/s."""
+"""Robot, and mean speed of the gusty wind in m/s."""
 DEPTHS = 0.2e-3, 1.0e-3  # m, uniform in the logarithm
 ROBOT, MEAN = "mission.robot", "world.wind.mean_mps"
 
 
 def draw_table(rows: int, seed: int) -> list[dict[str, Any]]:
-    """Draw all rows: each site once by each cell."""
+    """Draw all rows: each site once per cell."""
     out = []
     for i in range(rows):
         rng = np.random.default_rng([seed, i // len(CELLS)])
@@ -87,7 +88,7 @@ def evaluate(folder: Path) -> dict[str, Any]:
             "largest_missed_mm": round(float(np.max(sizes[flaws & ~hit])), 3),
             "smallest_found_mm": round(float(np.min(sizes[flaws & hit])), 3),
         }  # fmt: skip
-        with contextlib.suppress(InputError):  # hits and misses that a size separates have no curve
+        with contextlib.suppress(InputError):  # separated hits and misses have no curve
             curve = compute_pod(table, Method()).to_json()
             cell |= {k: curve[k] for k in ("a50", "a90", "a90_95")}
         cells.append(cell)
@@ -96,7 +97,7 @@ def evaluate(folder: Path) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Write the conditions, or what the flights in a folder gave."""
+    """Write the conditions, or the results of the flights in a folder."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, nargs="?", help="of the flown campaign")
     folder = parser.parse_args().folder

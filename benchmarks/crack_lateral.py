@@ -1,11 +1,12 @@
-"""How far passes of a crack scan lie beside their path in gusts, against what is planned with.
+"""Lateral deviation of the passes of a crack scan in gusts, compared with the plan's assumption.
 
     python benchmarks/crack_lateral.py [--means 0 1.5 2.5] [--seeds 1 2 3] [--out FILE.json]
 
-Flies `crack-scan` in Dryden gusts on the side and on the top of the pipe, without errors of the
-map, and compares the deviation of the measured tip across its passes with
-missions/crack_scan/lateral.py. A pass is where the reference moves along the pipe at half of the
-speed or more; the mean over all passes is the localisation's, which shifts the whole map.
+Flies `crack-scan` in Dryden gusts on the side and on the top of the pipe, without map errors, and
+compares the deviation of the measured tip across its passes with missions/crack_scan/lateral.py. A
+pass consists of the samples in which the reference moves along the pipe at half of the speed or
+more. The mean over all passes is excluded, because it is an error of the localisation, which shifts
+the whole map.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ SIDES = ("side", "top")
 
 
 def measure(side: str, mean: float, seed: int) -> dict[str, object]:
-    """Fly once; returns planned and measured deviations (mm) across the passes."""
+    """Fly once; return planned and measured deviations (mm) across the passes."""
     sets = {
         "mission.task.side": side, "world.wind.kind": "dryden" if mean else "steady",
         "world.wind.mean_mps": str(mean), "world.wind.toward_deg": "90" if side == "side" else "0",
@@ -52,7 +53,7 @@ def measure(side: str, mean: float, seed: int) -> dict[str, object]:
 
 
 def main() -> None:
-    """Fly all and print a line each."""
+    """Fly all cases and print one line each."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--means", type=float, nargs="+", default=[0.0, 1.5, 2.5])
     parser.add_argument("--sides", nargs="+", default=SIDES, choices=SIDES)

@@ -1,9 +1,9 @@
 """Draw the faults of a campaign: `python benchmarks/fault_conditions.py MISSION`.
 
 Writes a table for `skywright campaign MISSION --seed SEED --vary FILE.csv --record all`, with the
-mission's seed of SEEDS: in each row one kind of fault, the kinds in turn, at a random time between
-take-off and landing; which rotor, joint or sensor fails, and how badly, the seed of the run draws.
-`benchmarks/judge_faults.py FOLDER/runs` judges the recordings.
+mission's seed of SEEDS. Each row has one kind of fault, the kinds in turn, at a random time between
+take-off and landing. The seed of the run draws the affected rotor, joint or sensor, and the
+severity. `benchmarks/judge_faults.py FOLDER/runs` evaluates the recordings.
 """
 
 from __future__ import annotations
@@ -22,19 +22,20 @@ MISSIONS = {
     "pipe-weld-scan": (5.0, 219.0), "sensor-install": (5.0, 199.0), "tool-install": (5.0, 184.0),
     "bridge-contact": (5.0, 119.0),
 }  # fmt: skip
-"""Mission -> s between which a fault begins: from the take-off to the landing of seed 1."""
+"""Mission -> s, range of the start of a fault: from take-off to landing with seed 1."""
 SEEDS = {mission: 2001 + i for i, mission in enumerate(MISSIONS)}
-"""Mission -> seed of its table and of its campaign: no two missions meet the same faults."""
+"""Mission -> seed of its table and of its campaign, so that missions have different faults."""
 DELAY_S = 0.001
-"""s each way, of the control link in the rows with the fault `link`: the worlds of these missions
-have none, since law and rotors are on one computer. Every robot's attitude loop bears it."""
+"""s each way, delay of the control link in rows with the fault `link`. The worlds of these missions
+have no delay, because law and rotors are on one computer. Every attitude loop tolerates this delay.
+"""
 NO_LINK, LINKED = "0.0", str(DELAY_S)
 
 
 def list_drawn(mission: str) -> list[str]:
-    """Return the kinds of fault of a mission: all but those that nothing in its world can have.
+    """Return the kinds of fault that can occur in a mission's world.
 
-    `random` stands for the others. `tool_dropped` needs a thing with a handle, which only
+    `random` is only a placeholder. `tool_dropped` needs a thing with a handle, which only
     tool-install carries.
     """
     d = load_description(mission, sets=[f"world.link.delay_s={DELAY_S}"])

@@ -3,23 +3,23 @@
     python benchmarks/fly_assistance.py [--seeds N] [--control position|force]
         [--condition calm|gusts|fast|late] [--operators NAME ...] [--delays MS ...]
 
-Operator models (ground/operator_model.py), delays of the radio and four levels of assistance press
-the sensor of `sensor-install`, each with the same seeds 1 to N. Flights that the file has already
-are left out, seeds come one after the other: an interrupted study is balanced and can be continued.
-`python docs/generate_assistance.py` makes the page's table of the file.
+Operator models (ground/operator_model.py) press the sensor of `sensor-install` with several radio
+delays and four levels of assistance, all with the seeds 1 to N. Flights that the file contains are
+not repeated. Seeds are flown one after the other, so that an interrupted study is balanced and can
+be continued. `python docs/generate_assistance.py` generates the page's table from the file.
 
 Each condition was fixed before its first flight. A force above the limit for 0.1 s ends the work.
 
 - "gusts": the strongest that the plan accepts (2.54 m/s along the swing of the link), and a sensor
-  that bears 1.5 times the force that is asked for, an assumption.
-- "fast": a full stick moves the hand twice as fast, and the sensor bears twice the force that is
-  asked for. The hasty operator comes to the pipe at 0.6 * 0.12 = 0.072 m/s; with 300 ms of radio
-  the stick answers the touch after 0.3 + 0.3 + 0.1 s, in which the hand is led 50 mm further: at
-  the 150 N/m that the operators believe, 7.6 N. Two seeds gave 3.0 N: the platform, which floats,
-  yields in series with the arm, and both together have 60 N/m.
-- "late", for 600 ms of radio: the same with a sensor that bears 1.5 times the force that is asked
-  for. 72 mm at 60 N/m are 4.3 N of the hasty operator and 2.6 N of the practised one (0.048 m/s for
-  0.9 s), with a limit of 3 N.
+  that withstands 1.5 times the desired force, an assumption.
+- "fast": a full stick moves the hand twice as fast, and the sensor withstands twice the desired
+  force. The hasty operator approaches the pipe at 0.6 * 0.12 = 0.072 m/s. With 300 ms of radio
+  delay the stick responds to the touch after 0.3 + 0.3 + 0.1 s, in which the hand's reference moves
+  by 50 mm: 7.6 N at the 150 N/m that the operators assume. Two seeds gave 3.0 N: the floating
+  platform yields in series with the arm, and both together have 60 N/m.
+- "late", for 600 ms of radio delay: the same with a sensor that withstands 1.5 times the desired
+  force. 72 mm at 60 N/m give 4.3 N for the hasty operator, and 2.6 N for the practised one
+  (0.048 m/s for 0.9 s), with a limit of 3 N.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from skywright.ground.operator_model import MANNERS
 KEPT = Path(__file__).resolve().parent / "assistance.csv"
 LEVELS = ("none", "slow", "guard", "hold")
 DELAYS_MS = (0, 150, 300)
-"""There and back, half of it each way."""
+"""Round-trip delays, half in each direction."""
 FLIGHT = {
     "mission.task.hover_s": 0,
     "mission.task.swing_deg": 0,
@@ -59,11 +59,11 @@ COLUMNS = (
     "time_s", "force_rms_error_n", "reason",
 )  # fmt: skip
 CASE = 6
-"""Columns that say what is flown."""
+"""Number of columns that identify a flight."""
 
 
 def fly(flight: tuple[str, ...]) -> list[str]:
-    """Fly one; returns its row."""
+    """Fly once; return the row."""
     seed, operator, delay, level, control, condition = flight
     sets = {
         **FLIGHT,
@@ -84,7 +84,7 @@ def fly(flight: tuple[str, ...]) -> list[str]:
 
 
 def main() -> None:
-    """Fly what is missing."""
+    """Fly the missing flights."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=30)
     parser.add_argument("--control", choices=("position", "force"), default="position")

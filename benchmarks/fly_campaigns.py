@@ -1,9 +1,10 @@
-"""Fly campaigns of benchmarks/campaigns/campaigns.toml and keep their results beside it.
+"""Fly campaigns of benchmarks/campaigns/campaigns.toml and write their results beside it.
 
     python benchmarks/fly_campaigns.py [NAME...] [--out FOLDER] [--workers N]
 
-Without NAME all are flown: hours. An interrupted campaign in FOLDER is continued. NAME.json holds
-the commit, how many runs met every requirement, and each run that did not, with its reason.
+Without NAME all are flown, which takes hours. An interrupted campaign in FOLDER is continued.
+NAME.json contains the commit, the number of runs that met every requirement, and each other run
+with its reason.
 """
 
 from __future__ import annotations
@@ -24,11 +25,11 @@ CAMPAIGNS = tomllib.loads((KEPT / "campaigns.toml").read_text(encoding="utf-8"))
 
 
 def fly(name: str, out: Path, workers: int) -> str:
-    """Fly one campaign and write its file; returns how many succeeded."""
+    """Fly one campaign and write its file; return the number of successful runs as text."""
     command = [sys.executable, "-m", "skywright", "campaign"]
     command += shlex.split(CAMPAIGNS[name]["flags"]) + ["--out", str(out / name)]
     ended = subprocess.run([*command, "--workers", str(workers)], cwd=ROOT, check=False).returncode
-    if ended > 1:  # 1: below the rate that it has to show
+    if ended > 1:  # 1: below the target rate
         sys.exit(f"{name}: the campaign ended with exit code {ended}")
     with (out / name / "results.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
@@ -62,7 +63,7 @@ def compute_means(rows: list[dict[str, str]], limits: dict[str, float]) -> dict[
 
 
 def main() -> None:
-    """Fly what is named."""
+    """Fly the named campaigns."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--out", type=Path, default=ROOT / "runs" / "campaigns")

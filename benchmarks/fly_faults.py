@@ -2,12 +2,12 @@
 
     python benchmarks/fly_faults.py [MISSION...] [--again RUN...] [--keep FOLDER] [--table FILE]
 
-Each run has the description and the seed that `skywright campaign MISSION --runs 50 --seed SEED
---vary benchmarks/faults-MISSION.csv` gives it (SEED: SEEDS of benchmarks/fault_conditions.py). A
-run is judged as soon as it has landed (benchmarks/judge_faults.py), and its recording goes, unless
-`--keep` names a folder. The table benchmarks/faults-judged.csv is written after each run; runs that
-it holds are not flown again, unless `--again` names their numbers, or `failed` for all that did not
-pass. A plan that exists not, or a run that diverges, is a row that does not pass.
+Each run has the description and the seed of `skywright campaign MISSION --runs 50 --seed SEED
+--vary benchmarks/faults-MISSION.csv` (SEED: SEEDS of benchmarks/fault_conditions.py). A run is
+evaluated after its landing (benchmarks/judge_faults.py), and its recording is deleted unless
+`--keep` names a folder. The table benchmarks/faults-judged.csv is written after each run. Runs in
+the table are not repeated unless `--again` names their numbers, or `failed` for all that did not
+pass. A run without a plan, or one that diverges, is a row that does not pass.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ Rows = dict[tuple[str, int], dict[str, str]]
 
 
 def read_table(file: Path) -> Rows:
-    """Read what was judged: (mission, run) -> row."""
+    """Read the evaluated runs: (mission, run) -> row."""
     if not file.exists():
         return {}
     with file.open(encoding="utf-8", newline="") as text:
@@ -44,7 +44,7 @@ def read_table(file: Path) -> Rows:
 
 @contextmanager
 def change_table(file: Path) -> Iterator[Rows]:
-    """Read the table, let it be changed and write it; several processes may take turns."""
+    """Read the table, yield it for changes and write it, under a lock for several processes."""
     lock_file = Path(tempfile.gettempdir()) / f"{file.stem}.lock"
     with lock_file.open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
@@ -57,7 +57,7 @@ def change_table(file: Path) -> Iterator[Rows]:
 
 
 def fly(campaign: Campaign, run: int, keep: Path | None) -> dict[str, str]:
-    """Fly one condition and judge it."""
+    """Fly one condition and evaluate it."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = (keep or Path(scratch)) / campaign.mission / f"{run:05d}"
         try:
@@ -71,7 +71,7 @@ def fly(campaign: Campaign, run: int, keep: Path | None) -> dict[str, str]:
 
 
 def main() -> None:
-    """Fly what is missing, or what is named."""
+    """Fly the missing or the named runs."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("missions", nargs="*", metavar="MISSION")
     parser.add_argument("--again", nargs="+", default=[], metavar="RUN", help="numbers, or failed")

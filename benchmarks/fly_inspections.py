@@ -1,4 +1,4 @@
-"""Fly the random sites of an inspection, one after the other, and keep what each showed.
+"""Fly the random sites of an inspection one after the other, and store their results.
 
     python benchmarks/fly_inspections.py MISSION [--runs N] [--minutes M]
 
@@ -6,9 +6,9 @@ MISSION is thickness-survey, crack-scan or one-coil.
 
 Rows of MISSION-conditions.csv (inspection_conditions.py) are flown with the row's number as seed.
 Each flight is a line of inspection/MISSION.jsonl with its commit ("+" if the source differs from
-it) and its processor time. Rows that are there are not flown again, so an interrupted campaign is
-continued; delete the lines that a change of the code makes invalid. `python
-docs/generate_inspection.py` makes the table of docs/reference/inspection.md from them.
+it) and its processor time. Existing rows are not repeated, so an interrupted campaign is continued;
+delete the lines that a change of the code invalidates. `python docs/generate_inspection.py`
+generates the table of docs/reference/inspection.md from them.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ KEPT = HERE / "inspection"
 
 
 def fly_row(mission: str, row: dict[str, str], number: int) -> dict[str, Any]:
-    """Fly one site; returns outcome, metrics, and the readings or the cracks."""
+    """Fly one site; return outcome, metrics, and the readings or the cracks."""
     try:
         result = fly_and_evaluate(load_description(mission, sets=row, seed=number))
     except (InfeasibleError, InputError, SimulationError) as error:
@@ -59,7 +59,7 @@ def fly_row(mission: str, row: dict[str, str], number: int) -> dict[str, Any]:
 
 
 def list_scans(run: Any) -> dict[str, Any]:
-    """Return every A-scan that was held for: what was read, the truth, and why it was refused."""
+    """Return every A-scan of the holds: the reading, the truth, and the reason of a refusal."""
     d, task = run.setup.description, run.task
     probe, world = find_probe(run.setup), d.true_world
     t, scans, states = rebuild_ascans(run.samples, probe.true, world, d.mission.seed)
@@ -94,7 +94,8 @@ def list_scans(run: Any) -> dict[str, Any]:
 
 
 def list_cracks(run: Any, result: Any) -> dict[str, Any]:
-    """Return the cracks with the place of their indication, and clean sites with their calls."""
+    """Return the cracks with the position error of their indication, and the inspection's
+    result."""
     found = result.details
     out: dict[str, Any] = {
         "inspected": None if result.inspected is None else result.inspected.to_json(),
@@ -135,7 +136,7 @@ def _mm(x: float) -> float | None:
 
 
 def main() -> None:
-    """Fly what is not there yet."""
+    """Fly the missing sites."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("mission", choices=("thickness-survey", "crack-scan", "one-coil"))
     parser.add_argument("--runs", type=int, default=100)

@@ -1,9 +1,9 @@
-"""Fly a weld scan whose control link gets later in flight: `python benchmarks/fly_late_link.py`.
+"""Fly a weld scan whose control link gets slower in flight: `python benchmarks/fly_late_link.py`.
 
-What the check of the link before take-off (run/link_limit.py) would refuse happens in flight: the
-OTHex's attitude loop bears 5.2 ms each way, the link gets 12 ms later, once on the way to the pipe
-and once while the robot scans. The rule link_late slows the loop, and the robot lands. Each flight
-is judged as benchmarks/judge_faults.py does.
+The check of the link before take-off (run/link_limit.py) would refuse this delay: the OTHex's
+attitude loop tolerates 5.2 ms each way, and the link becomes 12 ms slower, once on the path to the
+pipe and once during the scan. The rule link_late reduces the bandwidth of the loop, and the robot
+lands. Each flight is evaluated by benchmarks/judge_faults.py.
 """
 
 from __future__ import annotations

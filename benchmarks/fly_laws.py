@@ -1,10 +1,10 @@
-"""Fly comparisons of benchmarks/laws/laws.toml and keep their results beside it.
+"""Fly comparisons of benchmarks/laws/laws.toml and write their results beside it.
 
     python benchmarks/fly_laws.py [NAME...] [--runs N] [--out FOLDER] [--workers N]
 
-Without NAME all are flown. An interrupted comparison in FOLDER is continued. NAME.json holds the
-commit, the date, and what `skywright compare laws --json` prints. `--runs 0` flies nothing: only
-what refuses a law before take-off is found.
+Without NAME all are flown. An interrupted comparison in FOLDER is continued. NAME.json contains the
+commit, the date, and the output of `skywright compare laws --json`. `--runs 0` flies nothing and
+only finds the laws that are refused before take-off.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ KEPT = Path(__file__).resolve().parent / "laws"
 COMPARISONS = tomllib.loads((KEPT / "laws.toml").read_text(encoding="utf-8"))
 RUNS = 10
 ALL = "all"
-"""In place of a list of laws: every built-in one."""
+"""Replaces a list of laws: all built-in ones."""
 
 
 def fly(name: str, runs: int, out: Path, workers: int) -> str:
-    """Fly one comparison and write its file; returns how many flights succeeded."""
+    """Fly one comparison and write its file; return the number of successful flights as text."""
     c = COMPARISONS[name]
     laws = list_kinds("law") if c["laws"] == ALL else c["laws"]
     found = compare_laws(
@@ -49,7 +49,7 @@ def fly(name: str, runs: int, out: Path, workers: int) -> str:
 
 
 def refuse(name: str) -> str:
-    """Write what refuses each law of a comparison, and nothing flown; returns how many fly."""
+    """Write the refusal of each law of a comparison without flights; return a count as text."""
     c = COMPARISONS[name]
     laws = list_kinds("law") if c["laws"] == ALL else c["laws"]
     refused = {law: find_refusal(c, law) for law in laws}
@@ -88,7 +88,7 @@ def write(name: str, result: dict[str, Any]) -> None:
 
 
 def main() -> None:
-    """Fly what is named."""
+    """Fly the named comparisons."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--runs", type=int, default=RUNS)

@@ -1,10 +1,10 @@
-"""Operators fly `tool-install` by hand, retrieval included; each flight is a row of retrieval.csv.
+"""Operators fly `tool-install` by hand, with the retrieval; each flight is a row of retrieval.csv.
 
     python benchmarks/fly_retrieval.py [--seeds N] [--beside-mm X ...]
 
 Three operator models (ground/operator_model.py) do the whole work with the seeds 1 to N. Then the
-careful one aims wrongly when it takes the tool again: what it sees of the hooks is off by so much,
-ahead and to the left. Flights that the file has already are left out.
+careful one retrieves the tool with a wrong aim: its view of the hooks is offset by X, forward and
+to the left. Flights that the file contains are not repeated.
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ METRICS = (
 
 
 class Misled(ModelOperator):
-    """A computed operator who sees the hooks `beside` (3,) m from where they are."""
+    """An operator model whose view of the hooks is offset by `beside` (3,) m."""
 
     def __init__(self, manner: str, seed: int, beside: np.ndarray) -> None:
         super().__init__(manner, seed, 0.03)
         self.beside = beside
 
     def read(self, t: float, sight: Sight) -> Stick | None:
-        """Return the stick for what is seen."""
+        """Return the stick for the view."""
         if sight.towards[2] > 0.0:  # the hooks go up into the handle
             sight = sight._replace(off=sight.off + self.beside)
         return super().read(t, sight)
 
 
 def fly(flight: tuple[str, ...]) -> list[str]:
-    """Fly one; returns its row."""
+    """Fly once; return the row."""
     seed, operator, ahead, left = flight
     beside = 1e-3 * np.array([float(ahead), float(left), 0.0])
     with tempfile.TemporaryDirectory() as folder:
@@ -61,7 +61,7 @@ def fly(flight: tuple[str, ...]) -> list[str]:
 
 
 def main() -> None:
-    """Fly what is missing."""
+    """Fly the missing flights."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--beside-mm", type=float, nargs="*", default=[8.0, 20.0, -20.0])

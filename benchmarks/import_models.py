@@ -1,9 +1,9 @@
-"""Import public models, and keep what came of each as one row of benchmarks/imported_models.csv.
+"""Import public models, and write the result of each as one row of benchmarks/imported_models.csv.
 
     python benchmarks/import_models.py FOLDER
 
-FOLDER holds checkouts of the repositories of MODELS, under the names given there. None of them is
-part of this repository. A model whose file is not there keeps its old row.
+FOLDER contains checkouts of the repositories of MODELS, under the names given there. They are not
+part of this repository. A model without a file keeps its old row.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ HEXAGON = tuple(
     f"{0.25 * math.cos(a):.4f},{0.25 * math.sin(a):.4f},0.05,{'cw' if i % 2 else 'ccw'}"
     for i, a in enumerate(math.radians(60.0 * i + 30.0) for i in range(6))
 )
-"""Rotors of files that do not place them."""
+"""Rotors of files without rotor positions."""
 
 
 class Model(NamedTuple):
-    """A public model: what to import, and how."""
+    """A public model and its import options."""
 
     name: str
-    file: str  # below FOLDER: the name of the repository comes first
+    file: str  # below FOLDER: starts with the name of the repository
     options: dict[str, Any] = {}
-    carrier: str = ""  # of an arm: the multirotor that it is mounted on
+    carrier: str = ""  # for an arm: the multirotor that carries it
 
 
 MODELS = (
@@ -70,7 +70,7 @@ MODELS = (
 
 
 def try_model(folder: Path, model: Model, out: Path) -> dict[str, str]:
-    """Import one model; returns its row."""
+    """Import one model; return its row."""
     file = folder / model.file
     row = {"model": model.name, "from": model.file.split("/")[0], "format": "", "bodies": "",
            "rotors": "", "joints": "", "gripper": "", "meshes": "", "drawn": "", "not_read": "",

@@ -1,12 +1,13 @@
 """Draw random sites of an inspection: `python benchmarks/inspection_conditions.py MISSION`.
 
 Writes a table for `skywright campaign MISSION --vary FILE.csv`: diameter and sector of a pipe of
-0.3 to 0.6 m, its paint and roughness, steady wind from any direction, the map's error and the
-plant's deviations, all at once. The velocity of a wall is normal about the block's, the wind is 20
-to 100 % of 0.7 of the robot's limit, and slower in steps of 20 % where the plan has no reserve of a
-rotor or of the press; the shim of a set-up is the paint in steps of 0.1 mm, and all else is uniform
-over its range. A thickness survey presses with 3 N, or with 1.5 N where the wind leaves no more.
-`one-coil` is a `crack-scan` of a patch of 60 by 60 mm with one coil instead of the array.
+0.3 to 0.6 m, its paint and roughness, steady wind from any direction, map errors and deviations of
+the plant vary together. The velocity of a wall is normally distributed about the block's. The wind
+is 20 to 100 % of 0.7 of the robot's limit; it is reduced in steps of 20 % if the plan lacks reserve
+of a rotor or of the press force. The shim of a set-up is the paint in steps of 0.1 mm. All other
+values are uniform over their range. A thickness survey presses with 3 N, or with 1.5 N if the wind
+admits no more. `one-coil` is a `crack-scan` of an area of 60 by 60 mm with one coil instead of the
+array.
 """
 
 from __future__ import annotations
@@ -47,21 +48,21 @@ RANGES = {
     },
 }
 RANGES["one-coil"] = RANGES["crack-scan"]
-PATCH = 0.06  # m, both ways, with one coil
+PATCH = 0.06  # m, both sides, with one coil
 FASTEST = {
     "thickness-survey": 5.0,
     "crack-scan": 8.0,
     "one-coil": 8.0,
 }  # m/s, about 0.7 of the robots' limits
-MISSION = {"one-coil": "crack-scan"}  # what is flown, where the name differs
+MISSION = {"one-coil": "crack-scan"}  # flown mission, if the name differs
 SLOWEST_SHARE = 0.2
-VELOCITY = 5920.0, 0.003  # m/s, and the deviation of a wall's as a fraction
-ARC, HEIGHT = 0.5, 0.25  # rad and m, of spots to both sides of the middle
-INSIDE_DEG = {"crack-scan": 8.0, "one-coil": 3.0}  # of a crack from the middle of its sector
+VELOCITY = 5920.0, 0.003  # m/s, and the relative standard deviation of a wall's velocity
+ARC, HEIGHT = 0.5, 0.25  # rad and m, range of spots to both sides of the middle
+INSIDE_DEG = {"crack-scan": 8.0, "one-coil": 3.0}  # range of a crack from the middle of its sector
 
 
 def draw_row(mission: str, rng: np.random.Generator) -> dict[str, Any]:
-    """Draw one row but for the wind's speed."""
+    """Draw one row without the wind speed."""
     row: dict[str, Any] = {
         k: float(f"{rng.uniform(*r):.4g}") for k, r in {**RANGES[mission], **PLANT}.items()
     }
@@ -75,7 +76,7 @@ def draw_row(mission: str, rng: np.random.Generator) -> dict[str, Any]:
         row["mission.task.spots"] = f"[{', '.join(told)}]"
     else:
         row["world.things.steel.kind"] = "wall"
-        row["world.pipe.length_m"] = 1.6  # its posts stand outside the sector
+        row["world.pipe.length_m"] = 1.6  # the posts are outside the sector
         row["mission.task.side"] = "angle"
         row["world.things.datum.around_deg"] = row["mission.task.centre_angle_deg"]
         for k in ("crack1", "crack2"):
@@ -96,9 +97,9 @@ def draw_row(mission: str, rng: np.random.Generator) -> dict[str, Any]:
 
 
 def add_wind(mission: str, row: dict[str, Any], share: float) -> dict[str, Any] | None:
-    """Return the row with a `share` of FASTEST, or the next slower wind that its plan admits.
+    """Return the row with a `share` of FASTEST, or with the next slower wind that its plan admits.
 
-    A survey presses with 1.5 N where the wind does not leave 3 N. None without a plan in calm air.
+    A survey presses with 1.5 N if the wind does not admit 3 N. None without a plan in calm air.
     """
     forces = ["[3.0]", "[1.5]"] if mission == "thickness-survey" else [""]
     speed, calm = share * FASTEST[mission], False

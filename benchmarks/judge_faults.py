@@ -1,22 +1,26 @@
 """Judge flights with faults from their recordings' truth: `python benchmarks/judge_faults.py DIR`.
 
-DIR holds run directories, as `skywright campaign ... --record all --out FOLDER` keeps them under
-FOLDER/runs. Of each flight it tells the fault, the rule that acted and how much later, how many
-collisions began before and after that while it was still in the air, and whether the robot is down
-at the end: still, motors off, on the ground. A collision is a contact of parts that should touch
-nothing; it lasts until nothing is touched for 0.3 s, so what was hit before the rule acted and is
-still touched counts once. A flight passes when it is down, has had no second collision, and has a
-reason unless it succeeded: the first one may be the fault itself, as where a gust pushes the robot
-onto what it works at. What is touched, a model of the true scene tells, posed as recorded: an arm
-that hangs without torque meets the ground first, which at the speed of a landing is none, and
-neither is the ground for a robot that falls. Counted apart are
-- as `fell` what a robot hits that falls because its motors were stopped: nothing steers it any
-  more, and that it falls is known before take-off (`skywright capability`: without which rotor, and
-  without the control link);
-- as `own` contacts of the robot with itself or with what it carries alone, `own_n` is their largest
-  force: a forearm without torque swings against its base, and a tool that is set down on the ground
-  meets the arms. A tool that the robot does not carry is met as anything else.
-`--table FILE` writes the result, one row a flight. Exit code 1 when one fails.
+DIR contains run directories, as `skywright campaign ... --record all --out FOLDER` writes them to
+FOLDER/runs. The script reports for each flight the fault, the rule that acted and its delay, the
+number of collisions that began before and after that in the air, and whether the robot is down at
+the end: at rest, motors off, on the ground.
+
+A collision is a contact of parts that should not touch anything. It lasts until there was no
+contact for 0.3 s, so a contact that began before the rule acted and persists counts once. A flight
+passes if the robot is down, there was no second collision, and it has a reason unless it succeeded.
+The first collision may be the fault itself, for example if a gust pushes the robot onto its
+workpiece. The touched parts are found with a model of the true scene in the recorded pose. Ground
+contact of an arm that hangs without torque at the speed of a landing is not a collision, and
+neither is ground contact of a robot that falls. Counted separately are
+
+- as `fell` the contacts of a robot that falls because its motors were stopped: it is uncontrolled,
+  and the fall is known before take-off (`skywright capability`: without which rotor, and without
+  the control link);
+- as `own` contacts of the robot with itself or only with its load, with `own_n` as their largest
+  force: a forearm without torque swings against its base, and a tool set down on the ground touches
+  the arms. A tool that the robot does not carry counts as any other object.
+
+`--table FILE` writes the result, one row per flight. The exit code is 1 if a flight fails.
 """
 
 from __future__ import annotations
@@ -37,19 +41,19 @@ from skywright.recordings.recording import read_recording
 from skywright.run.parts import build_named
 from skywright.vehicle.component import Fault
 
-TOUCH_N = 0.5  # of an unintended contact
-APART_S = 0.3  # s, between two collisions
-LOW_M = 0.05  # m above where the platform stands
-OFF_N = 0.5  # N, of all rotors
-LINK_M = 1.0  # m, below which a link that hangs from the platform meets the ground
+TOUCH_N = 0.5  # N, threshold of an unintended contact
+APART_S = 0.3  # s, minimum time between two collisions
+LOW_M = 0.05  # m above the height of the platform when standing
+OFF_N = 0.5  # N, sum of all rotors
+LINK_M = 1.0  # m, height below which a link that hangs from the platform may touch the ground
 STILL_MPS = 0.1
-LANDING_MPS = 0.5  # no faster does an arm that hangs down meet the ground
-CAME_M = 0.05  # m that what is carried moves at least from where a rule acted
-NEAR_M = 0.02  # shapes that are closer than this touch: the arm's springs are not posed
+LANDING_MPS = 0.5  # maximum speed at which a hanging arm may touch the ground
+CAME_M = 0.05  # m, minimum motion of the load since a rule acted
+NEAR_M = 0.02  # shapes closer than this touch, because the arm's springs are not posed
 
 
 class Judged(NamedTuple):
-    """What one flight shows."""
+    """Result of one flight."""
 
     run: str
     mission: str
@@ -75,16 +79,16 @@ def list_collisions(s: Any, aloft: Any) -> list[int]:
 
 
 class Touched(NamedTuple):
-    """What meets at a sample."""
+    """Contacts at a sample."""
 
-    all: set[str]  # that is not of the robot
-    but_feet: set[str]  # of it, what other parts than the feet meet
-    own: set[frozenset[str]]  # parts of the robot that meet each other
-    stands: bool  # what moves lies or stands on the ground
+    all: set[str]  # objects other than the robot
+    but_feet: set[str]  # of these, touched by other parts than the feet
+    own: set[frozenset[str]]  # pairs of parts of the robot that touch each other
+    stands: bool  # a movable object is on the ground
 
 
 def list_touched(d: Description[Any], s: Any) -> Touched:
-    """Return what meets at a sample, robot and movable things posed as recorded."""
+    """Return the contacts at a sample, with robot and movable things posed as recorded."""
     scene = build_scene(d.robot, d.true_world)
     model, places = scene.model, scene.places
     model.geom_margin[:] = NEAR_M
@@ -108,19 +112,19 @@ def list_touched(d: Description[Any], s: Any) -> Touched:
 
 
 def find_movable(d: Description[Any], model: mujoco.MjModel) -> set[int]:
-    """Return the geoms of the thing that can be carried, its first one first."""
+    """Return the geoms of the thing that can be carried, its first geom first."""
     names = [n for n, thing in d.true_world.things.items() if getattr(thing, "mass_kg", 0.0)]
     return {g for g in range(model.ngeom) for n in names[:1] if model.geom(g).name.startswith(n)}
 
 
 def _is_landing(d: Description[Any], s: Any, falls: bool) -> bool:
-    """Whether a hit is the ground: of a robot that falls, or an arm's as slow as a landing."""
+    """Return whether a hit is ground contact of a falling robot, or of an arm at landing speed."""
     slow = float(np.linalg.norm(s["v_WB"])) < LANDING_MPS
     return (falls or slow) and list_touched(d, s).but_feet == {"ground"}
 
 
 def _is_own(d: Description[Any], s: Any, k: int, at: float) -> bool:
-    """Whether only parts of the robot meet each other, or what came with it since a rule acted."""
+    """Return whether only parts of the robot, or a load that moved since a rule acted, touch."""
     met, model = list_touched(d, s[k]), build_scene(d.robot, d.true_world).model
     carried = {model.geom(g).name for g in find_movable(d, model)}
     if met.but_feet:
@@ -130,7 +134,7 @@ def _is_own(d: Description[Any], s: Any, k: int, at: float) -> bool:
 
 
 def find_most(s: Any, begins: list[int]) -> float:
-    """Return the largest force (N) of the collisions that begin at some samples."""
+    """Return the largest force (N) of the collisions that begin at the samples `begins`."""
     most, on = 0.0, s["f_collision"] > TOUCH_N
     for k in begins:
         gone = np.flatnonzero(~on[k:])
@@ -140,7 +144,7 @@ def find_most(s: Any, begins: list[int]) -> float:
 
 
 def judge(folder: Path) -> Judged:
-    """Judge one flight."""
+    """Evaluate one flight."""
     told = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
     d = load_description(folder)
     fault = next(c for c in build_named(d) if isinstance(c, Fault))
@@ -165,7 +169,7 @@ def judge(folder: Path) -> Judged:
     mine = [k for k in others if _is_own(d, s, k, at)]
     own, later = len(mine), len(others) - len(mine)
     has_reason = told["outcome"] == "succeeded" or bool(told["reason"])
-    if told["outcome"] == "failed":  # the requirements say why
+    if told["outcome"] == "failed":  # the requirements are the reason
         has_reason = any(not r["passed"] for r in told["requirements"])
     keys = fault.table.model_dump(exclude={"start_s"})
     what = f"{type(fault).__name__} " + " ".join(f"{k}={v}" for k, v in keys.items())
@@ -178,11 +182,11 @@ def judge(folder: Path) -> Judged:
 
 
 FIELDS = (*Judged._fields, "commit")
-"""Columns of the table; `commit` is that of the flight, where it is known."""
+"""Columns of the table; `commit` is that of the flight, if known."""
 
 
 def to_row(r: Judged) -> dict[str, str]:
-    """Return the row of the table, all but the commit."""
+    """Return the row of the table, without the commit."""
     values = (round(x, 2) if isinstance(x, float) else x for x in r)
     return {k: str(v) for k, v in zip(Judged._fields, values, strict=True)} | {"commit": ""}
 

@@ -2,10 +2,10 @@
 
     python benchmarks/long_reach_gusts.py [--seeds 1 2 3] [--table FILE]
 
-Each condition is flown with each seed and the mission's default errors of map and robot. What the
-plan refuses is flown all the same, with the two requirements that refuse it out of reach, and so
-judged: a refusal is right if the flights miss what was asked for. The table
-benchmarks/long-reach-gusts.csv is written after each flight; what it holds is not flown again.
+Each condition is flown with each seed and the mission's default errors of map and robot. Conditions
+that the plan refuses are flown as well, with the limits of the two refusing requirements raised,
+and evaluated with the original limits: a refusal is right if the flights exceed them. The table
+benchmarks/long-reach-gusts.csv is written after each flight; its rows are not flown again.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ FREE = (
     "mission.requirements.platform.excursion_m.limit=1",
     "mission.requirements.swing.decay_s.limit=10",
 )
-"""Requirements that no plan refuses."""
+"""Limits with which no plan refuses."""
 ASKED = {"platform.excursion_m": 0.03, "swing.decay_s": 2.0}
-"""What the mission asks for."""
+"""Limits of the mission."""
 WINDS = {
     f"Dryden, {mean:g} m/s {way}": (
         "world.wind.kind=dryden", f"world.wind.mean_mps={mean}", f"world.wind.toward_deg={toward}",
@@ -42,7 +42,7 @@ WINDS = {
     for mean in (1.0, 2.0, 2.5, 3.0)
     for way, toward in (("along the swing", 0), ("across the swing", 90))
 }  # fmt: skip
-"""The robot heads along x, in which its link swings."""
+"""The robot faces along x, the direction of the link's swing."""
 CONDITIONS: dict[str, tuple[str, ...]] = {
     "still air": (),
     "still air, link of 1.0 m": LONG,
@@ -84,7 +84,7 @@ def fly(condition: str, seed: int) -> dict[str, Any]:
 
 
 def read_table(file: Path) -> dict[tuple[str, int], dict[str, Any]]:
-    """Read what was flown."""
+    """Read the flown rows."""
     if not file.exists():
         return {}
     with file.open(encoding="utf-8", newline="") as text:
@@ -92,7 +92,7 @@ def read_table(file: Path) -> dict[tuple[str, int], dict[str, Any]]:
 
 
 def main() -> None:
-    """Fly what is missing."""
+    """Fly the missing rows."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
     parser.add_argument("--table", type=Path, default=TABLE)

@@ -1,16 +1,16 @@
-"""Missions over MAVLink in which the link, the autopilot or the pilot steps in: each in each phase.
+"""Missions over MAVLink with events of link, autopilot or pilot, each in each phase.
 
     python benchmarks/mavlink_events.py [MOMENT...] [--event NAME...]
 
 `skywright run MISSION --backend mavlink:URL` flies `skywright serve hexarotor --mavlink URL`, both
-ends on one clock (tests/mavlink_pair.py), so that a flight repeats. Each event begins at one moment
-of the flight; afterwards the vehicle goes on by itself for 15 s. Each flight is a row of
-benchmarks/mavlink-events.csv.
+with a common clock (tests/mavlink_pair.py), so that flights are repeatable. Each event begins at
+one moment of the flight; after the mission the vehicle continues alone for 15 s. Each flight is a
+row of benchmarks/mavlink-events.csv.
 
-- `link 0.2 s`, `link 2 s`, `link lost`: nothing gets through in either direction for so long.
-- `restart`: the autopilot begins anew on the ground, with its clock and without memory.
-- `pilot`: the pilot changes to Position, flies for 3 s and changes back to Offboard.
-- `pilot lands`: the pilot changes to Land.
+- `link 0.2 s`, `link 2 s`, `link lost`: no message arrives in either direction for this time.
+- `restart`: the autopilot restarts on the ground, with a new clock and without memory.
+- `pilot`: the pilot switches to Position, flies for 3 s and switches back to Offboard.
+- `pilot lands`: the pilot switches to Land.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ ARMING, TOUCH_DOWN = "arming", "touch-down"
 MOMENTS = {
     ARMING: 0.0, "take_off": 2.0, "waypoint 1": 1.0, "hold 1": 0.3, "land": 2.0, TOUCH_DOWN: 0.1,
 }  # fmt: skip
-"""Phase, or what the vehicle does -> s after its beginning until the event."""
+"""Phase, or state of the vehicle -> s from its start to the event."""
 RULES = {
     "link lost": "silent for 10 s", "restart": "restarted", "pilot lands": "the pilot landed",
 }  # fmt: skip
-"""Event -> what the reason says of a mission that it ends."""
+"""Event -> part of the reason of a mission that it ends."""
 PILOT_S, AFTER_S = 3.0, 15.0
-LANDS = (0.6, 0.3)  # m, where the mission lands
-NEAR_M = 0.3  # m, of that place
+LANDS = (0.6, 0.3)  # m, landing point of the mission
+NEAR_M = 0.3  # m, maximum distance from it
 
 
 class Row(NamedTuple):
@@ -60,16 +60,16 @@ class Row(NamedTuple):
     reason: str
     phases: str  # after the event
     vehicle: str  # mode and motors, 15 s after the end
-    away_m: float  # then, from where the mission lands
+    away_m: float  # m, distance from the landing point at that time
     passed: bool
 
 
 class Event:
-    """Lets one event happen; an observer of the run and of the vehicle's ticks."""
+    """Triggers one event; an observer of the run and of the vehicle's ticks."""
 
     def __init__(self, pair: Pair, saved: Any, moment: str, event: str) -> None:
         self.pair, self.saved, self.moment, self.event = pair, saved, moment, event
-        self.at = math.inf  # s, by the common clock
+        self.at = math.inf  # s, common clock
         self.phase = ""
         self._done = 0
         for cable in (pair.up, pair.down):
@@ -77,13 +77,13 @@ class Event:
         pair.on_tick = self._act
 
     def on_plan(self, plan: Any, description: Any) -> None:
-        """Nothing is wanted of it."""
+        """Do nothing."""
 
     def close(self) -> None:
-        """Likewise."""
+        """Do nothing."""
 
     def on_tick(self, t: float, phase: str, vehicle: Any) -> None:
-        """Look whether the moment's phase has begun."""
+        """Check whether the moment's phase has begun."""
         self.phase = phase
         if phase == self.moment:
             self._begin()
@@ -113,7 +113,7 @@ class Event:
 
 
 def fly(folder: Path, backend: Any, saved: Any, moment: str, event: str) -> tuple[Event, RunResult]:
-    """Fly one; the vehicle goes on for AFTER_S."""
+    """Fly once; the vehicle continues for AFTER_S."""
     backend.restore(saved)
     pair = Pair(write_short(folder), backend)
     happens = Event(pair, saved, moment, event)
@@ -151,7 +151,7 @@ def judge(happens: Event, result: RunResult) -> Row:
         "pilot": done and ("rejoin" in names or moment == TOUCH_DOWN),
         "pilot lands": told and not robot.armed,
     }[event]
-    if moment == TOUCH_DOWN and event == "pilot lands":  # as the mission does
+    if moment == TOUCH_DOWN and event == "pilot lands":  # equals the mission's own landing
         passed = done
     if moment == ARMING and event != "link 0.2 s":
         passed = result.outcome == "aborted" and result.reason != "" and not robot.armed
@@ -164,7 +164,7 @@ def judge(happens: Event, result: RunResult) -> Row:
 
 
 def main() -> None:
-    """Fly what is asked for; other rows are kept."""
+    """Fly the requested cases; other rows are kept."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("moments", nargs="*", default=list(MOMENTS), metavar="MOMENT")
     parser.add_argument("--event", nargs="+", choices=EVENTS, default=EVENTS)

@@ -1,13 +1,15 @@
-"""Scripted operators do a mission's work by hand through the ground station's own web socket.
+"""Operator models do a mission's manual work through the ground station's own web socket.
 
     python benchmarks/operate_station.py [MISSION] [--runs 20] [--delay-ms 150] [--operator careful]
 
 Each run starts a station, enters with its one-time address, takes control, starts the flight and
-moves the stick by what the page is told. The operator sees and is heard late. One row a run is kept
-in benchmarks/operated-MISSION.csv: outcome, frames a second, median age of the sticks when they
-reach the flight, median cost of a tick, and how long the operator worked. Real time: minutes a run.
-Rows of `tool-install` whose `by_hand` is "installation" were flown when the robot still retrieved
-the tool by itself; no command makes them.
+moves the stick according to the page's messages. View and stick of the operator are delayed. Each
+run is a row of benchmarks/operated-MISSION.csv: outcome, frames per second, median age of the
+sticks when they reach the flight, median computing time of a tick, and duration of the work. Runs
+are in real time and take minutes each.
+
+Rows of `tool-install` whose `by_hand` is "installation" were flown with an automatic retrieval,
+which no longer exists; no command reproduces them.
 """
 
 from __future__ import annotations
@@ -37,7 +39,7 @@ SETS = {
 
 
 def operate(mission: str, run: int, operator: str, delay_ms: float) -> list[str]:
-    """Do one; returns its row."""
+    """Fly once; return the row."""
     with tempfile.TemporaryDirectory() as folder:
         process, address = start_station(Path(folder), mission)
         try:
@@ -45,7 +47,7 @@ def operate(mission: str, run: int, operator: str, delay_ms: float) -> list[str]
             page.send("take")
             page.send("start", mission=mission, seed=run, sets=SETS.get(mission, []), operated=True)
             page.wait(lambda: page.status.get("over") is False, 300.0)
-            page.send("speed", x=0)  # fast up to where the operator is asked
+            page.send("speed", x=0)  # fast until the operator's work starts
             if not page.wait(lambda: bool(page.status.get("asked")), 600.0):
                 raise RuntimeError(f"the mission did not ask: {page.state.get('note')}")
             page.send("speed", x=1)
@@ -54,7 +56,7 @@ def operate(mission: str, run: int, operator: str, delay_ms: float) -> list[str]
             while page.state.get("flying") and took < 240.0:
                 began, before = time.monotonic(), page.frames
                 page.poll(0.02)
-                if not page.status.get("asked"):  # the robot works by itself
+                if not page.status.get("asked"):  # the robot works automatically
                     continue
                 pilot.step()
                 costs.append(page.status.get("cost_ms") or np.nan)
@@ -73,7 +75,7 @@ def operate(mission: str, run: int, operator: str, delay_ms: float) -> list[str]
 
 
 def main() -> None:
-    """Do what is asked."""
+    """Fly the requested runs."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("mission", nargs="?", default="tool-install")
     parser.add_argument("--runs", type=int, default=20)

@@ -1,23 +1,23 @@
-"""Operated flights in which something fails: each mission, each moment of the work, each fault.
+"""Operated flights with faults: each mission, each moment of the work, each fault.
 
     python benchmarks/operated_faults.py [MISSION...] [--fault NAME...] [--moment NAME...]
 
-The careful operator does the work behind a radio link of 50 ms. A first flight without a fault
-says when each moment is; then a fault happens at that moment. Each flight is a row of
-benchmarks/operated-faults.csv: outcome, the rule that acted, the reason as it is told, and whether
-the flight passed. Flights that the table holds are not flown again.
+The careful operator works over a radio link of 50 ms. A first flight without fault gives the time
+of each moment; then a fault is injected at that moment. Each flight is a row of
+benchmarks/operated-faults.csv: outcome, the rule that acted, the reported reason, and whether the
+flight passed. Flights in the table are not repeated.
 
-- `silent`: the operator's input ends. The work ends, the robot comes home.
-- `link 0.2 s`, `link 2 s`: the radio carries nothing for so long. The work goes on.
-- `link lost`: it carries nothing any more. After 180 s the robot ends the work and comes home.
-- `battery`: 15 % of the charge is left. The rule `battery_low` brings it home.
-- `fence`: a push carries the robot over a fence 0.1 m beside it. `geofence` brings it home.
-- `pilot`: the pilot takes over, holds for 2 s and gives back. The robot comes home, or begins the
-  contact anew.
-- `killed`: the vehicle's process is killed. What was recorded up to then can be read.
+- `silent`: the operator's input ends. The work ends, and the robot returns.
+- `link 0.2 s`, `link 2 s`: the radio transmits nothing for this time. The work continues.
+- `link lost`: the radio transmits nothing any more. After 180 s the work ends, the robot returns.
+- `battery`: 15 % of the charge is left. The rule `battery_low` starts the return.
+- `fence`: a push moves the robot over a fence 0.1 m beside it. `geofence` starts the return.
+- `pilot`: the pilot takes over, holds for 2 s and gives control back. The robot returns, or starts
+  the contact again.
+- `killed`: the vehicle's process is killed. The recording up to then is readable.
 
-Collisions are those away from where the robot lands: a tool or a bar that comes home in the hooks
-touches the ground before the gear does.
+Collisions count only away from the landing point: a tool or a bar in the hooks touches the ground
+before the gear does.
 """
 
 from __future__ import annotations
@@ -51,21 +51,21 @@ COLUMNS = (
 RADIO = Radio(delay_s=0.05)
 NO_RADIO = RADIO.model_copy(update={"loss_fraction": 1.0})
 PUSH, PUSH_S, FENCE_M = 3.5, 0.8, 0.1  # m/s^2 of the robot, s, m
-HOME_M = 0.3  # m, from where it took off
-SOON_S = 0.05  # s, within which the pilot flies
+HOME_M = 0.3  # m, maximum distance from the take-off point
+SOON_S = 0.05  # s, time limit for the pilot to get control
 
 
 class Moment(NamedTuple):
-    """When something fails: so long after a phase of the work began."""
+    """Time of a fault: `after_s` after a phase of the work began."""
 
     name: str
     phase: str
     after_s: float
-    below_m: float = math.inf  # and only when the goal is nearer than that from above
+    below_m: float = math.inf  # and only below this height above the goal
 
 
 class Work(NamedTuple):
-    """A mission that is done by hand."""
+    """A mission with manual work."""
 
     sets: tuple[str, ...]
     seed: int
@@ -94,17 +94,17 @@ WORKS = {
 LINKS = {"link 0.2 s": 0.2, "link 2 s": 2.0, "link lost": math.inf}
 FAULTS = ("killed", "silent", "pilot", "battery", "fence", *LINKS)
 OTHERS = ("unintended_contact", "strayed", "excess_force")
-"""Rules that would see the push before the fence's does."""
+"""Rules that would act on the push before the fence's rule."""
 RULES = {"battery": "battery_low", "fence": "geofence"}
 
 
 class Hand(RadioOperator):
-    """The operator behind the radio, and an observer that lets a fault happen at a moment."""
+    """The operator behind the radio, and an observer that injects a fault at a moment."""
 
     def __init__(self, work: Work, moment: str = "", fault: str = "") -> None:
         super().__init__(ModelOperator("careful", work.seed, 0.03), RADIO, work.seed)
         self.moments, self.moment, self.fault = work.moments, moment, fault
-        self.times: dict[str, float] = {}  # s, of the flight: when each moment came
+        self.times: dict[str, float] = {}  # flight time (s) of each moment
         self.acted: list[str] = []
         self.pilot: list[bool] = []
         self._supervisor: Any = None
@@ -113,22 +113,22 @@ class Hand(RadioOperator):
 
     @property
     def at(self) -> float:
-        """When the fault happens (s), not yet: inf."""
+        """Time of the fault (s); inf before it."""
         return self.times.get(self.moment, math.inf)
 
     def on_supervisor(self, supervisor: Any) -> None:
-        """Keep what a pilot needs."""
+        """Keep the supervisor for the pilot."""
         self._supervisor = supervisor
 
     def on_plan(self, plan: Any, description: Any) -> None:
-        """Nothing is wanted of it."""
+        """Do nothing."""
 
     def on_acted(self, acted: Any) -> None:
-        """A rule acted."""
+        """Record a rule that acted."""
         self.acted.append(acted.rule)
 
     def on_tick(self, t: float, phase: str, vehicle: Any) -> None:
-        """Look whether a moment has come, and do what happens there."""
+        """Detect moments and inject the fault."""
         self._t = t
         began = self._phases.setdefault(phase, t)
         for m in self.moments:
@@ -152,7 +152,7 @@ class Hand(RadioOperator):
             s.move_stick([0.0, 0.0, 0.0, 0.0])
 
     def read(self, t: float, sight: Sight) -> Stick | None:
-        """Return the stick as the robot hears it."""
+        """Return the stick as received by the robot."""
         self._gap = float(sight.off[2])
         since = self._t - self.at
         if self.fault == "silent" and since >= 0.0:
@@ -163,7 +163,7 @@ class Hand(RadioOperator):
 
 
 def fly(mission: str, hand: Hand, folder: Path, *sets: str) -> RunResult:
-    """Fly one."""
+    """Fly once."""
     work = WORKS[mission]
     return run_mission(
         skywright.load(mission, sets=(*work.sets, f"mission.seed={work.seed}", *sets)), out=folder,
@@ -172,7 +172,7 @@ def fly(mission: str, hand: Hand, folder: Path, *sets: str) -> RunResult:
 
 
 def find_sets(mission: str, fault: str, at: float, plain: RunResult) -> tuple[str, ...]:
-    """Return what a fault at `at` (s) changes, from the flight without it."""
+    """Return the settings of a fault at `at` (s), from the flight without it."""
     if fault == "battery":
         return ('plant.faults.cell.kind="battery"', f"plant.faults.cell.start_s={at}")
     if fault != "fence":
@@ -180,7 +180,7 @@ def find_sets(mission: str, fault: str, at: float, plain: RunResult) -> tuple[st
     p = plain.samples["p_WB"]
     here = p[np.searchsorted(plain.samples["t"], at)]
     for axis, sign in ((1, 1.0), (1, -1.0), (0, -1.0), (0, 1.0)):
-        if np.max(sign * p[:, axis]) < sign * here[axis] + 0.05:  # the way to work crosses it not
+        if np.max(sign * p[:, axis]) < sign * here[axis] + 0.05:  # the path to work stays inside
             name, side = "xy"[axis], "max" if sign > 0.0 else "min"
             return (
                 f"mission.fence.{name}_{side}_m={float(here[axis] + sign * FENCE_M)!r}",
@@ -200,7 +200,7 @@ def _weigh(mission: str) -> float:
 
 
 def judge(fault: str, hand: Hand, result: RunResult) -> tuple[float, bool]:
-    """Return how far (m) from its place it stands in the end, and whether all is as promised."""
+    """Return the final distance (m) from home, and whether the result is as documented."""
     p = result.samples["p_WB"]
     away = float(np.linalg.norm(p[-1] - p[0]))
     home = bool(np.all(np.isfinite(p))) and away < HOME_M
@@ -219,7 +219,7 @@ def judge(fault: str, hand: Hand, result: RunResult) -> tuple[float, bool]:
 
 
 def count_collisions(result: RunResult) -> int:
-    """Return how often it met something away from where it lands: what it carries lands first."""
+    """Return the number of collisions away from the landing point, where the load lands first."""
     s = result.samples
     away = np.linalg.norm(s["p_WB"][:, :2] - s["p_WB"][-1, :2], axis=1) > HOME_M
     hits = (s["f_collision"] > 0.0) & away
@@ -229,7 +229,7 @@ def count_collisions(result: RunResult) -> int:
 def fly_case(
     mission: str, moment: str, fault: str, folder: Path, plain: RunResult, at: float
 ) -> list[str]:
-    """Fly a fault at a moment, which is at `at` (s) of the flight `plain`; returns its row."""
+    """Fly a fault at a moment, which is at `at` (s) of the flight `plain`; return its row."""
     hand = Hand(WORKS[mission], moment, fault)
     if fault == "killed":
         return [mission, moment, fault, *_kill(mission, hand, folder, at)]
@@ -243,7 +243,7 @@ def fly_case(
 
 
 def _kill(mission: str, hand: Hand, folder: Path, at: float) -> list[str]:
-    """Fly in a process that is killed at the moment; returns the row's rest."""
+    """Fly in a process that is killed at the moment; return the rest of the row."""
     process = multiprocessing.get_context("fork").Process(target=fly, args=(mission, hand, folder))
     process.start()
     process.join()
@@ -256,7 +256,7 @@ def _kill(mission: str, hand: Hand, folder: Path, at: float) -> list[str]:
 
 
 def main() -> None:
-    """Fly what is missing."""
+    """Fly the missing flights."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("missions", nargs="*", default=list(WORKS), metavar="MISSION")
     parser.add_argument("--fault", nargs="+", choices=FAULTS, default=FAULTS)
@@ -280,7 +280,7 @@ def main() -> None:
 
 
 def _fly_mission(mission: str, cases: list[tuple[str, str]]) -> None:
-    """Fly moments and faults of a mission, after a flight without one."""
+    """Fly moments and faults of a mission, after a flight without fault."""
     with tempfile.TemporaryDirectory() as scratch:
         first = Hand(WORKS[mission])
         plain = fly(mission, first, Path(scratch) / "plain")

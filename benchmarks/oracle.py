@@ -1,11 +1,10 @@
-"""Say what verdict is right for flown missions: `python benchmarks/oracle.py DIR [--table FILE]`.
+"""Judge flown missions independently: `python benchmarks/oracle.py DIR [--table FILE]`.
 
-DIR holds run directories, as `skywright campaign ... --record all --out FOLDER` keeps them under
+DIR contains run directories, as `skywright campaign ... --record all --out FOLDER` writes them to
 FOLDER/runs. The oracle reads the request (mission.toml), the true world and the recorded truth, and
-decides by itself whether what was asked was done and reported; nothing of Skywright's evaluation,
-inspection or missions is imported. The run's outcome is right where it agrees: "succeeded" for a
-request that was met, anything else for one that was not. Exit code 1 below 97 %.
-
+decides independently whether the request was met and reported. It imports nothing of Skywright's
+evaluation, inspection or missions. The run's outcome is right if it agrees: "succeeded" for a
+request that was met, anything else for one that was not. The exit code is 1 below 97 %.
 """
 
 from __future__ import annotations
@@ -38,15 +37,15 @@ RIGHT = 0.97
 
 
 class Verdict(NamedTuple):
-    """One run."""
+    """Result of one run."""
 
     run: str
     mission: str
     outcome: str
-    met: bool  # what the oracle holds to be true
+    met: bool  # verdict of the oracle
     right: bool
-    why: str  # what was not met, as the oracle sees it
-    told: str  # what the run says
+    why: str  # what was not met, according to the oracle
+    told: str  # reason in the run
 
 
 JUDGES: dict[str, Callable[[Description[Any], dict[str, Any], Any], list[str]]] = {
@@ -64,7 +63,7 @@ JUDGES: dict[str, Callable[[Description[Any], dict[str, Any], Any], list[str]]] 
     "tool-install": judge_tool,
     "bar-insertion": judge_insertion,
 }
-"""Kind of mission -> what it lacks; each judge's file says what it asks for."""
+"""Kind of mission -> unmet requirements; each judge's file lists its criteria."""
 
 ENDED = ("aborted", "interrupted", "diverged")
 
@@ -94,7 +93,8 @@ def judge(folder: Path) -> Verdict:
 
 
 def list_refused(folders: list[Path]) -> list[tuple[int, str]]:
-    """Return the runs of campaigns that never flew, each with its reason: no truth was recorded."""
+    """Return the runs of campaigns that did not fly, with their reasons: they have no recorded
+    truth."""
     out = []
     for file in (f.parent / "runs.jsonl" for f in folders):
         lines = file.read_text(encoding="utf-8").splitlines() if file.is_file() else []

@@ -1,12 +1,11 @@
 """Draw requests for benchmarks/oracle.py: `python benchmarks/oracle_conditions.py MISSION`.
 
-Writes a table for `skywright campaign MISSION --record all --vary FILE.csv`. What is asked for
-varies, not only what is in the way: for the weld scan the sector, the pattern and its passes; the
-number of welds (none in a sixth of the rows, two in a quarter), their place, angle and width (seams
-along the axis in a tenth); the pipe's pose and size, the map's errors and the arm's. For the
-others: the robot, what is asked for and how hard, where the thing is, wind, loads, and what the
-robot does not know. Requests near limits are meant: what cannot be done is to be refused, or told
-as not done.
+Writes a table for `skywright campaign MISSION --record all --vary FILE.csv`. The requests vary, not
+only the obstacles. For the weld scan: the sector, the pattern and its passes; the number of welds
+(none in a sixth of the rows, two in a quarter), their position, angle and width (seams along the
+axis in a tenth); the pipe's pose and size, the errors of the map and of the arm. For the others:
+the robot, the task and its difficulty, the position of things, wind, loads, and unknown deviations.
+Requests near limits are intended: impossible ones must be refused, or reported as not done.
 """
 
 from __future__ import annotations
@@ -24,8 +23,8 @@ from conditions_table import save_table
 
 Row = dict[str, Any]
 
-APART_M = 0.009  # between passes; closer ones are refused
-PLANS = 4  # different plan files of a table
+APART_M = 0.009  # between passes; smaller distances are refused
+PLANS = 4  # number of plan files of a table
 
 
 def draw_scan(rng: np.random.Generator) -> Row:
@@ -59,7 +58,7 @@ def draw_scan(rng: np.random.Generator) -> Row:
         "world.welds.second.angle_deg": second,
         "world.welds.second.offset_m": other,
         "world.pipe.diameter_m": diameter,
-        "world.pipe.length_m": 2.0,  # its posts stand aside
+        "world.pipe.length_m": 2.0,  # its posts are outside the sector
         "world.pipe.yaw_deg": rng.uniform(-180.0, 180.0),
         "world.pipe.inclination_deg": rng.uniform(-20.0, 20.0),
         "plant.map_error_m": rng.uniform(0.0, 0.03),
@@ -83,7 +82,7 @@ def draw_wind(rng: np.random.Generator, most: float) -> Row:
 
 
 def draw_plant(rng: np.random.Generator) -> Row:
-    """Draw masses and thrusts that the robot does not know."""
+    """Draw deviations of masses and thrusts that the robot does not know."""
     return {
         "plant.mass_error": rng.uniform(-0.05, 0.05),
         "plant.rotor_gain_error": rng.uniform(-0.05, 0.05),
@@ -93,7 +92,7 @@ def draw_plant(rng: np.random.Generator) -> Row:
 
 
 def draw_map(rng: np.random.Generator, size: bool = True) -> Row:
-    """Draw how wrong the map may be."""
+    """Draw the bounds of the map errors."""
     out = {
         "plant.map_error_m": rng.uniform(0.0, 0.03),
         "plant.map_error_deg": rng.uniform(0.0, 3.0),
@@ -107,7 +106,7 @@ def write_list(items: list[str]) -> str:
 
 
 def draw_waypoints(rng: np.random.Generator) -> Row:
-    """Draw way-points; some are passed without a hold, some lie close to the ground."""
+    """Draw way-points; some have no hold, some are close to the ground."""
     points = []
     for _ in range(int(rng.integers(1, 6))):
         x, y, z = rng.uniform(-2, 2), rng.uniform(-2, 2), rng.uniform(0.5, 3.0)
@@ -163,7 +162,7 @@ def draw_modes(rng: np.random.Generator) -> Row:
 
 
 def draw_impact(rng: np.random.Generator) -> Row:
-    """Draw what hits the pad, how fast, with or without springs."""
+    """Draw the impacting part, its speed, and joints with or without springs."""
     robot = str(rng.choice(["bimanual-longreach", "bimanual"], p=[0.7, 0.3]))
     parts = ["arm", "link"] if robot == "bimanual-longreach" else ["arm"]
     return {
@@ -192,7 +191,7 @@ def draw_transport(rng: np.random.Generator) -> Row:
 
 
 def draw_bench(rng: np.random.Generator) -> Row:
-    """Draw staircases of forces up to beyond what the servos hold."""
+    """Draw staircases of forces, some beyond the servos' capability."""
     forces = sorted(rng.uniform(0.5, 12.0, int(rng.integers(1, 6))))
     return {
         "mission.task.forces_n": write_list([f"{x:.2f}" for x in forces]),
@@ -207,7 +206,7 @@ def draw_bench(rng: np.random.Generator) -> Row:
 
 
 def draw_bimanual(rng: np.random.Generator) -> Row:
-    """Draw one to four trials, forces, things and how they hold."""
+    """Draw one to four trials, forces, things and their retention."""
     trials = ["squeeze", "unplug", "bar", "position-sensor"]
     asked = [x for x in trials if rng.random() < 0.6] or [str(rng.choice(trials))]
     return {
@@ -226,7 +225,7 @@ def draw_bimanual(rng: np.random.Generator) -> Row:
 
 
 def draw_install(rng: np.random.Generator) -> Row:
-    """Draw forces, poses of arm and pipe, and what the robot does not know."""
+    """Draw forces, poses of arm and pipe, and unknown deviations."""
     return {
         "mission.task.force_n": rng.uniform(1.0, 4.0),
         "mission.task.hold_s": rng.uniform(2.0, 10.0),
@@ -280,7 +279,7 @@ def draw_wall(rng: np.random.Generator) -> Row:
 
 
 def draw_tool(rng: np.random.Generator) -> Row:
-    """Draw tools, places on the pipe, waits and winds."""
+    """Draw tools, positions on the pipe, waits and winds."""
     return {
         "mission.task.along_pipe_m": rng.uniform(-0.3, 0.3),
         "mission.task.wait_s": rng.uniform(2.0, 20.0),
@@ -297,7 +296,7 @@ def draw_tool(rng: np.random.Generator) -> Row:
 
 
 def draw_insertion(rng: np.random.Generator) -> Row:
-    """Draw sockets that stand elsewhere, pegs, friction and winds."""
+    """Draw sockets with offsets, pegs, friction and winds."""
     return {
         "mission.task.bar_pose": str(rng.choice(["marker", "hands"])),
         "world.things.peg.mass_kg": rng.uniform(0.3, 0.5),
@@ -312,10 +311,10 @@ def draw_insertion(rng: np.random.Generator) -> Row:
 
 
 def draw_plan(rng: np.random.Generator) -> Row:
-    """Draw one of PLANS plan files, winds and loads; a file that is missing is planned and written.
+    """Draw one of PLANS plan files, winds and loads; a missing file is planned and written.
 
-    The files lie in the folder in which this runs, which the requests name them from. Their
-    scenarios are those of the table's seed: 11 to 14 of seed 1, 20261 to 20264 of seed 2026.
+    The files are in the current folder, and the requests name them relative to it. Their scenarios
+    follow from the table's seed: 11 to 14 for seed 1, 20261 to 20264 for seed 2026.
     """
     seed = rng.bit_generator.seed_seq.entropy  # type: ignore[attr-defined]
     scenario = 10 * seed + 1 + int(rng.integers(PLANS))

@@ -1,14 +1,14 @@
-"""What the oracle judges of flights without a tool.
+"""Criteria of the oracle for flights without a tool.
 
-Way-points: each is reached in its order and held as long as was asked, 5 cm and 3 deg in the mean;
-10 cm rms off the path. Excitation: each posture's motion was flown for as long as was asked, 15 cm
-rms off its path. Flight modes: translates by what was asked, level within 2 deg; tilts by what was
-asked, to each of four sides, within 5 cm of its place. Impact: what was asked touches the pad, and
-nothing else before it, at the asked speed within a tenth; the platform's recoil stays below three
-quarters of its tilt limit, the torque on it below half of what the rotors can answer. Carried bar:
-8 cm off its way at most; it ends within 8 cm of where it is with the platform at the goal; nothing
-touches. Plan file: the platform stays within 15 cm of its rows and ends within 8 cm of the last
-one; nothing touches.
+Way-points: each is reached in order and held for the requested time, 5 cm and 3 deg in the mean; 10
+cm rms off the path. Excitation: each posture's motion was flown for the requested time, 15 cm rms
+off its path. Flight modes: it translates by the requested distance, level within 2 deg, and tilts
+by the requested angle, to each of four sides, within 5 cm of its position. Impact: the requested
+part touches the pad, and nothing else before it, at the requested speed within a tenth; the
+platform's recoil is below three quarters of its tilt limit, the torque on it below half of the
+rotors' capability. Carried bar: at most 8 cm off its path; it ends within 8 cm of its position with
+the platform at the goal; no contact. Plan file: the platform stays within 15 cm of its rows and
+ends within 8 cm of the last one; no contact.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ FELT_N = 0.5
 
 
 def judge_waypoints(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
-    """Return which way-points were not held, and what else a flight through them lacks."""
+    """Return the way-points that were not held, and further unmet criteria of the flight."""
     missing, begin = tell_touches(told, s), 0
     dt = float(np.median(np.diff(s["t"])))
     heading = find_heading(s["q_WB"])
@@ -66,7 +66,7 @@ def judge_waypoints(d: Description[Any], told: dict[str, Any], s: Any) -> list[s
 
 
 def judge_excitation(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
-    """Return what an excitation flight lacks."""
+    """Return the unmet criteria of an excitation flight."""
     missing, task = tell_touches(told, s), d.mission.task
     for pose in task.poses:
         flown = sum(b - a for a, b in list_spans(told, f"excite {pose}"))
@@ -80,7 +80,7 @@ def judge_excitation(d: Description[Any], told: dict[str, Any], s: Any) -> list[
 
 
 def judge_modes(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
-    """Return what each flight mode did not do."""
+    """Return the unmet criteria of each flight mode."""
     missing, task = tell_touches(told, s), d.mission.task
     tilt, up = find_tilt(s["q_WB"]), turn(s["q_WB"], [0.0, 0.0, 1.0])
     yaw = math.radians(d.mission.start_yaw_deg)
@@ -125,7 +125,7 @@ def compute_pitch_torque(d: Description[Any]) -> float:
 
 
 def judge_impact(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
-    """Return what an impact lacks."""
+    """Return the unmet criteria of an impact."""
     task = d.mission.task
     near = pick(s, list_spans(told, "impact", "retreat"))
     hit = np.flatnonzero(near & (s["pad_f_peak"] > FELT_N))
@@ -161,7 +161,7 @@ def judge_impact(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]
 
 
 def judge_transport(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
-    """Return what the carrying of a bar lacks."""
+    """Return the unmet criteria of carrying a bar."""
     task, missing = d.mission.task, tell_touches(told, s)
     carried = pick(s, list_spans(told, "transport", "settle"))
     if not np.any(carried):
@@ -170,7 +170,7 @@ def judge_transport(d: Description[Any], told: dict[str, Any], s: Any) -> list[s
     wanted = 0.5 * (s["left_ref_p_WH"] + s["right_ref_p_WH"])
     goal = np.array([task.goal_x_m, 0.0, task.goal_z_m])
     end = np.flatnonzero(carried)[-1]
-    # In wind the platform gives way so that the bar stays: the bar is what has to arrive.
+    # in wind the platform moves so that the bar stays: the bar has to arrive
     belongs = goal + wanted[end] - s["ref_p_WB"][end]
     for name, error in (
         ("path", (bar - wanted)[carried]),
@@ -191,7 +191,7 @@ def judge_transport(d: Description[Any], told: dict[str, Any], s: Any) -> list[s
 
 
 def judge_plan(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
-    """Return what the flight of a plan file lacks; the file itself says where to be and when."""
+    """Return the unmet criteria of a plan file's flight; the file gives positions and times."""
     missing, spans = tell_touches(told, s), list_spans(told, "plan")
     flown = s[pick(s, spans)]
     if not len(flown):
@@ -199,7 +199,7 @@ def judge_plan(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
     file = Path(d.mission.task.plan_file).with_suffix(".csv")
     rows = np.genfromtxt(file, delimiter=",", names=True)
     t, names = flown["t"] - spans[0][0], ("x_m", "y_m", "z_m")
-    # The platform leads what hangs below it, and the plan begins and ends with a rest.
+    # The platform runs ahead of a hanging load, and the plan begins and ends at rest.
     late = np.arange(-ROUNDED_S, ROUNDED_S, 0.02) if d.robot.pendulum is not None else [0.0]
     far = np.full(len(t), math.inf)
     for shift in late:
@@ -216,5 +216,5 @@ def judge_plan(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
 
 
 def turn_each(q: Array, v: Array) -> Array:
-    """Return vectors (n, 3) turned by quaternions (n, 4)."""
+    """Return vectors (n, 3) rotated by quaternions (n, 4)."""
     return np.concatenate([turn(a[None], b) for a, b in zip(q, v, strict=True)])

@@ -1,13 +1,14 @@
-"""What the oracle judges of two hands, all on true things.
+"""Criteria of the oracle for two hands, from the true state of all things.
 
-Two hands on a bench: the box is held 60 % of the asked lift above its stand, with the asked squeeze
-within a tenth, without slipping by 1 cm; the plug comes out, which is noticed within 0.5 s of its
-having gone by the threshold, and stays in the hands; the bar comes within 25 mm and 4 deg of each
-pose; the drift that the arms feel is that of the base within 0.3 of its size. Sensor: it sticks to
-the lowest line of the pipe, within 2 cm, at the asked place along it within the map's error and
-3 cm; 0.1 N in the mean, 0.15 N rms; the checks before are met. Tool: stands on the pipe for as long
-as was asked, 10 mm and 3 deg from its seat, and comes back to the bench within 5 cm, upright. Peg:
-in the hole at the end, hands off it; never pressed with more than 8 N.
+Two hands on a bench: the box is held above its stand by 60 % of the requested lift, with the
+requested squeeze within a tenth, with less than 1 cm of slip. The plug comes out, which is detected
+within 0.5 s of its passing the threshold, and stays in the hands. The bar comes within 25 mm and 4
+deg of each pose. The drift that the arms measure is that of the base within 0.3 of its size.
+Sensor: it sticks to the lowest line of the pipe, within 2 cm, at the requested position along it
+within the map's error and 3 cm; 0.1 N in the mean, 0.15 N rms; the preceding checks are met. Tool:
+it is on the pipe for the requested time, 10 mm and 3 deg from its seat, and returns to the bench
+within 5 cm, upright. Peg: in the hole at the end, released by the hands; never pressed with more
+than 8 N.
 """
 
 from __future__ import annotations
@@ -33,19 +34,19 @@ PEG_N, IN_HOLE = 8.0, 0.95
 
 
 def find_end(s: Any, told: dict[str, Any], name: str) -> int | None:
-    """Return the last sample of the last phase of this name."""
+    """Return the last sample of the last phase with this name."""
     there = np.flatnonzero(pick(s, list_spans(told, name)[-1:]))
     return int(there[-1]) if len(there) else None
 
 
 def get_thing(d: Description[Any], s: Any, name: str) -> tuple[Array, Array]:
-    """Return the recorded place (n, 3) and attitude (n, 4) of a thing that moves."""
+    """Return the recorded position (n, 3) and attitude (n, 4) of a movable thing."""
     i = list_movers(d.world.things).index(name)
     return s[f"object{i}_p_WO"], s[f"object{i}_q_WO"]
 
 
 def judge_bimanual(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
-    """Return which trials of two hands on a bench failed."""
+    """Return the failed trials of two hands on a bench."""
     task = d.mission.task
     trials = {
         "squeeze": tell_squeeze, "unplug": tell_unplug, "bar": tell_bar,
@@ -55,7 +56,7 @@ def judge_bimanual(d: Description[Any], told: dict[str, Any], s: Any) -> list[st
 
 
 def tell_squeeze(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
-    """Return how the box was not held."""
+    """Return the unmet criteria of holding the box."""
     task, held = d.mission.task, pick(s, list_spans(told, "hold box"))
     if not np.any(held):
         return ["no box was held"]
@@ -73,7 +74,7 @@ def tell_squeeze(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]
 
 
 def tell_unplug(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
-    """Return how the plug was not pulled."""
+    """Return the unmet criteria of pulling the plug."""
     task, noticed = d.mission.task, list_spans(told, "unplugged")
     if not noticed:
         return ["the plug was not noticed to be out"]
@@ -94,7 +95,7 @@ def tell_unplug(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
 
 
 def tell_bar(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
-    """Return which poses the bar missed."""
+    """Return the poses that the bar did not reach."""
     task, missing = d.mission.task, list[str]()
     p, q = get_thing(d, s, task.bar)
     lay, axis = p[0], turn(q, [0.0, 1.0, 0.0])
@@ -114,7 +115,7 @@ def tell_bar(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
 
 
 def tell_drift(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
-    """Return that the drift was not felt."""
+    """Return a failure if the drift was not measured."""
     moving = pick(s, list_spans(told, "drift"))
     if not np.any(moving):
         return ["no drift was felt"]
@@ -128,7 +129,7 @@ def tell_drift(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
 
 
 def judge_install(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
-    """Return what an installed sensor lacks."""
+    """Return the unmet criteria of an installed sensor."""
     task, pipe, missing = d.mission.task, d.true_world.pipe, tell_touches(told, s)
     a, b = math.radians(pipe.yaw_deg), math.radians(pipe.inclination_deg)
     along = rot_z(a) @ [0.0, math.cos(b), math.sin(b)]
@@ -184,7 +185,7 @@ def judge_install(d: Description[Any], told: dict[str, Any], s: Any) -> list[str
 
 
 def judge_tool(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
-    """Return what the installation of a tool lacks."""
+    """Return the unmet criteria of installing a tool."""
     task, pipe, missing = d.mission.task, d.true_world.pipe, tell_touches(told, s)
     p, q = get_thing(d, s, task.tool)
     a, b = math.radians(pipe.yaw_deg), math.radians(pipe.inclination_deg)
@@ -208,7 +209,7 @@ def judge_tool(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
     if far > BACK_M or tilt > UPRIGHT_RAD:
         missing.append(f"tool {100 * far:.1f} cm from where it stood, {math.degrees(tilt):.0f} deg")
     hover = pick(s, list_spans(told, "hover check"))
-    if np.any(hover):  # the points that they track stand at the tool
+    if np.any(hover):  # the tracked points are at the tool
         hands = [s[f"{x}_p_WH"][hover] for x in ("left", "right")]
         spread = max(rms(x - np.mean(x, axis=0)) for x in hands)
         if spread > HAND_M:
@@ -217,7 +218,7 @@ def judge_tool(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
 
 
 def judge_insertion(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
-    """Return what an inserted peg lacks."""
+    """Return the unmet criteria of an inserted peg."""
     task, things, missing = d.mission.task, d.world.things, tell_touches(told, s)
     peg = things[task.bar]
     hole = locate_thing(

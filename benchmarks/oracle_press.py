@@ -1,8 +1,8 @@
-"""What the oracle judges of presses with a probe, all on the true structure.
+"""Criteria of the oracle for presses with a probe, on the true structure.
 
-Each force at each spot is held for as long as was asked, 0.28 N rms of what the tip truly exerts
-along its probe; the tip is within 3 cm of the spot, and within the map's error, which no touch
-shows. Docked, the platform stays within 5 mm and met the deck below 0.3 m/s. In flight the tip
+Each force at each spot is held for the requested time, with 0.28 N rms of the tip's true force
+along its probe. The tip is within 3 cm of the spot plus the map's error, which a touch cannot
+reveal. Docked, the platform stays within 5 mm and met the deck below 0.3 m/s. In flight the tip
 keeps pressing: it is never without force for 0.05 s while it slides, nor for 0.5 s while it holds.
 """
 
@@ -30,7 +30,7 @@ def find_press(s: Any) -> Array:
 def tell_forces(
     s: Any, spans: list[tuple[float, float]], asked: list[float], hold: float
 ) -> list[str]:
-    """Return which of the asked forces, in their order, were not held."""
+    """Return the requested forces, in their order, that were not held."""
     missing, press = list[str](), find_press(s)
     if len(spans) != len(asked):
         missing.append(f"{len(spans)} of {len(asked)} forces held")
@@ -42,7 +42,7 @@ def tell_forces(
 
 
 def judge_bench(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
-    """Return what the clamped arm did not press."""
+    """Return the forces that the clamped arm did not press."""
     task = d.mission.task
     touched = ["touched something"] if np.any(s["f_collision"] > 0.0) else []
     spans = list_spans(told, starts="hold ")
@@ -50,7 +50,7 @@ def judge_bench(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
 
 
 def judge_contact(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
-    """Return what a press on a structure lacks, docked or in flight."""
+    """Return the unmet criteria of a press on a structure, docked or in flight."""
     task, missing = d.mission.task, tell_touches(told, s)
     dt, press = float(np.median(np.diff(s["t"]))), find_press(s)
     docked, free = list_spans(told, starts="hold "), list_spans(told, starts="free hold ")

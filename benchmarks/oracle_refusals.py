@@ -1,13 +1,13 @@
-"""Fly what was refused, its margins set aside: `oracle_refusals.py FOLDER [--table FILE]`.
+"""Fly refused requests without their margins: `oracle_refusals.py FOLDER [--table FILE]`.
 
-FOLDER is what `skywright campaign ... --vary TABLE --out FOLDER` wrote. A refusal that names a
-margin is flown without it, and the oracle judges the flight as it judges the others: a fraction of
-a computed limit (`mission.wind_fraction`) is set to 1, a reserve or a clearance
-(`mission.task.way_clearance_m`) to the least that its key allows. Each refusal is then
+FOLDER is the output of `skywright campaign ... --vary TABLE --out FOLDER`. A refusal that names a
+margin is flown without it, and the oracle judges the flight like the others: a fraction of a
+computed limit (`mission.wind_fraction`) is set to 1, a reserve or a clearance
+(`mission.task.way_clearance_m`) to the minimum of its key. Each refusal is then
 
 - limit: still refused, beyond the computed limit itself or for a reason without a margin;
-- right: flown, and what was asked for was not done;
-- careful: flown and done. The margin refused what this robot, with this seed, can do.
+- right: flown, and the request was not met;
+- careful: flown and met. The margin refused a request that this robot, with this seed, can meet.
 """
 
 from __future__ import annotations
@@ -26,11 +26,12 @@ import skywright
 from skywright.errors import InfeasibleError
 
 NAMED = re.compile(r"mission\.(?:task\.)?(?:[a-z_]*_(?:fraction|reserve|clearance_m)|clearance_m)")
-MOST_TRIES = 6  # one refusal may hide the next
+MOST_TRIES = 6  # a refusal may hide another one
 
 
 def find_loosest(mission: str, key: str) -> float:
-    """Return the value of a margin's key that refuses least: 1 of a limit, or nearly touching."""
+    """Return the least restrictive value of a margin's key: 1 for a fraction, or the key's
+    minimum."""
     if key.endswith("_fraction"):
         return 1.0
     spec = skywright.load(mission).mission
@@ -39,7 +40,7 @@ def find_loosest(mission: str, key: str) -> float:
 
 
 def fly_refused(folder: Path, mission: str, row: dict[str, str]) -> tuple[str, str]:
-    """Return how a refused request ended, and why."""
+    """Return the result of a refused request, and its reason."""
     keys = [k for k in row if k.split(".")[0] in ("mission", "world", "plant", "robot")]
     robot = row.get("mission.robot") or None
     sets = {k: row[k] for k in keys if k != "mission.robot" and row[k]}

@@ -1,14 +1,15 @@
-"""What the oracle judges of a weld scan, all on the true pipe:
-- the pattern that was asked for, placed where the robot could know it (along the axis and about it
-  a touch shows nothing: that place may differ by the map's error), was passed within 6 mm, with a
-  gap below 1 mm and a tilt below 10 deg, over 98 % of its length;
-- the tip kept to it (4 mm rms), the gap never exceeded 1 mm for 0.05 s, nor was it without force so
+"""Criteria of the oracle for a weld scan, on the true pipe:
+
+- the requested pattern was passed within 6 mm, with a gap below 1 mm and a tilt below 10 deg, over
+  98 % of its length. Its position may differ by the map's error along the axis and about it,
+  because a touch does not reveal them;
+- the tip tracked it (4 mm rms); the gap did not exceed 1 mm for 0.05 s, nor was it without force so
   long; nothing else was touched;
 - every clear crossing of the true path with a true weld (from 10 mm on one side to 10 mm on the
-  other) was reported within 15 mm, each by one, at most 5 mm beside it; what was reported lies
-  within 15 mm of a weld; a pass that stays on a weld for 35 mm was told of;
-- every weld with two clear crossings 2 cm apart has one line, which lies within 5 mm of it between
-  its outermost crossings; no line is reported elsewhere.
+  other) was reported within 15 mm, each by one, at most 5 mm beside it; reported crossings are
+  within 15 mm of a weld; a pass that stays on a weld for 35 mm was reported;
+- every weld with two clear crossings 2 cm apart has one line, within 5 mm of it between its
+  outermost crossings; no line is reported elsewhere.
 """
 
 from __future__ import annotations
@@ -41,12 +42,12 @@ class Tube:
         self.middle, self.half = np.array([pipe.x_m, pipe.y_m, pipe.z_m]), 0.5 * pipe.length_m
 
     def unroll(self, p_W: Any) -> Array:
-        """Return (s, phi) (n, 2) of points (n, 3)."""
+        """Return the unrolled coordinates (s, phi) (n, 2) of points (n, 3)."""
         local = (np.atleast_2d(np.asarray(p_W, float)) - self.middle) @ self.axes
         return np.column_stack([local[:, 1], np.arctan2(local[:, 2], -local[:, 0])])
 
     def embed(self, at: Array) -> Array:
-        """Return the places (n, 3) on a pipe along y of (s, phi) (n, 2)."""
+        """Return the points (n, 3) of (s, phi) (n, 2) on a pipe along y."""
         r, phi = self.radius, at[:, 1]
         return np.column_stack([-r * np.cos(phi), at[:, 0], r * np.sin(phi)])
 
@@ -74,7 +75,7 @@ class Seam:
         return np.asarray(self.offset + self.slope * np.sin(phi - self.around))
 
     def measure(self, at: Array) -> Array:
-        """Return distances (n,) m with a side's sign."""
+        """Return signed distances (n,) m."""
         far = self.tree.query(self.tube.embed(at))[0]
         if self.along:
             off = at[:, 1] - self.phi0
@@ -82,8 +83,8 @@ class Seam:
         return np.asarray(far * np.sign(at[:, 0] - self._place(at[:, 1])))
 
     def find_crossings(self, at: Array, broken: NDArray[np.bool_]) -> list[int]:
-        """Return the samples of a path `at` (n, 2) at which it clearly crosses; `broken` (n,): the
-        path starts anew."""
+        """Return the samples of a path `at` (n, 2) with a clear crossing; `broken` (n,): the path
+        restarts."""
         d, out, last = self.measure(at), list[int](), None
         for i in range(len(at)):
             if broken[i]:
@@ -92,13 +93,13 @@ class Seam:
                 continue
             if last is not None and np.sign(d[i]) != np.sign(d[last]):
                 nearest = last + int(np.argmin(np.abs(d[last : i + 1])))
-                if abs(d[nearest]) < SIDE_M:  # the far side of the pipe changes sign, too
+                if abs(d[nearest]) < SIDE_M:  # the sign also changes at the far side of the pipe
                     out.append(nearest)
             last = i
         return out
 
     def find_along(self, at: Array, broken: NDArray[np.bool_]) -> list[Array]:
-        """Return the pieces of a path, as places (n, 3), that stay on the weld for ALONG_M."""
+        """Return the parts of a path, as points (n, 3), that stay on the weld for ALONG_M."""
         on = np.concatenate([[False], (np.abs(self.measure(at)) < self.half) & ~broken, [False]])
         edges = np.flatnonzero(np.diff(on.astype(int)))
         crossed = self.find_crossings(at, broken)
@@ -112,7 +113,7 @@ class Seam:
 
 
 def build_request(task: Any, tube_radius: float) -> Array:
-    """Return the pattern that was asked for, (n, 2) s and phi, in steps of a millimetre."""
+    """Return the requested pattern, (n, 2) s and phi, in steps of a millimetre."""
     sides = {"side": 0.0, "top": 90.0, "underside": -90.0}
     middle = math.radians(sides.get(task.side, task.centre_angle_deg))
     arc, half = math.radians(task.arc_deg), 0.5 * task.pass_length_m
@@ -138,7 +139,7 @@ def build_request(task: Any, tube_radius: float) -> Array:
 
 
 def place_request(asked: Array, good: cKDTree, tube: Tube, plant: Any) -> Array:
-    """Return the request where most of it was passed, shifted by at most the map's error."""
+    """Return the request shifted, by at most the map's error, to where most of it was passed."""
 
     def miss(shift: Array) -> float:
         far = good.query(tube.embed(asked[::4] + shift), distance_upper_bound=0.05)[0]
@@ -157,7 +158,7 @@ def place_request(asked: Array, good: cKDTree, tube: Tube, plant: Any) -> Array:
 
 
 def judge_scan(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
-    """Return what a weld scan did not do, or did not tell, of what it was asked."""
+    """Return what a weld scan did not do or report of its request."""
     task, tube, missing = d.mission.task, Tube(d.true_world.pipe), list[str]()
     spans = [(p["start_s"], p["end_s"]) for p in told["phases"] if p["name"] == "scan"]
     scan = np.any([(s["t"] >= a) & (s["t"] <= b) for a, b in spans], axis=0)
@@ -196,7 +197,7 @@ def judge_scan(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
 def judge_welds(
     d: Description[Any], told: dict[str, Any], tube: Tube, at: Array, broken: NDArray[np.bool_]
 ) -> list[str]:
-    """Return which welds or crossings were missed, or told where there are none."""
+    """Return the missed welds and crossings, and reported ones that do not exist."""
     world = d.true_world.model_dump()
     tables = [w for w in (world["weld"], *world.get("welds", {}).values()) if w and w["present"]]
     seams, missing = [Seam(w, tube) for w in tables], list[str]()
@@ -223,11 +224,11 @@ def judge_welds(
             near = min((float(np.max(np.abs(seam.measure(x)))) for x in lines), default=math.nan)
             missing.append(f"{len(mine)} lines for weld {k + 1} (nearest {1e3 * near:.1f} mm off)")
     apart = list[Array]()
-    for spot in spots:  # where welds meet their signals merge
+    for spot in spots:  # signals of crossing welds merge
         if all(float(np.linalg.norm(spot - x)) > REPORTED_M for x in apart):
             apart.append(spot)
     spots = apart
-    free = list(reported)  # each tells one crossing: the nearest pairs first
+    free = list(reported)  # each reports one crossing: the nearest pairs first
     pairs = sorted(
         (float(np.linalg.norm(a - b)), i, j)
         for i, a in enumerate(spots)

@@ -1,4 +1,4 @@
-"""What the oracle's judges share: pieces of a recording, rotations, and what touches in flight."""
+"""Common functions of the oracle's judges: intervals of a recording, rotations, contacts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SATURATED_S = 0.5
 
 
 def list_spans(told: dict[str, Any], *names: str, starts: str = "") -> list[tuple[float, float]]:
-    """Return (from, to) s of the phases of these names, or whose name begins with `starts`."""
+    """Return (from, to) s of the phases with these names, or whose name begins with `starts`."""
     return [
         (p["start_s"], p["end_s"])
         for p in told["phases"]
@@ -24,7 +24,7 @@ def list_spans(told: dict[str, Any], *names: str, starts: str = "") -> list[tupl
 
 
 def pick(s: Any, spans: list[tuple[float, float]]) -> Mask:
-    """Return the mask (n,) of the samples within any of these spans."""
+    """Return the mask (n,) of the samples within any of these intervals."""
     out = np.zeros(len(s), dtype=bool)
     for a, b in spans:
         out |= (s["t"] >= a) & (s["t"] < b)
@@ -32,7 +32,7 @@ def pick(s: Any, spans: list[tuple[float, float]]) -> Mask:
 
 
 def turn(q: Array, v: Any) -> Array:
-    """Return v (3,) turned by quaternions (n, 4), w first: (n, 3)."""
+    """Return v (3,) rotated by quaternions (n, 4), w first: (n, 3)."""
     w, u = q[:, :1], q[:, 1:]
     v = np.broadcast_to(np.asarray(v, float), u.shape)
     c = 2.0 * np.cross(u, v)
@@ -51,7 +51,7 @@ def find_heading(q: Array) -> Array:
 
 
 def rms(x: Array) -> float:
-    """Return the root of the mean square of numbers (n,) or of the lengths of rows (n, 3)."""
+    """Return the rms of values (n,) or of the norms of rows (n, 3)."""
     squares = x**2 if x.ndim == 1 else np.sum(x**2, axis=1)
     return float(np.sqrt(np.mean(squares)))
 
@@ -63,13 +63,13 @@ def find_longest(on: Mask, dt: float) -> float:
 
 
 def tell_touches(told: dict[str, Any], s: Any) -> list[str]:
-    """Return that something touched in flight that should not."""
+    """Return a failure if an unintended contact occurred in flight."""
     flying = ~pick(s, list_spans(told, *ON_GROUND))
     return ["touched something"] if np.any(s["f_collision"][flying] > 0.0) else []
 
 
 def tell_saturation(told: dict[str, Any], s: Any) -> list[str]:
-    """Return that rotors were at their limits for longer than gusts and touch-downs take.
+    """Return a failure if rotors were saturated for longer than gusts and touch-downs take.
 
     A robot that stands on its arms does not fly.
     """
@@ -80,8 +80,8 @@ def tell_saturation(told: dict[str, Any], s: Any) -> list[str]:
 
 
 def tell_stall(s: Any) -> list[str]:
-    """Return that a servo made its stall torque for longer than that."""
-    if "servo_load" not in s.dtype.names:  # recorded before servos' torques were
+    """Return a failure if a servo had its stall torque for longer than SATURATED_S."""
+    if "servo_load" not in s.dtype.names:  # old recordings have no servo torques
         return []
     spell = find_longest(s["servo_load"] > 0.995, float(np.median(np.diff(s["t"]))))
     return [f"a servo stalled for {spell:.2f} s"] if spell > SATURATED_S else []

@@ -1,14 +1,16 @@
-"""Where the time of a physics step goes, phase by phase of a mission.
+"""Profile of a physics step, by phase of a mission.
 
     python benchmarks/profile_steps.py MISSION [--set KEY=VALUE]... [--plain | --options]
 
-`--plain` leaves MuJoCo's timers off, which take as long as a small step does, and prints the
-processor time of a step with all of control and mission.
-`--options` flies nothing: the scene as it stands on the ground is stepped with other options of
-MuJoCo, in turns, and what differs after 300 steps is told.
-MuJoCo's own timers run on the processor time of this thread, so that other programs disturb them
-little. `run` is everything between two steps of MuJoCo: control, sensors, and the mission's Python.
-Shares are of mj_step; broad and narrow phase are parts of the collision.
+`--plain` disables MuJoCo's timers, which take as long as a small step, and prints the processor
+time of a step including control and mission.
+
+`--options` flies nothing: the scene on the ground is stepped with other options of MuJoCo, in
+turns, and the differences after 300 steps are printed.
+
+MuJoCo's timers use the processor time of this thread, so that other programs have little effect.
+`run` is everything between two steps of MuJoCo: control, sensors, and the mission's Python code.
+Shares are relative to mj_step; broad and narrow phase are parts of the collision.
 """
 
 from __future__ import annotations
@@ -37,14 +39,14 @@ SHOWN = {
     "projection": "POS_PROJECT", "velocity": "VELOCITY", "constraint": "CONSTRAINT",
     "advance": "ADVANCE",
 }  # fmt: skip
-"""What is printed -> MuJoCo's timer."""
+"""Printed name -> MuJoCo's timer."""
 _clock = ctypes.CDLL(None).clock_gettime
 _clock.argtypes, _clock.restype = [ctypes.c_int, ctypes.c_void_p], ctypes.c_int
 
 
 @numba.cfunc("float64()")
 def read_cpu() -> float:
-    """Return the processor time (s) of this thread: MuJoCo's clock, with no interpreter in it."""
+    """Return the processor time (s) of this thread: MuJoCo's clock, without the interpreter."""
     a = np.empty(2, np.int64)
     _clock(CPU_OF_THREAD, a.ctypes.data)
     return a[0] + 1e-9 * a[1]  # type: ignore[no-any-return]
@@ -56,7 +58,7 @@ def find_timer(sums: Any, name: str) -> float:
 
 
 class Profile:
-    """Sums of the timers by phase; `begin` is called where a phase begins."""
+    """Sums of the timers by phase; `begin` is called at the start of a phase."""
 
     def __init__(self, vehicle: Any) -> None:
         self.data, self.phase = vehicle.sim.data, "start"
@@ -69,18 +71,18 @@ class Profile:
         return np.array([time.thread_time(), float(self.data.timer[0].number), *timers])
 
     def begin(self, index: int, name: str) -> None:
-        """Add what the phase before took."""
+        """Add the times of the previous phase."""
         now = self._read()
         self.sums[self.phase] += now - self.last
         self.last, self.phase = now, name
 
     def look(self, *_: Any) -> None:
-        """Note contacts, rows and iterations, once a mission tick."""
+        """Record contacts, rows and iterations, once per mission tick."""
         d = self.data
         self.seen[self.phase].append((d.ncon, d.nefc, d.solver_niter[0]))
 
     def print(self) -> None:
-        """Print a line a phase, and the whole flight."""
+        """Print one line per phase, and the whole flight."""
         total = np.sum(list(self.sums.values()), axis=0)
         for name, sums in [*self.sums.items(), ("whole flight", total)]:
             steps = sums[1]
@@ -101,7 +103,7 @@ class Profile:
 
 
 def compare_options(vehicle: Any) -> None:
-    """Print the time of a step with other options over that of the step as it is."""
+    """Print the time of a step with other options, relative to the default ones."""
     model, data, spec = vehicle.scene.model, vehicle.sim.data, mujoco.mjtState.mjSTATE_INTEGRATION
     mujoco.mj_step(model, data, nstep=200)
     begin = np.empty(mujoco.mj_stateSize(model, spec))

@@ -1,12 +1,12 @@
-"""The lockstep of `skywright sitl hexarotor` with a peer in place of PX4: its cost and its memory.
+"""Cost and memory of the lockstep of `skywright sitl hexarotor`, with a peer that replaces PX4.
 
     python benchmarks/px4_lockstep.py [--minutes 30]
 
-Simulator and peer (tests/px4_peer.py) share one core; the rotors turn, the robot stands. For each
-simulated minute a row of benchmarks/px4-lockstep.csv holds the simulated time, the processor time
-of both processes since the first sample, and the simulator's resident memory. It fails where the
-simulated time is below 5 times the processor time, or the memory grew: the mean of the last third
-above that of the second third by more than 1 % and 2 MB.
+Simulator and peer (tests/px4_peer.py) share one core; the rotors turn while the robot stands. For
+each simulated minute a row of benchmarks/px4-lockstep.csv contains the simulated time, the
+processor time of both processes since the first sample, and the simulator's resident memory. The
+script fails if the simulated time is below 5 times the processor time, or if the memory grew: the
+mean of the last third above that of the second third by more than 1 % and 2 MB.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def read_usage(pid: int) -> tuple[float, float]:
 
 
 def measure(minutes: float) -> list[tuple[float, float, float]]:
-    """Fly against the peer; returns the rows."""
+    """Fly against the peer; return the rows."""
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     with socket.socket() as s:
         s.bind(("127.0.0.1", 0))
@@ -77,7 +77,7 @@ def measure(minutes: float) -> list[tuple[float, float, float]]:
 
 
 def judge(rows: list[tuple[float, float, float]]) -> str:
-    """Return what is too slow or grew, "" where nothing is."""
+    """Return a failure of speed or memory, "" without one."""
     t, spent, _ = rows[-1]
     if t < FACTOR * spent:
         return f"{t / spent:.1f} times real time, required {FACTOR:g}"
@@ -90,7 +90,7 @@ def judge(rows: list[tuple[float, float, float]]) -> str:
 
 
 def main() -> int:
-    """Do what is asked."""
+    """Run the measurement and write the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--minutes", type=float, default=30.0)
     rows = measure(parser.parse_args().minutes)

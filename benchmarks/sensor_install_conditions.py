@@ -1,8 +1,8 @@
 """Draw the conditions of the sensor's campaign: `python benchmarks/sensor_install_conditions.py`.
 
-Writes a table for `skywright campaign sensor-install --vary FILE.csv`: pipes of any diameter and
-height that the mission is meant for, a mass that the nominal model does not know, and a steady wind
-from any direction. The runs' seeds, which draw sensors and the plant's deviations, are the
+Writes a table for `skywright campaign sensor-install --vary FILE.csv`: pipe diameters and heights
+over the range of the mission, a mass error of the nominal model, and a steady wind from any
+direction. The seeds of the runs, which draw sensors and deviations of the plant, are the
 campaign's.
 """
 

@@ -1,17 +1,17 @@
-"""The ground station for a long time: flights one after another, two pages, a stick that moves.
+"""Soak test of the ground station: successive flights, two pages, a moving stick.
 
     python benchmarks/soak_station.py [--minutes 30] [--browser]
 
-One row every 20 s is kept in benchmarks/soak-station.csv: memory of the station's and the flight's
-process, frames a second at the first page, median cost of a tick, median age of a stick, messages
-refused. It fails where the station's memory grows: the median of the last third above that of the
-second third by more than 3 % and 2 MB. A flight keeps its samples until it is judged, so its memory
-grows until it ends; what it grows by in a minute is printed.
+Every 20 s a row of benchmarks/soak-station.csv is recorded: memory of the station's and of the
+flight's process, frames per second at the first page, median computing time of a tick, median age
+of a stick, refused messages. The script fails if the station's memory grows: the median of the last
+third above that of the second third by more than 3 % and 2 MB. A flight keeps its samples until its
+evaluation, so its memory grows; the growth per minute is printed.
 
 With --browser a page in headless Chromium watches as a third, and the table is
-benchmarks/soak-browser.csv: it has the browser's memory (without what its processes share) and its
-JavaScript heap after a collection, which must not grow either; `taken` counts how often the first
-page took control again because this process stood.
+benchmarks/soak-browser.csv. It also contains the browser's memory (without memory that its
+processes share) and its JavaScript heap after a collection, which must not grow either. `taken`
+counts how often the first page took control again because this process was stopped.
 """
 
 from __future__ import annotations
@@ -46,13 +46,13 @@ SHARE, MEGABYTES = 0.03, 2.0
 
 
 def read_memory(pid: int) -> float:
-    """Return the resident memory of a process (MB), 0 where it is gone."""
+    """Return the resident memory of a process (MB); 0 if it has ended."""
     told = subprocess.run(["ps", "-o", "rss=", "-p", str(pid)], capture_output=True, text=True)
     return float(told.stdout.strip() or 0.0) / 1024.0
 
 
 def find_child(pid: int) -> int:
-    """Return the newest child of a process, 0 without one."""
+    """Return the newest child of a process; 0 without one."""
     told = subprocess.run(
         ["ps", "-o", "pid=", "--ppid", str(pid)], capture_output=True, text=True
     ).stdout.split()
@@ -60,7 +60,7 @@ def find_child(pid: int) -> int:
 
 
 class Chromium:
-    """A page that watches in a real browser."""
+    """A page in a real browser that watches."""
 
     def __init__(self) -> None:
         from playwright.sync_api import sync_playwright
@@ -77,21 +77,22 @@ class Chromium:
         self._tools = context.new_cdp_session(self.page)
 
     def open(self, address: str) -> None:
-        """Enter the station; count the pictures that are drawn."""
+        """Enter the station and count the drawn frames."""
         self.page.goto(address)
         self.page.wait_for_selector("html[data-ready=yes]", state="attached")
         self.page.evaluate("""() => { window.drawn = 0;
             (function count() { window.drawn++; requestAnimationFrame(count); })(); }""")
 
     def measure(self) -> tuple[float, float, int, int]:
-        """Return memory (MB) of the processes and of the heap; pictures and frames so far."""
+        """Return memory (MB) of the processes and of the heap, and the numbers of drawn and
+        received frames."""
         self._tools.send("HeapProfiler.collectGarbage")
         heap = self._tools.send("Runtime.getHeapUsage")["usedSize"]
         drawn, frames = self.page.evaluate("[window.drawn, window.skywright.player.count]")
         return self._sum_memory(), heap / 2**20, drawn, frames
 
     def _sum_memory(self) -> float:
-        """Return the memory (MB) of the browser's processes; what they share counts once."""
+        """Return the memory (MB) of the browser's processes; shared memory counts once."""
         parents, ours = dict[int, int](), set[int]()
         for process in Path("/proc").glob("[0-9]*"):
             with contextlib.suppress(OSError):
@@ -109,14 +110,14 @@ class Chromium:
         return found
 
     def close(self) -> None:
-        """End the browser."""
+        """Close the browser."""
         self._context.close()
         self._playwright.stop()
         self._folder.cleanup()
 
 
 def soak(minutes: float, browser: bool) -> list[dict[str, float]]:
-    """Fly for a time; returns the rows."""
+    """Fly for `minutes`; return the rows."""
     rows: list[dict[str, float]] = []
     chromium = Chromium() if browser else None
     with tempfile.TemporaryDirectory() as folder:
@@ -127,7 +128,7 @@ def soak(minutes: float, browser: bool) -> list[dict[str, float]]:
             first.send("invite")
             first.wait(lambda: "invited" in first.words, 30.0)
             second = Page(first.words["invited"]["address"])
-            shown = (0, 0)  # pictures and frames of the browser
+            shown = (0, 0)  # drawn and received frames of the browser
             if chromium is not None:
                 del first.words["invited"]
                 first.send("invite")
@@ -136,7 +137,7 @@ def soak(minutes: float, browser: bool) -> list[dict[str, float]]:
             began = last = time.monotonic()
             flights = frames = taken = 0
             while time.monotonic() < began + 60.0 * minutes:
-                if first.state.get("mine") is False:  # this process stood for 2 s
+                if first.state.get("mine") is False:  # this process was stopped for 2 s
                     first.send("take")
                     taken += first.wait(lambda: first.state.get("mine") is True, 10.0)
                 if first.state.get("flying") is False:
@@ -180,7 +181,7 @@ def soak(minutes: float, browser: bool) -> list[dict[str, float]]:
 
 
 def measure_growth(rows: list[dict[str, float]]) -> float:
-    """Return by how much (MB) the memory of a flight grows in a minute of its time; the median."""
+    """Return the median growth (MB) of a flight's memory per minute of flight."""
     growth = [
         60.0 * (b["flight_mb"] - a["flight_mb"]) / (b["flown_s"] - a["flown_s"])
         for a, b in pairwise(rows)
@@ -190,7 +191,7 @@ def measure_growth(rows: list[dict[str, float]]) -> float:
 
 
 def judge(rows: list[dict[str, float]]) -> str:
-    """Return what grew, "" where nothing did."""
+    """Return what grew, or ""."""
     third = len(rows) // 3
     if not third:
         return "too few rows to judge: soak for at least 2 minutes"
@@ -205,7 +206,7 @@ def judge(rows: list[dict[str, float]]) -> str:
 
 
 def main() -> None:
-    """Do what is asked."""
+    """Run the soak test and write the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--minutes", type=float, default=30.0)
     parser.add_argument("--browser", action="store_true", help="a page in Chromium watches, too")

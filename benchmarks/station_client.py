@@ -1,6 +1,6 @@
 """A scripted page of the ground station: enters with the one-time address, watches and steers.
 
-It uses what a browser uses, the token, the cookie and the web socket, and nothing else.
+It uses only the interfaces of a browser: the token, the cookie and the web socket.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from skywright.vehicle.plant import MISSION_TICK
 
 
 def start_station(folder: Path, *arguments: str) -> tuple[subprocess.Popen[bytes], str]:
-    """Run `skywright serve` in `folder`; returns the process and its one-time address."""
+    """Run `skywright serve` in `folder`; return the process and its one-time address."""
     log = folder / "station.log"
     with log.open("wb") as file:
         process = subprocess.Popen(
@@ -42,7 +42,7 @@ def start_station(folder: Path, *arguments: str) -> tuple[subprocess.Popen[bytes
 
 
 class Page:
-    """One page; `poll` reads what has come."""
+    """One page; `poll` receives messages."""
 
     def __init__(self, address: str) -> None:
         """`address` is a one-time address."""
@@ -67,12 +67,12 @@ class Page:
 
     @property
     def state(self) -> dict[str, Any]:
-        """What the station last said of the flight, and who controls."""
+        """The station's last message about the flight and the controlling page."""
         return self.words.get("state", {})
 
     @property
     def status(self) -> dict[str, Any]:
-        """What the flight last said of itself."""
+        """The last status of the flight."""
         return dict(self.state.get("status") or {})
 
     def send(self, kind: str, **content: Any) -> None:
@@ -80,7 +80,7 @@ class Page:
         self.sock.send(json.dumps({"k": kind, **content}))
 
     def poll(self, seconds: float) -> None:
-        """Read what comes within a time (s of wall time); keep the lease."""
+        """Receive messages for a time (s of wall time); keep the lease."""
         ends = time.monotonic() + seconds
         while (left := ends - time.monotonic()) > 0.0:
             if time.monotonic() - self._here > 0.5:
@@ -98,7 +98,7 @@ class Page:
             self.on_word(word)
 
     def wait(self, condition: Callable[[], bool], seconds: float) -> bool:
-        """Poll until a condition holds; returns whether it did within a time (s)."""
+        """Poll until a condition holds; return whether it did within a time (s)."""
         ends = time.monotonic() + seconds
         while not condition() and time.monotonic() < ends:
             self.poll(0.05)
@@ -113,15 +113,15 @@ class Page:
         )  # fmt: skip
 
     def close(self) -> None:
-        """Leave."""
+        """Close the connection."""
         self.sock.close()
 
 
 class Pilot:
-    """Steers a page with a computed operator who sees late and is heard late."""
+    """Steers a page with an operator model whose view and stick are delayed."""
 
     def __init__(self, page: Page, operator: Any, delay_s: float) -> None:
-        """`delay_s` (s) is there and back, half of it each way."""
+        """`delay_s` (s) is the round-trip delay, half in each direction."""
         self.page, self.operator, self.half = page, operator, 0.5 * delay_s
         self.sights: deque[tuple[float, Sight]] = deque()
         self.sticks: deque[tuple[float, Stick]] = deque()
@@ -139,13 +139,13 @@ class Pilot:
             self.sights.append((time.monotonic(), sight))
 
     def step(self) -> None:
-        """Look, decide, and move the stick; to be called some 50 times a second."""
+        """Process views, decide, and send the stick; call it about 50 times per second."""
         now = time.monotonic()
         while self.sights and self.sights[0][0] <= now - self.half:
             self.seen = self.sights.popleft()[1]
         stick = Stick(np.zeros(3), False)
         if self.seen is not None:
-            while self._t <= self._now:  # a step of the operator for each tick of the flight
+            while self._t <= self._now:  # one step of the operator per tick of the flight
                 stick = self.operator.read(self._t, self.seen)
                 self.sticks.append((now, stick))
                 self._t += MISSION_TICK

@@ -1,8 +1,8 @@
 """Draw the conditions of the transport's campaign: `python benchmarks/transport_conditions.py`.
 
 Writes a table for `skywright campaign bar-transport --vary FILE.csv`: random pipe structures of any
-difficulty, and a wind of 3 m/s with Dryden turbulence from any direction. The runs' seeds, which
-draw sensors, gusts and the planner's samples, are the campaign's.
+difficulty, and a wind of 3 m/s with Dryden turbulence from any direction. The seeds of the runs,
+which draw sensors, gusts and the planner's samples, are the campaign's.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ def draw_table(rows: int, seed: int) -> list[dict[str, Any]]:
     rng = np.random.default_rng(seed)
     return [
         {
-            "world.scenario_seed": int(rng.integers(100, 1_000_000)),  # none of the benchmark's
+            "world.scenario_seed": int(rng.integers(100, 1_000_000)),  # not in the benchmark
             "world.difficulty": round(rng.uniform(), 3),
             "world.wind.kind": "dryden",
             "world.wind.mean_mps": SPEED,

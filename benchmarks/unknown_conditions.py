@@ -1,9 +1,9 @@
-"""Draw what a robot does not know: `python benchmarks/unknown_conditions.py MISSION`.
+"""Draw deviations unknown to a robot: `python benchmarks/unknown_conditions.py MISSION`.
 
 Writes a table for `skywright campaign MISSION --vary FILE.csv`, for a mission at a mapped pipe or
-structure: the map's bounds at their largest (where the structure is within them is drawn from each
-run's seed) and the plant's deviations, all at once. Rotors' spread, springs (10 %), markers and
-sensors are drawn from the seeds as always.
+structure: the largest bounds of the map (each run's seed draws the pose of the structure within
+them) and the deviations of the plant, all together. The seeds also draw the spread of rotors,
+springs (10 %), markers and sensors, as in any run.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ OWN: dict[str, tuple[dict[str, float], dict[str, tuple[float, float]]]] = {
     "wall-contact": (MAP, {"world.structure.friction": (0.4, 0.8)}),
     "sensor-install": (MAP, {"world.pipe.friction": (0.2, 1.0)}),
 }  # fmt: skip
-"""Mission -> bounds of its map, and what else varies."""
+"""Mission -> bounds of its map, and further variations."""
 
 
 def draw_table(mission: str, rows: int, seed: int) -> list[dict[str, Any]]:

@@ -1,10 +1,11 @@
 """Draw the conditions of the weld scan's campaign: `python benchmarks/weld_scan_conditions.py`.
 
-Writes a table for `skywright campaign pipe-weld-scan --vary FILE.csv`. Everything that the scan
-claims to bear varies at once, uniformly over its range. The wind is still to steady, a fan that
-stands or sweeps, or Dryden turbulence, each in a quarter of the rows, from any direction, at 20 to
-100 % of what the mission may ask of the robot there (the least of 6 m/s and the computed limits).
-Ranges could not say that: the limit depends on the kind, the direction, the place and the pipe.
+Writes a table for `skywright campaign pipe-weld-scan --vary FILE.csv`. All conditions that the scan
+claims to tolerate vary together, uniformly over their range. The wind is steady, a fixed fan, a
+sweeping fan, or Dryden turbulence, each in a quarter of the rows, from any direction, at 20 to 100
+% of the maximum that the mission admits for the robot (at most 6 m/s and the computed limits).
+Ranges cannot express this, because the limit depends on the kind, the direction, the position and
+the pipe.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ SLOWEST_SHARE = 0.2
 
 
 def draw_row(rng: np.random.Generator, kind: str) -> dict[str, Any]:
-    """Draw one row but for the wind's speed."""
+    """Draw one row without the wind speed."""
     row: dict[str, Any] = {k: round(rng.uniform(*r), 5) for k, r in RANGES.items()}
     toward = rng.uniform(-180.0, 180.0)
     row["world.wind.kind"] = "fan" if kind == "sweep" else kind
@@ -58,7 +59,7 @@ def draw_row(rng: np.random.Generator, kind: str) -> dict[str, Any]:
 
 
 def find_limit(row: dict[str, Any]) -> float:
-    """Return the fastest wind (m/s, at most FASTEST) that a mission may ask for under this row."""
+    """Return the fastest wind (m/s, at most FASTEST) that the mission admits with this row."""
     calm = {k: v for k, v in row.items() if not k.startswith("world.wind")}
     plan = plan_mission(load_description("pipe-weld-scan", sets=calm))
     if not plan.feasible:

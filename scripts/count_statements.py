@@ -1,9 +1,9 @@
-"""The size of the code base: statements by package, docstrings not counted.
+"""Size of the code base: statements by package, without docstrings.
 
     python scripts/count_statements.py [FOLDER]
 
-A statement is a node of the syntax tree, so a line that holds two counts twice and a call that
-fills ten lines counts once: the number falls when code goes, not when it is laid out otherwise.
+A statement is a node of the syntax tree. A line with two statements counts twice, and a call over
+ten lines counts once: the number changes with the code, not with its layout.
 """
 
 import ast
@@ -15,7 +15,7 @@ SOURCES = Path(__file__).parents[1] / "src" / "skywright"
 
 
 def count_statements(text: str) -> int:
-    """Statements in a module's `text`, docstrings (and other bare strings) left out."""
+    """Return the number of statements in a module's `text`, without bare strings."""
     return sum(
         isinstance(node, ast.stmt)
         and not (
@@ -28,7 +28,7 @@ def count_statements(text: str) -> int:
 
 
 def count_packages(folder: Path = SOURCES) -> Counter[str]:
-    """Statements below `folder`, by the folder or module right below it."""
+    """Return the number of statements below `folder`, by the folder or module directly below it."""
     counts: Counter[str] = Counter()
     for file in sorted(folder.rglob("*.py")):
         counts[file.relative_to(folder).parts[0]] += count_statements(file.read_text("utf-8"))

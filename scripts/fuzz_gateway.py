@@ -1,9 +1,9 @@
 """Send junk to a receiver of the gateway: `python scripts/fuzz_gateway.py [PACKETS] [SEED]`.
 
-A tenth are good packets; the others are random bytes, good packets with a changed bit, repeated,
-cut, lengthened, sealed with another key, of another session, or with a stamp far off. Prints the
-counts by cause, the time and the memory that Python holds before and after. The result of 1e6
-packets is in benchmarks/gateway-fuzz.txt.
+A tenth are valid packets; the others are random bytes, valid packets with a changed bit, repeated,
+cut, lengthened, sealed with another key, of another session, or with a wrong time stamp. Prints the
+counts by cause, the time and the growth of Python's memory. The result of 1e6 packets is in
+benchmarks/gateway-fuzz.txt.
 """
 
 from __future__ import annotations
@@ -48,7 +48,8 @@ class Memory:
 
 
 def fuzz(packets: int, seed: int = 1) -> dict[str, Any]:
-    """Return counts, s and bytes of `packets` of junk; raises where the server does."""
+    """Return counts, time (s) and memory growth (bytes) of `packets`; raises if the server
+    raises."""
     rng, wire, now = random.Random(seed), Memory(), [100.0]
     server = Server(wire, KEY, clock=lambda: now[0])  # type: ignore[arg-type]
     server.offered = frozenset(code for code, _ in CODES.values())
@@ -67,7 +68,7 @@ def fuzz(packets: int, seed: int = 1) -> dict[str, Any]:
     begin, before = time.perf_counter(), tracemalloc.get_traced_memory()[0]
     for k in range(2, packets + 2):
         now[0] += 1e-3
-        if k % 1000 == 0:  # a stamp far ahead, or a disconnection, ended the old one
+        if k % 1000 == 0:  # a wrong stamp or a disconnection may have ended the session
             session = connect()
         way, address, stamp = rng.choice(WAYS), me, int(1e6 * now[0])
         if way in ("good", "other key", "other session", "stamp"):

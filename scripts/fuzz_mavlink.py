@@ -1,11 +1,11 @@
 """Send junk to both ends of MAVLink: `python scripts/fuzz_mavlink.py [PACKETS] [SEED]`.
 
-Half goes to a simulated robot (`serve --mavlink`), half to the companion's ear (`run --backend
-mavlink:URL`). An eighth are good packets of any message that the dialect has, with any numbers; the
-others are random bytes, good packets with changed bytes, cut, lengthened, repeated or joined, and
-packets of MAVLink 1. The robot flies a tick every 400 packets; it must stay finite. Prints counts
-by cause, the time, and the most memory after a tenth of the packets and at the end. A result is in
-benchmarks/mavlink-fuzz.txt.
+Half goes to a simulated robot (`serve --mavlink`), half to the companion's receiver (`run --backend
+mavlink:URL`). An eighth are valid packets of any message of the dialect, with any numbers; the
+others are random bytes, valid packets with changed bytes, cut, lengthened, repeated or joined, and
+packets of MAVLink 1. The robot flies a tick every 400 packets; its state must stay finite. Prints
+counts by cause, the time, and the peak memory after a tenth of the packets and at the end. A result
+is in benchmarks/mavlink-fuzz.txt.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ EAGER = [
         "STATUSTEXT", "GPS_GLOBAL_ORIGIN", "COMMAND_ACK", "ESTIMATOR_STATUS",
     }
 ]  # fmt: skip
-"""Messages that one of the ends acts on: half of the good ones."""
+"""Messages that one of the ends processes: half of the valid ones."""
 LIMITS = {
     "uint8_t": (0, 2**8), "uint16_t": (0, 2**16), "uint32_t": (0, 2**32), "uint64_t": (0, 2**64),
     "int8_t": (-(2**7), 2**7), "int16_t": (-(2**15), 2**15), "int32_t": (-(2**31), 2**31),
@@ -77,7 +77,7 @@ def draw_number(rng: random.Random, kind: str) -> Any:
 
 
 def draw_message(rng: random.Random) -> Any:
-    """Return any message with any numbers; those with a target mostly have the right one."""
+    """Return any message with any numbers; targets are mostly the right ones."""
     cls = rng.choice(EAGER if rng.random() < 0.5 else CLASSES)
     values = []
     for name, kind in zip(cls.fieldnames, cls.fieldtypes, strict=True):
@@ -97,13 +97,13 @@ def draw_message(rng: random.Random) -> Any:
 
 
 def draw_packet(rng: random.Random, sender: Any, good: deque[bytes]) -> bytes:
-    """Return a packet, good or not."""
+    """Return a valid or an invalid packet."""
     way = rng.choice(WAYS) if good else "good"
     if way in ("good", "version 1"):
         try:
             message = draw_message(rng)
             data: bytes = message.pack(sender, force_mavlink1=way == "version 1")
-        except (struct.error, OverflowError):  # a number that its field does not hold
+        except (struct.error, OverflowError):  # a number out of the range of its field
             return rng.randbytes(20)
         sender.seq = (sender.seq + 1) % 256
         if way == "good":
@@ -125,12 +125,12 @@ def draw_packet(rng: random.Random, sender: Any, good: deque[bytes]) -> bytes:
 
 
 def measure_memory() -> float:
-    """Return the most memory (MB) that this process has held."""
+    """Return the peak memory (MB) of this process."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
 
 
 def fuzz(packets: int, seed: int = 1, robot: str = "hexarotor") -> dict[str, Any]:
-    """Return counts, s and bytes of `packets` of junk; raises where an end does."""
+    """Return counts, time (s) and memory of `packets` of junk; raises if an end raises."""
     rng, wire, ear = random.Random(seed), Memory(), Memory()
     endpoint = Endpoint(Url("udpin", "127.0.0.1", 1), 1, 1, wire)
     listener = Endpoint(Url("udpin", "127.0.0.1", 2), 1, 191, ear)
@@ -165,7 +165,7 @@ def fuzz(packets: int, seed: int = 1, robot: str = "hexarotor") -> dict[str, Any
 
 
 def main() -> None:
-    """Print what a run found."""
+    """Print the result of a run."""
     packets = int(float(sys.argv[1])) if len(sys.argv) > 1 else 20_000
     seed = int(sys.argv[2]) if len(sys.argv) > 2 else 1
     found = fuzz(packets, seed)

@@ -1,12 +1,12 @@
-"""Write tests/slow.txt, the tests that `make check` leaves out: `make durations` calls it.
+"""Write tests/slow.txt, the tests that `make check` omits; called by `make durations`.
 
     python scripts/list_slow_tests.py FILE [--budget SECONDS]
 
-FILE holds the processor time of every test and of the fixtures that tests share (`pytest --measure
-FILE`). The tests stay in that are shortest, a test function with all its cases and the fixtures
-that it needs, until together they take the budget of processor time; a shared fixture counts once.
-A test that is new since is not in the list, and runs. Files whose tests take longest come first:
-`make test` begins with them, so that no worker is left with a long file at the end.
+FILE contains the processor time of every test and of the fixtures that tests share (`pytest
+--measure FILE`). `make check` keeps the shortest tests, each a test function with all its cases and
+the fixtures that it needs, up to the budget of processor time; a shared fixture counts once. A new
+test is not in the list and therefore runs. Files with the longest tests come first: `make test`
+begins with them, so that no worker ends with a long file.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def main() -> None:
         ready |= needs[test]
         if left < 0.0:
             slow.append(test)
-    parts = defaultdict[str, set[str]](set)  # of a file: its tests, and each shared fixture once
+    parts = defaultdict[str, set[str]](set)  # per file: its tests, and each shared fixture once
     for test in tests:
         parts[test.partition("::")[0]] |= {test, *needs[test]}
     files = {file: sum(took[name] for name in names) for file, names in parts.items()}

@@ -1,8 +1,8 @@
 """Measure an installation without extras: `python scripts/measure_install.py [--extra NAME]`.
 
-Makes a fresh environment in a temporary folder, installs this checkout into it with the versions
-of requirements.lock, and prints its size on the disk with the largest packages, in MB as `du -m`
-counts them (2^20 bytes). Exits with 1 where it takes more than LIMIT_MB.
+Creates a new environment in a temporary folder, installs this checkout into it with the versions of
+requirements.lock, and prints its size on the disk with the largest packages, in MB as counted by
+`du -m` (2^20 bytes). The exit code is 1 if it exceeds LIMIT_MB.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 def measure(folder: Path) -> float:
-    """Disk space (MB) of all files below a folder."""
+    """Return the disk space (MB) of all files below a folder."""
     files = (f.lstat() for f in folder.rglob("*"))
     return sum(s.st_blocks for s in files) * 512 / 2**20
 

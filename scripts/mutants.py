@@ -1,17 +1,17 @@
-"""Change one thing in the code at a time and see whether a test notices.
+"""Change one thing in the code at a time and check whether a test detects it.
 
     python scripts/mutants.py [--workers 2] [--group NAME] [--new | --retry-survivors]
 
-`benchmarks/mutants.toml` says which files are changed, how many mutants each group gets, and which
-tests cover it. The mutants are drawn with a seed: a sign, a factor, an axis, a dropped term, a
-limit, a comparison. Those on record stay as long as the code that they change; a change elsewhere
-in a file draws no others. Named ones are listed by their text. Every mutant is tested in a copy of
-the checkout, until a test fails: first by the tests `plain`, which run without compiling (a second
-or two), then by the tests `compiled`. Of `plain`, tests that fail without compiled code are left
-out.
+`benchmarks/mutants.toml` defines the files to change, the number of mutants per group, and the
+tests that cover it. The mutants are drawn with a seed: a sign, a factor, an axis, a dropped term, a
+limit, a comparison. Recorded mutants stay while the code that they change exists; changes elsewhere
+in a file do not draw others. Named ones are listed by their text. Every mutant is tested in a copy
+of the checkout until a test fails: first with the tests `plain`, which run without compiling (a
+second or two), then with the tests `compiled`. Tests of `plain` that fail without compiled code are
+omitted.
 
-The results go to `benchmarks/mutants.csv`, one line a mutant. A survivor keeps its line's reason,
-which a person writes, as long as the mutant is the same.
+The results are written to `benchmarks/mutants.csv`, one line per mutant. A survivor keeps its
+line's reason, which a person writes, while the mutant stays the same.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ PLAN, RESULTS = ROOT / "benchmarks" / "mutants.toml", ROOT / "benchmarks" / "mut
 COLUMNS = ("group", "file", "line", "kind", "before", "after", "result", "test", "reason")
 SWAPS = {"min": "max", "max": "min", "sin": "cos", "cos": "sin", "minimum": "maximum",
          "maximum": "minimum"}  # fmt: skip
-SLACK_S = 60.0  # beside three times what the tests take without a mutant
+SLACK_S = 60.0  # added to three times the duration of the tests without a mutant
 
 
 class Mutant(NamedTuple):
@@ -61,7 +61,7 @@ class Mutant(NamedTuple):
         return (self.file, self.kind, self.before, self.after)
 
 
-# Where the code can be changed
+# Places where the code can be changed
 
 
 def find_mutants(group: str, file: str, text: str) -> list[Mutant]:
@@ -89,7 +89,7 @@ def find_mutants(group: str, file: str, text: str) -> list[Mutant]:
 
 
 def _list_statements(tree: ast.Module) -> Iterator[ast.stmt]:
-    """Assignments, returns, loops' heads and conditions in functions; no messages."""
+    """Yield assignments, returns and conditions in functions, without those that only raise."""
     for function in ast.walk(tree):
         if isinstance(function, ast.FunctionDef):
             for s in ast.walk(function):
@@ -164,13 +164,14 @@ def _code(node: ast.AST) -> str:
     return ast.unparse(node)
 
 
-# What is tried
+# Selection and tests of the mutants
 
 
 def draw_mutants(plan: dict, known: Container[tuple[str, ...]]) -> list[Mutant]:
-    """Return each group's mutants: the named ones, those `known`, and others in the seed's order.
+    """Return each group's mutants: named ones, then `known` ones, then others in the seed's order.
 
-    Two changes with the same text in one file count once: the record cannot tell them apart.
+    Two changes with the same text in one file count once, because the record cannot distinguish
+    them.
     """
     drawn = []
     for name, group in plan["groups"].items():
@@ -203,27 +204,28 @@ def _hash(*values: object) -> str:
 
 
 def copy_checkout(folder: Path) -> None:
-    """Copy what tests need, compiled code included: it is then compiled once."""
+    """Copy the files that tests need, with compiled code, so that it is compiled once."""
     for name in ("src", "tests", "examples", "benchmarks", "docs", "scripts"):
         shutil.copytree(ROOT / name, folder / name, copy_function=shutil.copy2)
     for name in ("pyproject.toml", "README.md", "CHANGELOG.md"):
         shutil.copy2(ROOT / name, folder / name)
     stamps = [_find_stamps(top / "src" / "skywright") for top in (ROOT, folder)]
-    if stamps[0].exists():  # else the copy drops its compiled code: core/compiled_code.py
+    if stamps[0].exists():  # otherwise the copy drops its compiled code: core/compiled_code.py
         shutil.copy2(*stamps)
 
 
 def _find_stamps(root: Path) -> Path:
-    """Where the package at `root` keeps what its compiled code was made from."""
+    """Return the file in which the package at `root` records the sources of its compiled code."""
     return root / "__pycache__" / f"skywright-{sha256(os.fsencode(root)).hexdigest()[:8]}.json"
 
 
 def run_tests(
     folder: Path, tests: list[str], limit_s: float, *, plain: bool, whole: bool = False
 ) -> tuple[list[str], float]:
-    """Return the tests that failed (one, unless `whole`), and the time it took.
+    """Return the failed tests (one, unless `whole`), and the duration.
 
-    The limit is processor time, so that a loaded machine kills no mutant; asleep, ten times that.
+    The limit is in processor time, so that a loaded machine kills no mutant; the limit of wall time
+    is ten times that.
     """
     env = {
         **os.environ, "PYTHONPATH": f"{folder / 'src'}{os.pathsep}{folder / 'scripts'}",
@@ -255,7 +257,7 @@ def run_tests(
 
 
 class Stage(NamedTuple):
-    """Tests that a mutant has to pass, with the most that they may take."""
+    """Tests that a mutant has to pass, with their time limit."""
 
     tests: list[str]
     plain: bool
@@ -263,7 +265,8 @@ class Stage(NamedTuple):
 
 
 def list_stages(folder: Path, name: str, group: dict) -> list[Stage]:
-    """Run a group's tests without a mutant: all must pass, but for plain ones that cannot."""
+    """Run a group's tests without a mutant: all must pass, except `plain` ones that need
+    compiling."""
     stages = []
     for key in ("plain", "compiled"):
         if key not in group:
@@ -281,7 +284,7 @@ def list_stages(folder: Path, name: str, group: dict) -> list[Stage]:
 
 
 def try_mutant(folder: Path, stages: list[Stage], mutant: Mutant) -> str:
-    """Apply the change, run the tests, take it back; returns the test that failed, or nothing."""
+    """Apply the change, run the tests, revert it; return the test that failed, or ""."""
     file = folder / mutant.file
     data, before = file.read_bytes(), file.stat()
     file.write_bytes(data[: mutant.start] + mutant.after.encode() + data[mutant.end :])
@@ -297,7 +300,7 @@ def try_mutant(folder: Path, stages: list[Stage], mutant: Mutant) -> str:
 
 
 def write_results(rows: list[dict]) -> None:
-    """Write the results so far: an interrupted run keeps what it has tried."""
+    """Write the results so far, so that an interrupted run keeps them."""
     with RESULTS.open("w", newline="") as stream:
         writer = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
         writer.writeheader()
@@ -322,7 +325,7 @@ def main() -> int:
         and not (a.new and m.key in known)
         and not (a.retry_survivors and known.get(m.key, {}).get("result") != "survived")
     ]  # fmt: skip
-    rows = {  # until they are tried again
+    rows = {  # kept until they are tried again
         m: known[m.key] | {"line": str(m.line)} for m in mutants if m.key in known
     }
     writing = Lock()

@@ -1,7 +1,7 @@
-"""A pytest plugin: compiled functions run as plain Python, records by attribute as when compiled.
+"""A pytest plugin: compiled functions run as plain Python, with attribute access to records.
 
-`pytest -p plain_python` with this folder on the path. What calls MuJoCo or a step by its address
-(a flight) does not work so.
+Use `pytest -p plain_python` with this folder on the path. Code that calls MuJoCo or a step by its
+address (a flight) does not work.
 """
 
 import functools
@@ -13,7 +13,7 @@ import skywright.core.record as record
 
 
 class Rows(np.ndarray):
-    """An array of records whose elements are views, too."""
+    """An array of records whose elements are views as well."""
 
     def __getitem__(self, key):
         """Return the element, a record as a view."""

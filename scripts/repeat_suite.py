@@ -1,8 +1,8 @@
-"""Run the suite again and again: `python scripts/repeat_suite.py [--runs N] [--load K]`.
+"""Run the test suite repeatedly: `python scripts/repeat_suite.py [--runs N] [--load K]`.
 
-A test that fails now and then is found by repetition, on an idle machine and on a loaded one.
-`--load K` keeps K processes busy beside each run; `--workers W` is for `make test`. Appends a row
-a run to benchmarks/suite-runs.csv; exits with 1 where a run failed.
+Repetition on an idle and on a loaded machine finds tests that fail occasionally. `--load K` keeps K
+processes busy during each run; `--workers W` is passed to `make test`. Appends one row per run to
+benchmarks/suite-runs.csv. The exit code is 1 if a run failed.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ COLUMNS = (
 
 
 def run(load: int, workers: int, commit: str) -> list[object]:
-    """Run the suite once beside `load` busy processes; returns the row."""
+    """Run the suite once beside `load` busy processes; return the row."""
     when = datetime.now(UTC).strftime("%Y-%m-%d %H:%M")
     busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(load)]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)

@@ -4,10 +4,10 @@
     python scripts/same_flights.py compare DIR [--short | --all] [--seeds 1,2]
 
 `record` stores the samples and metrics of each flight in DIR; `compare` flies them again with the
-checkout that is imported and lists every column and metric that differs. `--short` (default) flies
-the first seconds of three missions (rigid arm, long reach, docked) in both ways of running;
-`--all` flies every built-in mission in full. Used at each step of a refactoring: a difference is
-explained in the commit or is a defect. Exit code 1 when anything differs.
+imported checkout and lists every column and metric that differs. `--short` (default) flies the
+first seconds of three missions (rigid arm, long reach, docked) in both modes; `--all` flies every
+built-in mission in full. Use it at each step of a refactoring: a difference is explained in the
+commit or is a defect. The exit code is 1 if anything differs.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SHORT = {
     "longreach": ("impact", 12.0),
     "docked": ("bridge-contact", 14.0),
 }
-"""Name -> mission and the simulated seconds after which the flight is cut."""
+"""Name -> mission and simulated time (s) at which the flight is cut."""
 LONGREACH = {"longreach": "bimanual-longreach"}
 
 
@@ -51,7 +51,7 @@ class Stop:
 
 
 def list_cases(arguments: argparse.Namespace) -> list[tuple[str, str, float, int, str]]:
-    """Return (case, mission, cut, seed, mode) of what is asked for."""
+    """Return the requested cases as (case, mission, cut, seed, mode)."""
     seeds = [int(s) for s in arguments.seeds.split(",")]
     if arguments.only:
         names = arguments.only.split(",")

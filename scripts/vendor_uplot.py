@@ -1,7 +1,7 @@
-"""Refresh the plotting library that reports carry: `python scripts/vendor_uplot.py 1.6.32`.
+"""Update the plotting library in reports: `python scripts/vendor_uplot.py 1.6.32`.
 
-uPlot (MIT) is fetched by npm, from the registry that npm is set up for; its script, style sheet and
-licence go to src/skywright/reports/vendor.
+npm fetches uPlot (MIT) from its configured registry; script, style sheet and licence are written to
+src/skywright/reports/vendor.
 """
 
 import subprocess

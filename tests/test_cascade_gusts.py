@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -24,6 +25,7 @@ from skywright.models.part_masses import link_direction
 from skywright.models.rigid_body import posture
 from skywright.models.scene import build_scene
 from skywright.run.gust_limits import find_exceeded_motion
+from skywright.run.parts import build_law
 from skywright.run.setup import Setup
 from skywright.vehicle.effects.wind import build_dryden_filter
 from skywright.vehicle.laws import _cascade_gains as gains
@@ -50,6 +52,18 @@ def build_systems(sets: tuple[str, ...] = ()) -> tuple[Any, tuple[System, System
     masses = build_masses(d.robot, body, floating, free)
     loops = [gains.build_loops(found, 0.003, axis, 0) for axis in (0, 1)]
     return masses, (build_along(masses[0], loops[0]), build_across(masses[1], loops[1]))
+
+
+def test_the_page_of_the_paper_states_the_motion_that_the_models_predict() -> None:
+    predicted = []
+    for toward in (0, 90):  # along the swing and across
+        air = (DRYDEN, "world.wind.mean_mps=3", f"world.wind.toward_deg={toward}")
+        d = load_description("sensor-install", sets=list(air))
+        model = build_law(d, setup := Setup(d)).build_gust_model(setup, 0.0)
+        assert model is not None
+        predicted.append(f"{1e3 * model(d.world.wind).place:.1f} mm")
+    page = Path(__file__).parents[1] / "docs/papers/suarez-2020.md"
+    assert f"in this direction, rms, model | {' | '.join(predicted)} |" in page.read_text("utf-8")
 
 
 def test_the_planes_have_the_mass_matrix_of_the_scene() -> None:

@@ -15,7 +15,7 @@ from skywright.description.robot.limbs import list_joints, list_limbs
 from skywright.description.robot.loader import load_robot
 from skywright.models.arm_body import Deviation
 from skywright.models.deviation import build_deviation
-from skywright.models.fixed_body import FIXED
+from skywright.models.fixed_body import FIXED, list_moving
 from skywright.models.part_masses import link_direction
 from skywright.models.scene import build_scene, set_pose
 from skywright.vehicle.actuators._velocity_servos import VelocityServos
@@ -204,6 +204,7 @@ def test_what_stands_still_is_a_weightless_body_of_the_plant_at_its_place(missio
     mujoco.mj_kinematics(plant, data)
     fixed = [b for b in range(plant.nbody) if plant.body(b).name.startswith(FIXED)]
     assert fixed and not any(nominal.body(b).name.startswith(FIXED) for b in range(nominal.nbody))
+    assert not set(list_moving(plant)) & {plant.body(b).name for b in fixed}
     assert not np.any(plant.body_mass[fixed]) and not np.any(plant.body_weldid[fixed])
     assert not np.any(plant.geom_bodyid[plant.geom_type != mujoco.mjtGeom.mjGEOM_PLANE] == 0)
     of_world = [g for g in range(nominal.ngeom) if nominal.geom_bodyid[g] == 0]

@@ -28,6 +28,6 @@ export function section(parent, title, open = true, id = '') {
 export const format = (value, digits, unit) =>
   Number.isFinite(value) ? `${value.toFixed(digits)}${unit ? ` ${unit}` : ''}` : '–';
 
-// Whether keys are meant for a field.
+// Returns whether key presses go to an input field.
 export const typing = (event) =>
   event.target instanceof HTMLElement && event.target.matches('input:not([type=range]), select, textarea');

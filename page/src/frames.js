@@ -1,4 +1,4 @@
-// Frames: one row of float32 an instant; reports/frames.py describes their order.
+// Frames: one row of float32 values for each instant; reports/frames.py describes their order.
 export const decode = (text, Type) =>
   new Type(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
 
@@ -27,11 +27,11 @@ export class Recorded {
     out.size = size;
     const planes = packed.n ? await inflate(decode(packed.body, Uint8Array)) : new Uint8Array(0);
     const count = packed.n * size;
-    const bytes = new Uint8Array(4 * count); // planes hold byte 0 of all numbers, then byte 1, ...
+    const bytes = new Uint8Array(4 * count); // byte 0 of all numbers, then byte 1, ...
     for (let b = 0; b < 4; b++) {
       for (let i = 0; i < count; i++) bytes[4 * i + b] = planes[b * count + i];
     }
-    out.columns = new Float32Array(bytes.buffer); // column after column
+    out.columns = new Float32Array(bytes.buffer); // one column after another
     return out;
   }
 
@@ -45,7 +45,7 @@ export class Recorded {
     return row;
   }
 
-  // Index of the last frame at or before t.
+  // Returns the index of the last frame at or before t.
   find(t) {
     let low = 0, high = this.n - 1;
     while (low < high) {

@@ -1,4 +1,4 @@
-// Intervening in a mission that flies: the pilot's switch and modes; next, retry, retract.
+// Intervention in a mission in flight: the pilot's switch and modes; orders next, retry, retract.
 import { button, make } from './dom.js';
 
 const ORDERS = [
@@ -11,7 +11,7 @@ const DONE = { next: 'the hold ends', retry: 'the contact is tried again', retra
 const SAY_MS = 8000;
 
 export class Intervene {
-  // `send` sends a message to the station.
+  // `send` is a function that sends a message to the station.
   constructor(send) {
     this.send = send;
     this.fly = button('Take over the robot', () => send({ k: 'order', what: this.flown ? 'give_back' : 'take_over' }), { id: 'fly' });
@@ -26,7 +26,7 @@ export class Intervene {
     this.bar.hidden = true;
   }
 
-  // Give an order, and say so for a while.
+  // Sends an order and states it for SAY_MS.
   order(what) {
     this.ordered = what;
     clearTimeout(this.saying);
@@ -61,7 +61,7 @@ export class Intervene {
     }
   }
 
-  // What is to be said of it, as sentences.
+  // Returns the sentences on the pilot's flight and on the orders.
   tell(status) {
     const out = [], pilot = status.pilot;
     if (pilot?.flies) {
@@ -75,7 +75,7 @@ export class Intervene {
   }
 }
 
-// The pre-flight checklist: what is looked at, and what was found.
+// Shows the pre-flight checklist: the names of the checks and their results.
 export function showChecklist(parent, names, found) {
   const table = make('table', { class: 'numbers', id: 'checks' });
   for (const name of names) {

@@ -1,4 +1,4 @@
-// A live flight: watched by many, controlled by one.
+// A live flight: many pages watch it, one controls it.
 import { $, button, format, make, section } from './dom.js';
 import { Layout, readLive } from './frames.js';
 import { Intervene, showChecklist } from './intervene.js';
@@ -21,13 +21,13 @@ export class Live {
     this.data = null;
     this.frame = null;
     this.seq = 0;
-    this.count = 0; // frames that came
-    this.question = 0; // number of the last one about back ends
-    this.asked = this.answered = ''; // what it was about, and the last one that was answered
+    this.count = 0; // frames received
+    this.question = 0; // number of the last question about back ends
+    this.asked = this.answered = ''; // its contents, and the last contents with an answer
     this.stick = new Stick();
     this.delay = null;
-    this.lost = ''; // who took control from this page, or SILENT
-    this.had = this.given = false; // control: at the last message; given back by this page
+    this.lost = ''; // name of the page that took control from this one, or SILENT
+    this.had = this.given = false; // in control at the last message; control given back by this page
   }
 
   async start() {
@@ -154,7 +154,7 @@ export class Live {
     }
   }
 
-  // Ask which back ends fly what is set up, where that is another flight than at the last question.
+  // Asks which back ends can fly the flight of the form, if it differs from the last one asked for.
   ask() {
     if (!this.setup || !this.state?.mine || this.state.flying) return;
     const wish = { ...this.setup.read(), backend: 'physics', seed: null };
@@ -257,7 +257,7 @@ export class Live {
       + `A stick is ${format(status.stick_ms ?? NaN, 0, 'ms')} old when it comes (median).`;
   }
 
-  // The list folds away once it has passed, so that numbers and plots are in sight.
+  // The list closes when all checks have passed, so that numbers and plots stay visible.
   showChecklist(found) {
     const state = JSON.stringify([this.state.scene, found]);
     if (state === this.checkedState) return;
@@ -289,7 +289,7 @@ export class Live {
     return out;
   }
 
-  // Called at every picture.
+  // Called for every frame of the display.
   step() {
     if (!this.frame || !this.fresh || !this.layout) return;
     this.fresh = false;
@@ -321,7 +321,7 @@ export class Live {
     }
   }
 
-  // Send the stick, with a sequence number and the time at which it was read.
+  // Sends the stick values with a sequence number and the time at which they were read.
   steer() {
     if (!this.stick.active || !document.hasFocus()) return;
     const { v, flight, held, stands, pad } = this.stick.read(), hands = !this.flying;

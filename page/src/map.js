@@ -1,7 +1,7 @@
-// The inspection map: the probe's signal on the unrolled surface, as it grows.
+// The inspection map: the probe's signal on the unrolled surface, drawn while it is measured.
 import { make } from './dom.js';
 
-// Cividis-like: dark blue to yellow, the same order for every eye.
+// Similar to Cividis: dark blue to yellow, in the same order for colour-blind eyes.
 const RAMP = [[0, 34, 78], [53, 69, 108], [102, 105, 112], [148, 142, 119], [200, 184, 102], [254, 232, 56]];
 
 function shade(x) {
@@ -28,7 +28,7 @@ export class InspectionMap {
   add(s, c, value) {
     if (!Number.isFinite(s + c + value)) return;
     const last = this.points.at(-1);
-    if (last && Math.hypot(s - last[0], c - last[1]) < 4e-4) return; // denser than a pixel
+    if (last && Math.hypot(s - last[0], c - last[1]) < 4e-4) return; // closer than one pixel
     this.points.push([s, c, Math.abs(value)]);
     const b = this.bounds;
     b[0] = Math.min(b[0], s); b[1] = Math.max(b[1], s);
@@ -36,7 +36,7 @@ export class InspectionMap {
     this.highest = Math.max(this.highest, Math.abs(value));
   }
 
-  // Draw the first `n` points (default: all).
+  // Draws the first `n` points (default: all).
   draw(n = this.points.length) {
     const g = this.canvas.getContext('2d'), { width, height } = this.canvas;
     g.fillStyle = '#eceff2';

@@ -1,8 +1,8 @@
-// Plots over time with limits, and the numbers as words beside them.
+// Plots over time with limits, and the current values as text beside them.
 import uPlot from 'uplot';
 import { format, make } from './dom.js';
 
-const KEEP = 1500; // points of a live plot
+const KEEP = 1500; // most points of a live plot
 const INK = '#0b4f8a', LIMIT = '#b3005e';
 
 export class Plots {
@@ -27,7 +27,7 @@ export class Plots {
     this.observer.observe(this.box);
   }
 
-  // uPlot listens to the window: without this its plots are kept for ever.
+  // uPlot adds listeners to the window: without destroy its plots are never freed.
   destroy() {
     this.observer.disconnect();
     for (const p of this.plots) p?.destroy();
@@ -70,14 +70,14 @@ export class Plots {
     if (width > 40) for (const p of this.plots) p?.setSize({ width, height: 96 });
   }
 
-  // All values at once, of a recording.
+  // Sets all values of a recording at once.
   fill(t, columns) {
     this.t = t;
     this.values = columns;
     this.draw();
   }
 
-  // One more instant of a live flight.
+  // Adds one instant of a live flight.
   add(t, row, first) {
     if (this.t.length && t < this.t.at(-1)) this.clear();
     this.t.push(t);
@@ -98,14 +98,14 @@ export class Plots {
     });
   }
 
-  // The numbers now.
+  // Shows the current values.
   show(row, first) {
     this.channels.forEach((c, i) => {
       const value = row[first + i], { row: line, value: cell } = this.cells[i];
       cell.textContent = format(value, c.digits, c.unit);
       const over = c.limit !== null && Number.isFinite(value) && value > c.limit;
       line.classList.toggle('over', over);
-      if (over) cell.textContent += ' ▲ beyond'; // not by colour alone
+      if (over) cell.textContent += ' ▲ beyond'; // colour alone does not suffice
     });
   }
 

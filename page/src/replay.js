@@ -1,4 +1,4 @@
-// A recorded flight: slider, phases, speed.
+// The replay of a recorded flight: slider, phases, speed.
 import { $, button, make, section, typing } from './dom.js';
 import { InspectionMap } from './map.js';
 import { Layout, Recorded } from './frames.js';
@@ -95,7 +95,7 @@ export class Replay {
     this.show();
   }
 
-  // Called at every picture with the wall time (s) since the last one.
+  // Called for every frame of the display, with the wall time (s) since the last one.
   step(dt) {
     if (this.playing) {
       this.t += dt * this.speed;

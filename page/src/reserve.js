@@ -1,4 +1,4 @@
-// The force that is left in each direction: a ring seen from above, the robot's front up, in numbers.
+// The remaining force in each direction: a ring seen from above, the robot's front up, and numbers.
 import { make } from './dom.js';
 
 const INK = '#0b4f8a', LOW = '#b3005e', SOFT = '#5b6670', FILL = '#0b4f8a33';

@@ -9,11 +9,11 @@ import { OrbitControls } from 'three/examples/jsm/controls/OrbitControls.js';
 import { decode } from './frames.js';
 
 const UP = new Vector3(0, 0, 1);
-const FORCE_SCALE = 0.04; // m an arrow for each N ...
-const FORCE_MOST = 0.8; // ... up to this
-const FELT = 0.2; // N, from which a ring marks the touch: estimates of hands are noisy
-const MEASURED = 0xb3005e, DEMANDED = 0x1b1b1b; // apart in lightness, and demanded ones are thinner
-const TRACE = 20000; // points that are kept
+const FORCE_SCALE = 0.04; // length of an arrow, in m for each N ...
+const FORCE_MOST = 0.8; // ... up to this length (m)
+const FELT = 0.2; // N, above which a ring marks a contact: force estimates of hands are noisy
+const MEASURED = 0xb3005e, DEMANDED = 0x1b1b1b; // different lightness; demanded arrows are thinner
+const TRACE = 20000; // most points of the trace
 
 const colour = ([r, g, b]) => new Color().setRGB(r / 255, g / 255, b / 255, SRGBColorSpace);
 
@@ -30,13 +30,13 @@ class Arrow {
     scene.add(this.group);
   }
 
-  // From an origin along a vector of so many metres.
+  // Draws the arrow from an origin along a unit vector, with a length in metres.
   set(origin, direction, length) {
     this.group.visible = length > 1e-3;
     if (!this.group.visible) return;
     this.group.position.copy(origin);
     this.group.quaternion.setFromUnitVectors(new Vector3(0, 1, 0), direction);
-    const slim = Math.min(1, Math.max(0.2, length / 0.35)); // a small force must not hide what it acts on
+    const slim = Math.min(1, Math.max(0.2, length / 0.35)); // must not hide its contact
     this.shaft.scale.set(slim, Math.max(length - 0.8 * slim * this.reach, 1e-3), slim);
     this.head.scale.setScalar(slim);
     this.head.position.y = length;
@@ -56,7 +56,7 @@ export class View {
     this.camera.up.copy(UP);
     this.camera.position.set(-3, -4, 2.5);
     this.orbit = new OrbitControls(this.camera, canvas);
-    this.orbit.listenToKeyEvents(canvas); // arrow keys pan
+    this.orbit.listenToKeyEvents(canvas); // arrow keys move the view
     this.orbit.addEventListener('start', () => { if (this.mode !== 'first person') this.free(); });
     this.orbit.addEventListener('change', () => { this.dirty = true; });
     canvas.addEventListener('webglcontextrestored', () => { this.dirty = true; });
@@ -83,7 +83,7 @@ export class View {
     this.dirty = true;
   }
 
-  // Draw a run's scene in place of what was there.
+  // Draws the scene of a run in place of the previous one.
   load(data) {
     this.world.traverse((o) => { o.geometry?.dispose?.(); o.material?.dispose?.(); });
     this.scene.remove(this.world);
@@ -155,10 +155,10 @@ export class View {
     this.traced = 0;
   }
 
-  // Add a point of the trace: x, y, z, quality.
+  // Adds a point to the trace: x, y, z, quality.
   addTrace(x, y, z, quality) {
     if (!Number.isFinite(x)) return;
-    if (this.traced >= TRACE) { // drop the older half
+    if (this.traced >= TRACE) { // removes the older half
       for (const a of [this.tracePoints, this.traceColours]) a.array.copyWithin(0, 3 * (TRACE / 2));
       this.traced = TRACE / 2;
     }
@@ -171,13 +171,13 @@ export class View {
     this.dirty = true;
   }
 
-  // Show the first `n` points only.
+  // Shows only the first `n` points of the trace.
   cutTrace(n) {
     this.trace.geometry.setDrawRange(0, Math.min(n, this.traced));
     this.dirty = true;
   }
 
-  // Move everything to a frame at time t (s).
+  // Moves all parts to a frame at time t (s).
   show(row, layout, t) {
     for (let i = 0; i < layout.parts; i++) {
       const k = 7 * i;
@@ -206,7 +206,7 @@ export class View {
     this.dirty = true;
   }
 
-  // A ring marks where a tip or hand touches.
+  // Adds a ring that marks the contact of a tip or hand.
   addRing() {
     const ring = new Mesh(new RingGeometry(0.012, 0.022, 28),
       new MeshBasicMaterial({ color: MEASURED, side: DoubleSide, transparent: true, opacity: 0.85 }));
@@ -215,7 +215,7 @@ export class View {
     return ring;
   }
 
-  // The forces in words: what is felt, and what was asked for.
+  // Writes the forces as text: measured and demanded.
   tellForces() {
     const lines = [];
     for (const f of this.forces) {
@@ -243,7 +243,7 @@ export class View {
     return [...this.data.views.map((v) => v[0]), 'follow', 'from below', this.data.camera.name];
   }
 
-  // Look from a view of the run, follow the robot, from below it, or from its camera.
+  // Selects the camera: a view of the run, following the robot, from below it, or the robot's own.
   look(name) {
     if (!this.data || !this.names.includes(name)) return false;
     this.mode = name;
@@ -292,7 +292,7 @@ export class View {
     this.orbit.update();
   }
 
-  // Draw what has changed since: a picture that stays costs nothing.
+  // Draws the scene only if it has changed: an unchanged picture costs nothing.
   render() {
     if (!this.data) return;
     this.place();

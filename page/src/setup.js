@@ -1,8 +1,8 @@
-// Choosing and starting a flight, and the logbook of those that were flown.
+// The form that sets up and starts a flight, and the logbook of earlier flights.
 import { button, make } from './dom.js';
 
 export class Setup {
-  // `start` flies what is read from the form; `ask` asks which back ends fly it.
+  // `start` starts the flight of the form; `ask` asks which back ends can fly it.
   constructor(parent, choices, start, ask) {
     this.choices = choices;
     this.mission = this.choose(choices.missions, null);
@@ -50,7 +50,7 @@ export class Setup {
     this.flownBy.textContent = `${this.backend.value}: ${this.choices.backends[this.backend.value]}.`;
   }
 
-  // Show which back ends fly what is set up: `found` is the station's answer.
+  // Shows which back ends can fly the flight of the form: `found` is the station's answer.
   offer(found) {
     const refused = found.refused ?? {};
     const lines = found.wrong ? [found.wrong] : Object.entries(refused).map(([name, why]) => `Not ${name}: ${why}`);
@@ -73,7 +73,7 @@ export class Setup {
     };
   }
 
-  // Fill in what the logbook says of a flight.
+  // Fills the form with the entry of a flight in the logbook.
   fill(entry) {
     this.mission.value = entry.mission;
     [this.robot.value, this.world.value] = (entry.asked ?? []).map((x) => x ?? '');
@@ -85,7 +85,7 @@ export class Setup {
   }
 }
 
-// A back end that is not the usual one, for a line that names a flight.
+// Returns the name of a back end other than 'physics', for a line that names a flight.
 export const tellBackend = (name) => (name && name !== 'physics' ? `, ${name}` : '');
 
 export function showLogbook(parent, entries, known, repeat) {

@@ -1,9 +1,9 @@
-// What the operator leads, from its place: a cross seen along the contact's axis, a bar for the way
-// into the contact or the force, and both in words.
+// The offset of the operator's hand, tool or peg from its target: a cross seen along the contact's
+// axis, a bar for the distance into the contact or the force, and both as text.
 import { make } from './dom.js';
 
 const INK = '#0b4f8a', MARK = '#b3005e', SOFT = '#5b6670';
-const RANGE = 0.06; // m, from the middle to the edge
+const RANGE = 0.06; // m, from the centre to the edge
 const NAMES = [['ahead', 'back'], ['left', 'right'], ['up', 'down']];
 
 export class Sight {
@@ -32,14 +32,14 @@ export class Sight {
     this.box.hidden = false;
     const into = m.towards.findIndex((x) => x !== 0), sign = m.towards[into];
     const across = [0, 1, 2].filter((i) => i !== into);
-    const left = -m.off[into] * sign; // still to go into the contact
+    const left = -m.off[into] * sign; // remaining distance into the contact
     const c = this.canvas.getContext('2d'), h = 140, r = 62;
     c.clearRect(0, 0, 260, h);
     c.strokeStyle = SOFT;
     c.lineWidth = 1;
     for (const part of [1 / 3, 1]) { c.beginPath(); c.arc(70, 70, part * r, 0, 2 * Math.PI); c.stroke(); }
     c.beginPath(); c.moveTo(8, 70); c.lineTo(132, 70); c.moveTo(70, 8); c.lineTo(70, 132); c.stroke();
-    // left of the robot is left in the picture; what is ahead, or up, is above
+    // the robot's left is left in the picture; ahead, or up, is above
     const side = across.includes(1) ? 1 : across[0], top = across.find((i) => i !== side);
     const clip = (x) => Math.max(-1, Math.min(1, x / RANGE));
     c.fillStyle = MARK;

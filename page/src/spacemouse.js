@@ -1,7 +1,7 @@
-// A SpaceMouse over WebHID. Reports: 1 is the shift of the cap (x right, y towards the user, z down,
-// 16 bits each; newer devices add the turns), 2 the turns about the same axes, 3 the buttons.
-const FULL = 350; // of a cap at its stop
-const STALE_MS = 250; // a cap that is moved reports every 8 to 16 ms
+// A SpaceMouse over WebHID. Report 1 is the shift of the cap (x right, y towards the user, z down,
+// 16 bits each; newer devices add the rotations), 2 the rotations about the same axes, 3 the buttons.
+const FULL = 350; // value of a cap at its stop
+const STALE_MS = 250; // a moving cap reports every 8 to 16 ms
 const DEAD_ZONE = 0.06;
 const FILTERS = [{ vendorId: 0x256f }, { vendorId: 0x046d, usagePage: 1, usage: 8 }];
 const clamp = (x) => Math.max(-1, Math.min(1, x));
@@ -11,10 +11,10 @@ export class Cap {
     this.shift = [0, 0, 0];
     this.turn = [0, 0, 0];
     this.buttons = 0;
-    this.seen = -Infinity; // ms, of the last report of an axis
+    this.seen = -Infinity; // time (ms) of the last report of an axis
   }
 
-  // Take in a report (a DataView without its number) that came at `now` (ms); returns whether it is one.
+  // Stores a report (a DataView without its number) received at `now` (ms); returns if it is known.
   take(id, data, now) {
     const words = (at) => [0, 2, 4].map((i) => data.getInt16(at + i, true));
     if (id === 1 && (data.byteLength === 6 || data.byteLength >= 12)) {
@@ -29,7 +29,7 @@ export class Cap {
     return true;
   }
 
-  // Ahead, left, up and turn to the left, in -1 .. 1, and two buttons.
+  // Returns ahead, left, up and turn to the left, in -1 .. 1, and two buttons.
   read(now) {
     const fresh = now - this.seen <= STALE_MS;
     const axis = (x) => {
@@ -62,7 +62,7 @@ export class SpaceMouse {
     this.cap = new Cap();
   }
 
-  // Open a device: one that this page may use already, or with `ask` the one that the user picks.
+  // Opens a device: one that this page is allowed to use, or with `ask` one that the user selects.
   async open(ask) {
     try {
       const found = ask ? await this.hid.requestDevice({ filters: FILTERS }) : await this.hid.getDevices();

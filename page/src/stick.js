@@ -1,5 +1,5 @@
-// The operator's stick: keyboard, gamepad and SpaceMouse, with a dead-man. Axes are ahead, left, up, and turn to
-// the left, in -1 .. 1.
+// The operator's stick: keyboard, gamepad and SpaceMouse, with a dead-man switch. Axes are ahead,
+// left, up, and turn to the left, in -1 .. 1.
 import { typing } from './dom.js';
 import { SpaceMouse } from './spacemouse.js';
 
@@ -13,22 +13,22 @@ const clamp = (x) => Math.max(-1, Math.min(1, x));
 export class Stick {
   constructor() {
     this.down = new Set();
-    this.size = 0.5; // of full deflection, for keys
-    this.active = false; // keys belong to the stick
+    this.size = 0.5; // deflection of a pressed key, as a share of the full one
+    this.active = false; // whether keys act on the stick
     this.mouse = new SpaceMouse();
     addEventListener('keydown', (e) => {
-      // a list that was used last, as that of the speed, must not keep the dead-man
+      // a list with the focus, such as that of the speed, must not block the dead-man switch
       const taken = typing(e) && !e.target.matches('select');
       if (!this.active || taken || e.ctrlKey || e.metaKey || e.altKey) return;
       if (!(e.code in KEYS) && e.code !== 'Space' && e.code !== 'Enter') return;
-      if (e.code === 'Enter' && !this.down.has('Space')) return; // presses the button in focus
-      e.preventDefault(); // the page must not scroll, and no button be pressed
+      if (e.code === 'Enter' && !this.down.has('Space')) return; // Enter alone presses the button with the focus
+      e.preventDefault(); // prevents scrolling and the press of a button
       this.down.add(e.code);
     });
     addEventListener('keyup', (e) => {
       if (this.down.delete(e.code)) e.preventDefault();
     });
-    // keys whose release is not seen must not stay pressed
+    // a key whose release the page does not receive must not stay pressed
     for (const event of ['blur', 'pagehide']) addEventListener(event, () => this.down.clear());
     document.addEventListener('visibilitychange', () => this.down.clear());
   }

@@ -1,12 +1,12 @@
-// The operator's video: what the first-person camera shows is as late as the link, and comes in
-// pictures. All other cameras show the newest state.
+// The operator's video: the first-person camera shows pictures at the rate and with the delay of the
+// link. All other cameras show the newest state.
 const KEEP_S = 12;
 
 export class Video {
-  // `link` is { delay_s, rate_hz } of the scene, or null without a radio.
+  // `link` has delay_s and rate_hz of the scene; it is null without a radio.
   constructor(link) {
     this.link = link;
-    this.rows = []; // [t, row] that came
+    this.rows = []; // received [t, row]
     this.shown = null;
   }
 
@@ -17,12 +17,12 @@ export class Video {
     while (t - this.rows[0][0] > KEEP_S) this.rows.shift();
   }
 
-  // The picture at time t (s): its own time and its row; null while none has come.
+  // Returns the picture at time t (s) as [its time, its row]; null before the first one.
   pick(t) {
     if (!this.link) return null;
     const { delay_s: delay, rate_hz: rate } = this.link;
     let due = t - delay;
-    if (rate) due = Math.floor(due * rate + 1e-6) / rate; // a picture stays until the next one comes
+    if (rate) due = Math.floor(due * rate + 1e-6) / rate; // a picture stays until the next one arrives
     let found = null;
     for (const entry of this.rows) {
       if (entry[0] > due + 1e-6) break;

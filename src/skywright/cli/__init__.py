@@ -1,8 +1,8 @@
-"""The command line: the only place that wires everything together.
+"""The command line: the only module that connects all packages.
 
-Heavy modules are imported inside the commands, so that `skywright --help` answers at once.
-Exit codes: 0 all requirements met, 1 a requirement failed, no plan exists or the run was
-interrupted, 2 the input is wrong and nothing was started, 3 the simulation failed.
+Heavy modules are imported inside the commands, so that `skywright --help` answers at once. Exit
+codes: 0 all requirements met, 1 a requirement failed, no plan exists or the run was interrupted, 2
+the input is wrong and nothing was started, 3 the simulation failed.
 """
 
 import click

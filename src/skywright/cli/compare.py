@@ -19,7 +19,7 @@ from skywright.errors import InputError
 
 
 class CompareGroup(click.Group):
-    """Its commands; without the name of one it compares robots."""
+    """The subcommands; without one of their names it compares robots."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if args and args[0] not in (*self.commands, "-h", "--help"):
@@ -46,7 +46,7 @@ out_option = click.option(
 
 @contextmanager
 def _page(out: Path) -> Iterator[Path]:
-    """Give the page to write; nothing half-written is left behind."""
+    """Yield the path of the page; an empty page is removed after an error."""
     page = check_writable(out, (".html",))
     try:
         yield page

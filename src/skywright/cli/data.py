@@ -1,4 +1,4 @@
-"""Commands that read what instruments and flights recorded."""
+"""Commands that read recordings of instruments and flights."""
 
 from pathlib import Path
 

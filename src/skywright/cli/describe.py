@@ -88,7 +88,7 @@ def capability(
 
 
 PARTS = {f"{group.replace('_', '-')}s": group for group in GROUPS}
-"""Words of `skywright list`, and the group of which they list the kinds."""
+"""Words of `skywright list` -> the group of kinds."""
 
 
 @click.command(name="list")
@@ -111,7 +111,7 @@ def list_(kind: str | None, as_json: bool) -> None:
 
     listings = {"robots": list_robots, "worlds": list_worlds, "missions": list_missions}
     found = {name: call() for name, call in listings.items() if kind in (None, name)}
-    if kind in (None, "claims"):  # their specs are heavy: imported only where asked for
+    if kind in (None, "claims"):  # imported only on request, because their specs are heavy
         from skywright.evidence.reproduce.load import list_claims
 
         found["claims"] = list_claims()
@@ -132,7 +132,7 @@ def list_(kind: str | None, as_json: bool) -> None:
 
 
 def _print_names(found: dict[str, list[Entry]]) -> None:
-    """Names by kind; of claims, which are many, the papers."""
+    """Print names by kind; for claims, which are many, the papers."""
     for kind, entries in found.items():
         names = [e.name for e in entries]
         if kind == "claims":

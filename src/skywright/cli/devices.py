@@ -1,4 +1,4 @@
-"""Devices beside a robot: `servos`."""
+"""Commands for devices: `servos`."""
 
 import time
 

@@ -1,4 +1,4 @@
-"""Commands that measure what the project states: `reproduce`, `bench`."""
+"""Commands that measure the project's claims: `reproduce`, `bench`."""
 
 from pathlib import Path
 
@@ -28,7 +28,7 @@ def reproduce(
     from skywright.evidence.reproduce.present import Bar, print_reports, write_claims_page
     from skywright.evidence.reproduce.runner import check_papers, reproduce_papers
 
-    check_papers(paper, only)  # nothing is written for a name that does not exist
+    check_papers(paper, only)  # an unknown name must not create files
     page = check_writable(out or Path("claims.html"), (".html",))
     reports = reproduce_papers(
         paper, cache=cache or default_folder(), only=only, steps=None if as_json else Bar()
@@ -42,7 +42,7 @@ def reproduce(
 
 
 class _BenchCommand(click.Command):
-    """Help that lists the benchmarks, which are a registry of their own."""
+    """Help with the list of benchmarks, which have a registry of their own."""
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         from skywright.evidence.bench.registry import BENCHMARKS

@@ -1,4 +1,4 @@
-"""How every command behaves: order, errors as one line, exit codes."""
+"""Common behaviour of all commands: order, errors in one line, exit codes."""
 
 import gc
 import os
@@ -13,11 +13,11 @@ from skywright.core.interrupt import listen
 from skywright.errors import InfeasibleError, SkywrightError, neighbours
 
 LONGEST = 4000
-"""Characters of a message."""
+"""Longest message, in characters."""
 
 
 class Group(click.Group):
-    """Commands in the order of the contract; every error is one line and an exit code."""
+    """Commands in a fixed order; every error is one line and an exit code."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(self.commands)
@@ -32,26 +32,26 @@ class Group(click.Group):
 
     def main(self, args: Sequence[str] | None = None, *more: Any, **extra: Any) -> NoReturn:
         args = list(sys.argv[1:] if args is None else args)
-        extra |= {"standalone_mode": False, "obj": args}  # a run notes its command
+        extra |= {"standalone_mode": False, "obj": args}  # the command line is recorded in a run
         listen()
         gc.set_threshold(50_000)  # imports make objects, not garbage: looking took a fifth of them
         try:
             code = super().main(args, *more, **extra)
         except BaseException as error:
             code = _report(error, as_json="--json" in args)
-        # `python -m` would kill itself with SIGINT at the end where an interrupt went through code
-        # that was compiled from text (numba's, pydantic's): running some clears that note.
+        # After an interrupt in code compiled from text (numba, pydantic), `python -m` would end
+        # itself with SIGINT. Executing a text resets that state.
         exec("pass")
         sys.exit(code if isinstance(code, int) else 0)
 
 
 def _shorten(message: str) -> str:
-    """Cut what a message quotes of a file, so that it stays readable."""
+    """Shorten a message, because it may quote a long file."""
     return message if len(message) <= LONGEST else message[:LONGEST] + " ..."
 
 
 def _report(error: BaseException, as_json: bool) -> int:
-    """Print an error as one line on stderr (and as an object where `--json` asks): exit code."""
+    """Print an error as one line on stderr, with `--json` also as an object; return its code."""
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else 0 if error.code is None else 2
     if os.environ.get("SKYWRIGHT_DEBUG") and isinstance(error, Exception):
@@ -72,7 +72,7 @@ def _report(error: BaseException, as_json: bool) -> int:
         code, message = error.exit_code, str(error)
         if isinstance(error, InfeasibleError):
             facts["blocked_by"] = error.blocked_by
-    elif isinstance(error, BrokenPipeError):  # the reader of our output went away
+    elif isinstance(error, BrokenPipeError):  # the reader of the output has closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     elif isinstance(error, OSError) and error.filename is not None:

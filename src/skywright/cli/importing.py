@@ -1,4 +1,4 @@
-"""The command that takes robots over from files of other tools."""
+"""The command that imports robots from files of other tools."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def _describe(made: Imported) -> dict[str, Any]:
 
 
 def _ask(question: Question, check: Callable[[Any], None]) -> Any:
-    """Ask on the terminal until the answer can be; the guess is the default."""
+    """Prompt on the terminal until the answer is valid; the guess is the default."""
     from skywright.core.toml_files import parse_value
     from skywright.errors import InputError
 

@@ -1,4 +1,4 @@
-"""What commands share: options, output, and files that can be written."""
+"""Common parts of commands: options, output, and checks of output files."""
 
 import json
 import os
@@ -14,7 +14,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def layers(command: F) -> F:
-    """Options that choose and change the layers of a description."""
+    """Add the options that choose and change the layers of a description."""
     for option in (
         click.option("--seed", type=click.IntRange(min=0), help="Seed of every random draw."),
         click.option(
@@ -32,7 +32,7 @@ as_json_option = click.option("--json", "as_json", is_flag=True, help="Print one
 
 
 def live_options(command: F) -> F:
-    """Options that publish a flight to ROS 2 and Foxglove."""
+    """Add the options that publish a flight to ROS 2 and Foxglove."""
     for option in (
         click.option(
             "--await", "wait_s", type=click.FloatRange(0.0, 3600.0), default=0.0, metavar="SECONDS",
@@ -58,7 +58,7 @@ def live_options(command: F) -> F:
 
 
 def build_live(options: dict[str, Any]) -> Any:
-    """Return what `live_options` ask for, as skywright.run takes it."""
+    """Return the values of `live_options` for skywright.run."""
     from skywright.links.broadcast.options import Live
 
     return Live(
@@ -80,12 +80,12 @@ trust_option = click.option(
 
 
 def print_json(value: Any) -> None:
-    """Print one JSON object; NaN is our own mistake."""
+    """Print one JSON object; NaN raises an error, because no command may print it."""
     click.echo(json.dumps(value, indent=2, allow_nan=False))
 
 
 def check_writable(path: Path, formats: tuple[str, ...] = (".png", ".svg")) -> Path:
-    """Refuse a picture or page that cannot be written before the work begins."""
+    """Raise an error for an output file that cannot be written, before the work begins."""
     if path.suffix.lower() not in formats:
         raise InputError(f"{path}: unknown format; valid: {', '.join(formats)}")
     try:
@@ -94,14 +94,15 @@ def check_writable(path: Path, formats: tuple[str, ...] = (".png", ".svg")) -> P
         with path.open("ab"):
             pass
         if new:
-            path.unlink()  # what fails later leaves no empty file
+            path.unlink()  # a later failure leaves no empty file
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
     return path
 
 
 def check_folder(path: Path) -> Path:
-    """Refuse a folder that cannot be written before the work begins; nothing is made yet."""
+    """Raise an error for a folder that cannot be written, before the work begins; it is not
+    created."""
     there = path.absolute()
     while not there.exists():
         there = there.parent

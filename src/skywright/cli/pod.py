@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from skywright.analysis.pod.table import Inspections
 
 TABLES = (".csv", ".tsv", ".txt", ".dat")
-"""Ends of the names of tables; everything else is a mission."""
+"""Suffixes of tables; all other arguments are missions."""
 
 
 class _Ceiling(click.ParamType):
@@ -145,7 +145,7 @@ def _conclude(
     table: Inspections, method: Method, group: str | None, picture: Path | None,
     as_json: bool, label: str, more: dict[str, Any],
 ) -> dict[str, Any]:  # fmt: skip
-    """Fit, draw and print; returns what --json prints."""
+    """Fit, draw and print; return the values of --json."""
     from skywright.analysis.pod.groups import compare_groups
     from skywright.analysis.pod.pod import compute_pod
 

@@ -183,7 +183,7 @@ def records_(
 
 
 def _check_names(store: RecordStore, **given: str | None) -> None:
-    """Refuse a name that the database does not hold, with those that it holds."""
+    """Raise an error for a name that the database does not contain, with the valid names."""
     for name, value in given.items():
         if value is None:
             continue
@@ -218,7 +218,7 @@ def _import(
     columns: str | None, lag: float, measured: str | None, required: float | None,
     registration: float | None,
 ) -> str:  # fmt: skip
-    """Add a table as a flight of its own; returns the flight."""
+    """Import a table as a separate flight; return the flight."""
     from skywright.inspection.files.readings import load_readings
     from skywright.inspection.history.database import parse_stamp
 
@@ -242,7 +242,7 @@ def _import(
 def _register(
     store: RecordStore, table: Path, asset: str | None, flight: str | None, as_json: bool
 ) -> None:
-    """Store datum points, and show where the flights lie by them."""
+    """Store datum points, and show the flights' positions relative to them."""
     from skywright.inspection.history.datums import load_datums
 
     if (asset is None) == (flight is None):
@@ -305,7 +305,7 @@ def _export(
     store: RecordStore, asset: str | None, component: str | None, flight: str | None,
     parquet: Path | None, local: Path | None, dicom: Path | None,
 ) -> None:  # fmt: skip
-    """Write the files of others that were asked for."""
+    """Write the requested files for other programs."""
     from skywright.inspection.files import readings as tables
 
     found = store.find_readings(asset=asset, component=component, flight=flight)

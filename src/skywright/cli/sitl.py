@@ -1,4 +1,4 @@
-"""An autopilot flies a simulated robot: `sitl`."""
+"""Simulation in the loop with an autopilot: `sitl`."""
 
 import math
 import shlex
@@ -134,7 +134,7 @@ def sitl(
 
 
 def _check_options(autopilot: str, params: str | None, binary: Path | None) -> None:
-    """Raise InputError for options that are not those of the autopilot."""
+    """Raise InputError for options of another autopilot."""
     given = click.get_current_context().get_parameter_source
     if autopilot == "px4":
         if binary is not None:
@@ -154,7 +154,7 @@ def _check_options(autopilot: str, params: str | None, binary: Path | None) -> N
 
 
 def _format_parameters(description: Any, params: str) -> str:
-    """Return the robot as the autopilot's parameters."""
+    """Return the parameters of the robot for the autopilot."""
     robot, world = description.robot, description.world
     comment = f"{robot.name} in {world.name}, by skywright sitl --params {params}"
     if params == "cli":

@@ -1,1 +1,1 @@
-"""What a robot, a world, a mission and the plant may say: specs, loaders and data."""
+"""Descriptions of robot, world, mission and plant: specs, loaders and data."""

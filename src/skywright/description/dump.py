@@ -1,4 +1,4 @@
-"""Writing a description back: the resolved mission.toml of a run, from which it can be repeated."""
+"""Writing of a description: the resolved mission.toml of a run, which repeats the run."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ IN_FILE = re.compile(r"(.+\.py):([A-Za-z_]\w*)")
 
 
 def list_sources(description: Description) -> list[Path]:
-    """List the files of users that a description names: of laws, sensors, missions, and so on."""
+    """List the users' files that a description names: laws, sensors, missions, and so on."""
     found: dict[Path, None] = {}
     for root in ("mission", "robot", "world"):
         for _, value in iterate_leaves(getattr(description, root), root):
@@ -32,10 +32,10 @@ def list_sources(description: Description) -> list[Path]:
 
 
 def dump_description(description: Description, kept: Mapping[Path, str] | None = None) -> str:
-    """Write the whole description as TOML, sources included.
+    """Write the whole description as TOML, including sources.
 
-    `load_description` on the result gives an equal description (but for `origin`). Files in `kept`
-    are named as it says there.
+    `load_description` on the result gives an equal description (except for `origin`). Files in
+    `kept` are renamed as given there.
     """
     kept = kept or {}
     roots: dict[str, Any] = {}
@@ -47,7 +47,7 @@ def dump_description(description: Description, kept: Mapping[Path, str] | None =
 
 
 def _rename(value: Any, kept: Mapping[Path, str]) -> Any:
-    """Name files as `kept` says, wherever a kind stands in one."""
+    """Rename the files of kinds according to `kept`."""
     if isinstance(value, dict):
         return {name: _rename(child, kept) for name, child in value.items()}
     match = IN_FILE.fullmatch(value) if isinstance(value, str) else None

@@ -1,4 +1,4 @@
-"""Loading a mission: robot < world < mission < assignments, validated into one description."""
+"""Loading of a mission: robot < world < mission < assignments, validated into one description."""
 
 from __future__ import annotations
 
@@ -42,16 +42,17 @@ SPECS: dict[str, type[Spec]] = {
     "mission": Mission,
     "plant": Plant,
 }
-"""The four roots and what each may hold."""
+"""The four roots and their specs."""
 
 
 def list_specs(
     tree: Mapping[str, Any], folders: Sequence[Path] = (), touched: Sequence[str] = ()
 ) -> dict[str, type[Spec]]:
-    """Return the specs of the four roots, which follow from the kinds of mission and components.
+    """Return the specs of the four roots, which depend on the kinds of mission and components.
 
-    A kind in a file is looked up in `folders`, then here; its path is absolute in the tree then.
-    `touched` are keys that are to be set. Raises InputError where there is no such kind.
+    A kind in a file is searched in `folders`, then in the current folder; the tree then contains
+    its absolute path. `touched` are keys that will be set. Raises InputError if there is no such
+    kind.
     """
     table, specs = tree.get("mission"), dict(SPECS)
     if isinstance(table, dict) and "kind" in table:
@@ -63,25 +64,25 @@ Sets = Mapping[str, object] | Iterable[str]
 
 
 class Description(NamedTuple, Generic[T]):
-    """Everything that a plan or a run needs to know; T is the task of the mission's kind."""
+    """All inputs of a plan or a run; T is the task of the mission's kind."""
 
     robot: Robot
     world: World
     mission: Mission[T]
     plant: Plant
     sources: dict[str, Source]
-    """Dotted key -> where its number comes from."""
+    """Dotted key -> source of its number."""
     origin: dict[str, str]
-    """Dotted key -> the file (or `--set`) that wrote it; a default has none."""
+    """Dotted key -> the file (or `--set`) that set it; defaults are absent."""
 
     @property
     def true_world(self) -> World:
-        """The world as it truly is; `world` is the map that the robot has of it."""
+        """The true world; `world` is the map that the robot uses."""
         return displace_world(self.world, self.plant, self.mission.seed)
 
     @property
     def law(self) -> Part | None:
-        """The law that the mission names, else the robot; None: nobody names one."""
+        """The law of the mission, otherwise that of the robot; None if neither names one."""
         named = self.robot.control.law
         return self.mission.law or (None if named is None else Part(kind=named))
 
@@ -97,7 +98,7 @@ def find_mission(name: str | os.PathLike[str]) -> Found:
 
 
 def _list_files() -> dict[str, Path]:
-    """The built-in missions by name."""
+    """Return the built-in missions by name."""
     return {path.stem: path for path in sorted(MISSIONS.glob("*/*.toml"))}
 
 
@@ -111,9 +112,8 @@ def load_description(
     """Load a mission with its robot and world.
 
     `mission` is a built-in name, a file, or a finished run's directory; `robot` and `world` replace
-    those that the mission names. `sets` are `KEY=VALUE` texts, or a mapping from dotted keys to
-    values. `seed` replaces `mission.seed`.
-    Raises InputError naming file and key on anything that is wrong.
+    those of the mission. `sets` are `KEY=VALUE` texts, or a mapping from dotted keys to values.
+    `seed` replaces `mission.seed`. Raises InputError that names file and key of any error.
     """
     found = find_mission(mission)
     with guarded(_name_run(found.path)):
@@ -121,10 +121,10 @@ def load_description(
 
 
 def _name_run(path: Path) -> str | None:
-    """Name the run that a mission file belongs to; None for a mission of its own."""
+    """Return the run to which a mission file belongs, or None."""
     try:
         text = path.read_bytes() if path.stat().st_size < LARGEST_TOML else b""
-    except OSError:  # told when it is loaded
+    except OSError:  # reported when it is loaded
         return None
     beside = any((path.parent / name).exists() for name in ("metrics.json", "recording.mcap"))
     return f"run {path.parent}" if beside or b"resolved = true" in text else None
@@ -145,7 +145,7 @@ def _load(
             if root == "robot":
                 check_fitting(layers, found.label, str(error))
             raise
-    # `resolved` says how a file is to be read; a loaded mission is always complete
+    # `resolved` concerns only the reading of a file; a loaded mission is always complete
     parts["mission"] = parts["mission"].model_copy(update={"resolved": False})
     if parts["robot"].control.law is not None:
         find("law", parts["robot"].control.law, [folder], "robot.control.law")
@@ -156,7 +156,7 @@ def _load(
 
 
 def list_layer_problems(mission: str | os.PathLike[str]) -> list[str]:
-    """List everything that is wrong with a mission, its robot and its world, one line each."""
+    """List all errors of a mission, its robot and its world, one line each."""
     found = find_mission(mission)
     problems: list[str] = []
     try:
@@ -172,7 +172,7 @@ def list_layer_problems(mission: str | os.PathLike[str]) -> list[str]:
 
 
 def split_assignments(sets: Sets) -> list[tuple[str, object]]:
-    """Turn `sets` into (dotted key, value) pairs."""
+    """Convert `sets` into (dotted key, value) pairs."""
     if isinstance(sets, Mapping):
         pairs: Iterable[tuple[str, object]] = sets.items()
     else:
@@ -210,7 +210,7 @@ def load_layers(
         if name is None and assigned:
             name = str(assigned[-1]).strip("\"'")
         if name is not None:
-            if complete:  # the whole robot or world is exchanged
+            if complete:  # the whole robot or world is replaced
                 mission.tree.pop(root, None)
                 mission = mission._replace(sources=_drop(mission.sources, root))
             chosen.append((key, os.fspath(name)))
@@ -243,7 +243,7 @@ def load_layers(
                 )
         layers.append(base)
     layers.append(read_things(mission, folder, merge_layers(layers)[0]))
-    # the kind is set first: it says which keys there are
+    # the kind is set first, because it defines the keys
     kinds = [pair for pair in assignments if pair[0] == "mission.kind"]
     first = ("mission.robot", "mission.world", "mission.kind")
     others = [pair for pair in assignments if pair[0] not in first]
@@ -266,7 +266,7 @@ def load_layers(
 
 
 def _drop_old_map_error(plant: dict[str, Any]) -> None:
-    """Take the world file of a run from before map_error_size_m as the truth, which it was then."""
+    """Treat the world file of a run from before map_error_size_m as the truth, as it was then."""
     if "map_error_size_m" not in plant:
         for key in ("map_error_m", "map_error_deg"):
             plant.pop(key, None)

@@ -1,4 +1,4 @@
-"""Finding a robot, world or mission when the user says only a name or a path."""
+"""Identification of a robot, world or mission by a name or a path alone."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ KINDS = ("robot", "world", "mission")
 
 
 class Subject(NamedTuple):
-    """What a name stands for: exactly one of robot alone, world alone, whole description."""
+    """The object of a name: exactly one of robot alone, world alone, whole description."""
 
     kind: str
     label: str
@@ -30,7 +30,7 @@ class Subject(NamedTuple):
 
 
 def find_kind(name: str) -> tuple[str, str]:
-    """Tell what a name or path is: (robot, world or mission; the name or path to load).
+    """Return the object of a name or path: (robot, world or mission; the name or path to load).
 
     Raises InputError that lists the nearest built-in names of all kinds.
     """
@@ -51,7 +51,7 @@ def find_kind(name: str) -> tuple[str, str]:
                 f"{name}: the folder contains none of robot.toml, world.toml, mission.toml"
             )
         if path.is_file():
-            tree = load_layer(path, name, []).tree  # what is wrong inside is told later
+            tree = load_layer(path, name, []).tree  # errors inside are reported later
             for kind in ("mission", "robot", "world"):
                 if kind in tree:
                     return kind, str(path)
@@ -59,7 +59,7 @@ def find_kind(name: str) -> tuple[str, str]:
                 f"{name}: contains none of [robot], [world], [mission]; valid tables: "
                 + ", ".join(ROOTS)
             )
-    except (OSError, ValueError):  # a name too long, or with a null byte
+    except (OSError, ValueError):  # a name that is too long, or has a null byte
         pass
     raise InputError(
         f"unknown robot, world or mission {name!r}: no built-in name and no file; "
@@ -68,7 +68,7 @@ def find_kind(name: str) -> tuple[str, str]:
 
 
 def find_any(name: str) -> Subject:
-    """Load what a name or path stands for."""
+    """Load the object of a name or path."""
     kind, path = find_kind(name)
     if kind == "robot":
         robot, sources = load_robot(path)

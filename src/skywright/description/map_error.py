@@ -1,8 +1,8 @@
-"""How far the true structure is from its map: the keys `plant.map_error_*`.
+"""Errors of the map relative to the true structure: the keys `plant.map_error_*`.
 
-Planner, laws and estimators know the world as its file has it: the map. The plant's pipe or
-structure stands beside it, drawn from the seed, uniform within the bounds that the keys state. The
-bounds come with the map and may be used by a planner; the draw may not.
+Planner, laws and estimators use the world of the world file: the map. The plant's pipe or structure
+deviates from it. The deviation is drawn from the seed, uniform within the bounds of the keys. The
+bounds are part of the map and available to planners; the deviation itself is not.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ X, Y, Z, YAW, TILT, SIZE, CROSS_TILT, ROLL = range(8)
 
 
 def displace_world(world: World, plant: Plant, seed: int) -> World:
-    """Return the world as it truly is: its pipe or structure off the map by what `seed` draws."""
+    """Return the true world: its pipe or structure deviates from the map by what `seed` draws."""
     if not any(getattr(plant, key) for key in KEYS):
         return world
     u = build_stream(seed, "map").uniform(-1.0, 1.0, 8)
@@ -56,7 +56,7 @@ def _displace_structure(s: Structure, plant: Plant, u: Array) -> Structure:
     }  # fmt: skip
     if s.facing == "side":
         new["slope_deg"] = s.slope_deg + turn * float(u[TILT])
-    else:  # the normal tilts towards both directions of the ground
+    else:  # the normal tilts in both horizontal directions
         toward, rise = math.radians(s.slope_toward_deg), math.tan(math.radians(s.slope_deg))
         x = rise * math.cos(toward) + math.tan(math.radians(turn * float(u[TILT])))
         y = rise * math.sin(toward) + math.tan(math.radians(turn * float(u[CROSS_TILT])))
@@ -75,7 +75,7 @@ def _displace_place(thing: Pipe | Structure, plant: Plant, u: Array) -> dict[str
 
 
 def check_map_error(world: World, plant: Plant, origin: Mapping[str, str]) -> None:
-    """Raise InputError where a map error is asked for that changes nothing in this world."""
+    """Raise InputError for a map error that has no effect in this world."""
     sized = world.pipe is not None or (
         world.structure is not None and world.structure.radius_m is not None
     )

@@ -1,14 +1,14 @@
 """Components that a description names: laws, estimators, sensors and others by their `kind`.
 
     [mission.law]            # or law = "cascade"
-    kind = "lqr.py:Lqr"      # beside the file that says so
-    q = 400.0                # of the law's own Table
+    kind = "lqr.py:Lqr"      # relative to this file
+    q = 400.0                # a key of the law's own Table
 
     [robot.sensors.pitot]
     kind = "airspeed.py:Airspeed"
 
-The spec of such a table is made from the `Table` of the class, so that `--set`, `check` and `show`
-know its keys. A layer that names another kind replaces the whole table.
+The spec of such a table is created from the `Table` of the class, so that its keys are available to
+`--set`, `check` and `show`. A layer that names another kind replaces the whole table.
 """
 
 from __future__ import annotations
@@ -26,24 +26,24 @@ from skywright.core.toml_files import Layer, Tree
 from skywright.errors import InputError, neighbours
 
 SINGLE = {("mission", "law"): "law", ("mission", "estimator"): "estimator"}
-"""Tables that are a component, and its group; a plain text stands for `{ kind = TEXT }`."""
+"""Tables that are a component, and its group; a plain text abbreviates `{ kind = TEXT }`."""
 NAMED = {
     ("robot", "sensors"): "sensor", ("robot", "actuators"): "actuator",
     ("world", "effects"): "effect", ("plant", "faults"): "fault", ("mission", "faults"): "rule",
 }  # fmt: skip
-"""Tables whose tables are components, by name."""
+"""Tables that contain components by name."""
 ALWAYS = {"mission": ("faults", "rule")}
-"""Root -> a table in which every built-in kind of a group stands under its own name."""
+"""Root -> a table that contains every built-in kind of a group under its own name."""
 
 
 class Part(Spec):
-    """A component's table; that of a class has the keys of its `Table` as well."""
+    """A component's table; that of a class also has the keys of its `Table`."""
 
     kind: str  # name, or "file.py:Class"
 
 
 class Place(NamedTuple):
-    """Where a tree names a component."""
+    """Position of a component in a tree."""
 
     parent: Tree
     name: str
@@ -52,7 +52,7 @@ class Place(NamedTuple):
 
 
 def list_places(tree: Tree) -> Iterator[Place]:
-    """Yield where a tree of files names components."""
+    """Yield the positions of components in a tree of files."""
     for (root, name), group in SINGLE.items():
         table = tree.get(root)
         if isinstance(table, dict) and isinstance(table.get(name), dict | str):
@@ -67,9 +67,9 @@ def list_places(tree: Tree) -> Iterator[Place]:
 
 
 def normalise_layer(layer: Layer, folder: Path) -> Layer:
-    """Write plain texts as tables, and the files of a layer's components with absolute paths.
+    """Convert plain texts to tables, and the files of a layer's components to absolute paths.
 
-    They stand beside the file of the layer, in `folder`, or in the current folder.
+    The files are searched in `folder`, which is that of the layer, then in the current folder.
     """
     for place in list_places(layer.tree):
         value = place.parent[place.name]
@@ -85,7 +85,7 @@ def normalise_layer(layer: Layer, folder: Path) -> Layer:
 
 
 def locate_kind(kind: str, folders: Sequence[Path]) -> str:
-    """Return the kind with its file's absolute path, where that file is found."""
+    """Return the kind with the absolute path of its file, if the file is found."""
     file, colon, name = kind.rpartition(":")
     if not colon or not file.endswith(".py"):
         return kind
@@ -99,7 +99,7 @@ def locate_kind(kind: str, folders: Sequence[Path]) -> str:
 def take_kinds(
     assignments: list[tuple[str, object]], label: str
 ) -> tuple[Layer | None, list[tuple[str, object]]]:
-    """Split off the assignments that say a component's kind, as a layer: they come first."""
+    """Split off the assignments that set a component's kind, as a layer: they apply first."""
     tree: Tree = {}
     others: list[tuple[str, object]] = []
     for key, value in assignments:
@@ -117,7 +117,7 @@ def take_kinds(
 
 
 def check_named(keys: Sequence[str], tree: Tree, label: str) -> None:
-    """Raise InputError for a key of a component that no layer names, such as a fault's."""
+    """Raise InputError for a key of a component that no layer names, such as that of a fault."""
     names = {place.key for place in list_places(tree)}
     for key in keys:
         path = key.split(".")
@@ -151,8 +151,8 @@ def drop_replaced(layers: Sequence[Layer]) -> None:
 def type_parts(spec: type[Spec], root: str, tree: Tree, touched: Sequence[str] = ()) -> type[Spec]:
     """Return the spec of a root with the tables of the components that the tree names.
 
-    A built-in component is imported only where the tree, or a key in `touched`, has keys of its
-    own. Raises InputError where a kind is unknown, or its file fails to import.
+    A built-in component is imported only if the tree, or a key in `touched`, has keys of its own.
+    Raises InputError if a kind is unknown, or its file fails to import.
     """
     fields: list[tuple[str, str, str]] = []
     if root in ALWAYS:
@@ -169,7 +169,7 @@ def type_parts(spec: type[Spec], root: str, tree: Tree, touched: Sequence[str] =
             continue
         own = len(value) > 1 or any(key.startswith(place.key + ".") for key in touched)
         offers = list_offers(place.group).get(kind, [])
-        if own or len(offers) != 1 or offers[0].point is not None:  # not simply built in
+        if own or len(offers) != 1 or offers[0].point is not None:  # not a plain built-in kind
             find(place.group, kind, (), place.key)
             fields.append((name, place.group, kind))
         elif "." in name:
@@ -194,7 +194,7 @@ def extend_spec(base: type[Spec], fields: tuple[tuple[str, str, str], ...]) -> t
         typed = extend_spec(child, tuple(parts))
         new[head] = (typed, Field(default_factory=typed))
     out = create_model(base.__name__, __base__=base, **new)
-    if base.__reduce__ is not object.__reduce__:  # it knows itself how
+    if base.__reduce__ is not object.__reduce__:  # it defines its own pickling
         return out
     return _make_picklable(out, _revive, base, fields)
 
@@ -218,18 +218,18 @@ def _revive_table(group: str, kind: str, values: dict[str, Any]) -> Part:
 
 
 def _make_picklable(spec: Any, revive: Any, *recipe: Any) -> Any:
-    """Let another process make the class again, which no module holds by name."""
+    """Let another process create the class again, which no module contains by name."""
     spec.__reduce__ = lambda self: (revive, (*recipe, dict(self)))
     return spec
 
 
 def list_parts(spec: Spec) -> dict[str, Part]:
-    """Return the components that a validated table holds, by name."""
+    """Return the components of a validated table, by name."""
     values = ((name, getattr(spec, name)) for name in type(spec).model_fields)
     return {name: value for name, value in values if isinstance(value, Part)}
 
 
 def build_part(group: str, part: Part, name: str) -> Any:
-    """Return the component that a part names, as the instance `name` with its table."""
+    """Return the component of a part, as the instance `name` with its table."""
     cls = find(group, part.kind).cls
     return cls(name, cls.Table.model_validate(part.model_dump(exclude={"kind"})))

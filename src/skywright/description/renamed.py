@@ -1,7 +1,7 @@
-"""Keys that have another name now: files and assignments that use the old one still load.
+"""Renamed keys: files and assignments that use the old name still load.
 
-One line in RENAMED a key or table. Whoever uses an old name is told the new one on standard error,
-once a file.
+RENAMED has one line per key or table. The use of an old name prints the new one on standard error,
+once per file.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ RENAMED: Mapping[str, str] = {
     "mission.scan": "mission.task",
     "mission.waypoints": "mission.task.points",
 }
-"""Old key -> new one; what lies below a table moves along."""
+"""Old key -> new key; everything below a table moves with it."""
 
 
 def load_layer(path: Path, label: str | None = None, problems: list[str] | None = None) -> Layer:
-    """Read one description file as `core.toml_files.load_layer` does, old keys renamed."""
+    """Load one description file like `core.toml_files.load_layer`, with old keys renamed."""
     if problems is None:
         label = label or str(path)
         layer: Layer = pickle.loads(_build_layer(read_text(path, LARGEST_TOML, label=label), label))
@@ -38,14 +38,15 @@ def load_layer(path: Path, label: str | None = None, problems: list[str] | None 
 
 @lru_cache(maxsize=32)
 def _build_layer(text: str, label: str) -> bytes:
-    """Parse a text once: a hundred runs load the same robot. Its reader may change its copy."""
+    """Parse a text once, because a hundred runs load the same robot; the caller may change its
+    copy."""
     return pickle.dumps(toml_files.build_layer(text, label))
 
 
 def rename_keys(layer: Layer) -> Layer:
-    """Return the layer with new names; an empty value under an old one is left out.
+    """Return the layer with new names; an empty value under an old name is dropped.
 
-    Raises InputError where a value stands under both.
+    Raises InputError if both names have a value.
     """
     for old, new in RENAMED.items():
         table, name = _find_parent(layer.tree, old)
@@ -74,7 +75,7 @@ def _replace(key: str, old: str, new: str) -> str:
 
 
 def _find_parent(tree: Tree, key: str) -> tuple[Tree | None, str]:
-    """Return the table that holds a dotted key (None: there is none), and the key's last part."""
+    """Return the table that contains a dotted key (or None), and the last part of the key."""
     *parents, name = key.split(".")
     table: Any = tree
     for parent in parents:
@@ -83,7 +84,7 @@ def _find_parent(tree: Tree, key: str) -> tuple[Tree | None, str]:
 
 
 def _put(tree: Tree, path: list[str], value: Any, label: str, old: str) -> None:
-    """Write a value at `path`; a table goes into the one that is there."""
+    """Write a value at `path`; a table is merged into an existing one."""
     key = ".".join(path)
     *parents, name = path
     for parent in parents:

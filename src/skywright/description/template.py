@@ -1,8 +1,8 @@
-"""`skywright new WHAT NAME`: commented files that run as they are.
+"""`skywright new WHAT NAME`: commented files that run unchanged.
 
-What there is follows from the folders of `templates/`: each holds the files of one kind of thing.
-In names and contents @NAME@ becomes the name, @MODULE@ and @CLASS@ the same as a Python module and
-class; `.in` at the end of a file's name is taken off.
+The templates are the folders of `templates/`: each contains the files of one template. In names and
+contents @NAME@ becomes the name, @MODULE@ and @CLASS@ the same as a Python module and class; a
+suffix `.in` of a file's name is removed.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ TEMPLATES = Path(__file__).parent / "templates"
 
 
 def list_templates() -> list[str]:
-    """List what there is a template of."""
+    """List the names of the templates."""
     return sorted(folder.name for folder in TEMPLATES.iterdir() if folder.is_dir())
 
 
 def write_template(what: str, folder: Path) -> list[Path]:
-    """Write the template of `what` into a folder named after the new thing; returns its files.
+    """Write the template of `what` into a folder with the name of the new object; return its files.
 
-    Raises InputError when the name is no plain name, or one of the files is there already.
+    Raises InputError if the name is not a plain name, or if one of the files exists.
     """
     if what not in list_templates():
         raise InputError(f"no template for {what!r}; valid: {neighbours(what, list_templates())}")

@@ -1,10 +1,10 @@
-"""Is the filter as sure of itself as it should be? `python -m skywright.evidence.consistency`.
+"""Consistency of the filter: `python -m skywright.evidence.consistency`.
 
 Flies a mission with many seeds and compares the filter's errors with its covariance: the squared
-error in units of the covariance (NEES) is chi-square distributed when the filter is consistent
-(Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001,
-section 5.4). Averaged over N independent runs, N times it is chi-square with 15 N degrees of
-freedom at each instant. The whitened innovations shall have unit variance and no memory.
+error in units of the covariance (NEES) is chi-square distributed if the filter is consistent
+(Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section
+5.4). For N independent runs, N times their average is chi-square with 15 N degrees of freedom at
+each instant. The whitened innovations should have unit variance and no correlation.
 """
 
 import sys
@@ -26,7 +26,7 @@ from skywright.vehicle.estimators._strapdown import head_covariance
 from skywright.vehicle.sensors.inertial import Inertial
 
 EVERY = 10  # mission ticks between values: 0.2 s
-START = 3.0  # s, the filter starts with a guess of its velocity
+START = 3.0  # s; before, the filter's initial velocity is a guess
 PARTS = {
     "all": slice(0, 15),
     "position": slice(0, 3),
@@ -47,7 +47,7 @@ class Trace(NamedTuple):
 
 
 class Watcher:
-    """Collects the filter's errors while a mission flies (an evaluation.run.Observer)."""
+    """Collects the filter's errors during a mission (an evaluation.run.Observer)."""
 
     def __init__(self) -> None:
         self._t: list[float] = []
@@ -57,7 +57,7 @@ class Watcher:
         self._ticks, self._fused = 0, 0
 
     def on_plan(self, plan: MissionPlan, description: Any) -> None:
-        """Nothing to do."""
+        """Do nothing."""
 
     def on_tick(self, t: float, phase: str, vehicle: Any) -> None:
         """Compare state and covariance with the truth of the same tick."""
@@ -76,10 +76,10 @@ class Watcher:
             self._covariance.append(P)
 
     def close(self) -> None:
-        """Nothing to do."""
+        """Do nothing."""
 
     def trace(self) -> Trace:
-        """What was collected."""
+        """Return the collected values."""
         return Trace(
             np.array(self._t), np.array(self._error), np.array(self._covariance),
             np.array(self._innovation),
@@ -87,14 +87,14 @@ class Watcher:
 
 
 def compute_error(vehicle: Any) -> Array:
-    """Truth less estimate (15,) of the filter's state, attitude error in W."""
+    """Return the error (15,), truth minus estimate, of the filter's state; attitude error in W."""
     flt, pl, im = vehicle.read_memory("estimator"), vehicle.read(Truth), vehicle.find(Inertial)
     R, lever = pl["R_WB"], flt["p_BI"]
     out = np.empty(15)
     out[0:3] = pl["p_WB"] + R @ lever - flt["p"]
     out[3:6] = pl["v_WB"] + R @ np.cross(pl["w_WB_B"], lever) - flt["v"]
     log_so3(np.ascontiguousarray(R @ flt["R"].T), out[6:9])
-    # the samples since the tick's start are not the filter's yet
+    # the filter does not have the samples since the start of the tick yet
     waiting = int(vehicle.read_memory(im.name)["n"])
     bias = im.read_bias(max(int(vehicle.read(Clock)["fast"]) - 1 - waiting, 0))
     out[9:12], out[12:15] = bias[:3] - flt["bg"], bias[3:] - flt["ba"]
@@ -108,7 +108,7 @@ def compute_nees(trace: Trace, part: slice) -> Array:
 
 
 def fly_traces(mission: str, sets: Sequence[str], seeds: Sequence[int]) -> list[Trace]:
-    """Fly a mission once a seed; raises InputError, InfeasibleError as a run does."""
+    """Fly a mission once per seed. Raises InputError and InfeasibleError as a run does."""
     out = []
     for seed in seeds:
         watcher = Watcher()
@@ -118,7 +118,7 @@ def fly_traces(mission: str, sets: Sequence[str], seeds: Sequence[int]) -> list[
 
 
 class Consistency(NamedTuple):
-    """Verdict on one part of the state over all runs."""
+    """Result for one part of the state over all runs."""
 
     mean: float  # NEES over degrees of freedom; 1 is consistent
     low: float  # bounds of the average over the runs at one instant, 95 %
@@ -127,7 +127,7 @@ class Consistency(NamedTuple):
 
 
 def compute_consistency(traces: list[Trace], part: slice) -> Consistency:
-    """Average NEES over the runs, instant by instant."""
+    """Average the NEES over the runs at each instant."""
     n = min(len(t.t) for t in traces)
     nees = np.mean([compute_nees(t, part)[:n] for t in traces], axis=0)
     dof = part.stop - part.start
@@ -137,7 +137,7 @@ def compute_consistency(traces: list[Trace], part: slice) -> Consistency:
 
 
 def compute_whiteness(traces: list[Trace]) -> tuple[Array, Array]:
-    """Return variance and correlation of neighbours, (6,) each, of the whitened innovations."""
+    """Return variance and correlation of successive whitened innovations, (6,) each."""
     nu = [t.innovation for t in traces]
     variance = np.mean([np.mean(x**2, axis=0) for x in nu], axis=0)
     memory = np.mean([np.mean(x[1:] * x[:-1], axis=0) for x in nu], axis=0) / variance
@@ -149,7 +149,7 @@ def compute_whiteness(traces: list[Trace]) -> tuple[Array, Array]:
 @click.option("--seeds", default=20)
 @click.option("--set", "sets", multiple=True, metavar="KEY=VALUE")
 def main(mission: str, seeds: int, sets: tuple[str, ...]) -> None:
-    """Fly and print a table; exit code 1 when the whole state is not consistent."""
+    """Fly and print a table; the exit code is 1 if the whole state is not consistent."""
     traces = fly_traces(mission, sets, range(1, seeds + 1))
     print(f"{mission}, {seeds} seeds, {min(len(t.t) for t in traces)} instants each")
     print("part                 NEES/n   95 % of averages   instants inside")

@@ -1,10 +1,10 @@
-"""Compile the steps of a vehicle for CUDA, from their one source: no device is needed.
+"""Compile the steps of a vehicle for CUDA from their Python source; no device is needed.
 
     python -m skywright.evidence.cuda_steps --out benchmarks/cuda.json
 
-Requires numba-cuda, NVIDIA's libraries nvvm and nvrtc, and the assembler ptxas, none of which
-Skywright depends on (docs/howto/compile-for-cuda.md). It tells for each step whether it compiles,
-the size of its PTX, and the registers and the stack that a thread needs.
+Requires numba-cuda, NVIDIA's libraries nvvm and nvrtc, and the assembler ptxas, which are not
+dependencies of Skywright (docs/howto/compile-for-cuda.md). Reports for each step whether it
+compiles, the size of its PTX, and the registers and the stack that a thread needs.
 """
 
 from __future__ import annotations
@@ -37,35 +37,35 @@ from skywright.vehicle.component import Draws
 from skywright.vehicle.ports import Step
 
 ARCHITECTURE = (9, 0)
-"""Compute capability that is compiled for."""
+"""Compute capability of the target."""
 Flown = tuple[str, str | None, str]
-"""A mission, the robot that flies it (None: its own), and a value that is set ("": none)."""
+"""A mission, the robot that flies it (None: its own), and a setting ("": none)."""
 NEEDS = {
     "direct_force": ("bridge-contact", None),
     "backstepping_torque": ("bridge-contact", "f550-bridge-torque"),
 }
-"""Mission and robot of the laws that do not fly the othex through way-points."""
+"""Mission and robot of the laws that cannot fly the othex through way-points."""
 
 
 class Compiled(NamedTuple):
-    """What became of a step."""
+    """Result of compiling a step."""
 
     mission: str
     step: str
     slot: str
     ptx_bytes: int  # 0: it does not compile
-    registers: int  # a thread
+    registers: int  # per thread
     stack_bytes: int
     spilled_bytes: int
-    why: str  # it does not compile, or ""
+    why: str  # why it does not compile, or ""
 
 
 @cache
 def prepare() -> Any:
-    """Teach numba-cuda what steps use, and return its compiler; raises InputError without it.
+    """Register the steps' helpers with numba-cuda and return it. Raises InputError without it.
 
-    Helpers become device functions of the same Python source, and `local` is an array on the stack
-    there, too. The architecture stands in for a device.
+    Helpers become device functions of the same Python source, and `local` becomes an array on the
+    device's stack. The architecture replaces a device.
     """
     try:
         version("numba-cuda")
@@ -91,7 +91,7 @@ def prepare() -> Any:
             devices[self] = dispatcher.CUDADispatcher(function, options)
         return HelperType(devices[self])
 
-    for name in ("ceil", "exp", "floor", "sqrt"):  # of NumPy's: its list lacks these
+    for name in ("ceil", "exp", "floor", "sqrt"):  # ufuncs that are missing in its list
         implement = mathimpl.get_unary_impl_for_fn_and_ty(getattr(math, name), types.float64)
         ufuncs.ufunc_db().setdefault(getattr(np, name), {"d->d": implement})
     Helper._numba_type_ = property(find_type)  # type: ignore[assignment, method-assign]
@@ -103,7 +103,7 @@ def prepare() -> Any:
 
 
 def _build_views() -> dict[Any, Any]:
-    """Return what stands for `words`, `integers` and `table`: numba-cuda has no `carray`."""
+    """Return replacements of `words`, `integers` and `table`: numba-cuda has no `carray`."""
     from numba.cuda.extending import intrinsic
     from numba.cuda.np import arrayobj
 
@@ -144,14 +144,14 @@ def _build_views() -> dict[Any, Any]:
 
 
 def align(kind: np.dtype[Any]) -> np.dtype[Any]:
-    """Return a record's type that promises its alignment: else a number is read byte by byte."""
+    """Return the record's dtype with alignment; otherwise numbers are read byte by byte."""
     if kind.subdtype is not None:
         base, shape = kind.subdtype
         return np.dtype((align(base), shape))
     if kind.fields is not None:
         fields = [(name, align(kind.fields[name][0])) for name in kind.names or ()]
         out = np.dtype(fields, align=True)
-        assert out.itemsize == kind.itemsize  # words of 8 bytes only: nothing moves
+        assert out.itemsize == kind.itemsize  # words of 8 bytes only: the layout is unchanged
         return out
     return kind
 
@@ -170,13 +170,13 @@ def compile_cuda(mission: str, assembly: Assembly, step: Step) -> Compiled:
         needs = assemble(ptx)
     except InputError:
         raise
-    except Exception as error:  # numba and its passes raise what they like
+    except Exception as error:  # numba and its passes raise arbitrary exceptions
         return Compiled(mission, step.label, step.slot, 0, 0, 0, 0, _shorten(error))
     return Compiled(mission, step.label, step.slot, len(ptx), *needs, "")
 
 
 def assemble(ptx: str) -> tuple[int, int, int]:
-    """Return registers, stack and spilled bytes of a thread, as ptxas has them."""
+    """Return registers, stack and spilled bytes per thread, as reported by ptxas."""
     kernel = build_kernel(ptx)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "step.ptx"
@@ -226,7 +226,8 @@ def _shorten(error: Exception) -> str:
 
 
 def list_flights() -> list[Flown]:
-    """Return all built-in missions, and way-points with every law and estimator."""
+    """Return all built-in missions, way-points with every law, and the scan with every
+    estimator."""
     missions: list[Flown] = [(entry.name, None, "") for entry in list_missions()]
     laws: list[Flown] = [
         (*NEEDS.get(law, ("waypoints", "othex")), f"mission.law={law}") for law in list_kinds("law")
@@ -240,8 +241,8 @@ def list_flights() -> list[Flown]:
 
 
 def compile_all(flights: Sequence[Flown], only: list[str]) -> list[Compiled]:
-    """Compile the steps of missions' vehicles whose label contains one of `only` (all: empty)."""
-    vehicles = [  # compiled for the processor before numba-cuda is told what steps use
+    """Compile the steps of the vehicles whose label contains one of `only` (all if it is empty)."""
+    vehicles = [  # compiled for the processor before `prepare` changes the helpers' types
         (mission, build_vehicle(load_description(mission, robot, sets=[value] if value else [])))
         for mission, robot, value in flights
     ]
@@ -259,7 +260,7 @@ def compile_all(flights: Sequence[Flown], only: list[str]) -> list[Compiled]:
 
 
 def main() -> None:
-    """Compile, print a line a step, and write the table."""
+    """Compile, print one line per step, and write the table."""
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     p.add_argument("--mission", action="append", default=[], help="default: all")
     p.add_argument("--only", action="append", default=[], metavar="TEXT", help="part of a label")

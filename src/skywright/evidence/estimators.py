@@ -1,6 +1,6 @@
-"""What each estimator is worth: `python -m skywright.evidence.estimators`.
+"""Errors of each estimator: `python -m skywright.evidence.estimators`.
 
-Flies the weld scan with the filter, the observer and the truth itself, in good and in bad
+Flies the weld scan with the filter, the observer and the truth itself, in good and in degraded
 conditions of motion capture and link, and prints the table of docs/howto/estimator-and-link.md.
 """
 
@@ -28,12 +28,12 @@ START = 4.0  # s, errors count from here
 
 
 class Row(NamedTuple):
-    """One estimator in one condition; errors are root mean squares over the completed flights."""
+    """One estimator in one condition; errors are rms values over the completed flights."""
 
     condition: str
     estimator: str
     met: int
-    lost: int  # flights that did not reach their end
+    lost: int  # flights that did not finish
     flights: int
     position_mm: float
     velocity_mmps: float
@@ -41,7 +41,7 @@ class Row(NamedTuple):
 
 
 def measure(condition: str, estimator: str, seeds: Sequence[int]) -> Row:
-    """Fly the weld scan once a seed."""
+    """Fly the weld scan once per seed."""
     squares, met = [], 0
     exact = [f"plant.{key}=0" for key in KEYS]  # no survey
     sets = [*exact, *CONDITIONS[condition], f"mission.estimator={estimator}"]
@@ -62,7 +62,8 @@ def measure(condition: str, estimator: str, seeds: Sequence[int]) -> Row:
 
 
 def measure_all(condition: str, seeds: Sequence[int]) -> list[Row]:
-    """Every estimator in a condition; the truth only once, motion capture does not touch it."""
+    """Measure every estimator in a condition; the truth only once, as motion capture has no
+    effect."""
     names = [e for e in ESTIMATORS if e != "truth" or condition == TRUTH_IN]
     return [measure(condition, estimator, seeds) for estimator in names]
 

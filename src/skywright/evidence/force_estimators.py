@@ -1,9 +1,9 @@
-"""What a compliant arm presses with: `python -m skywright.evidence.force_estimators`.
+"""Force of a compliant arm: `python -m skywright.evidence.force_estimators`.
 
-Suarez 2020 controls the force of a hand through its Cartesian deflection, (25)-(28); beside it
-stands the static equilibrium of the links (vehicle/arms/contact_force.py). On a bench each of them
+Suarez 2020 estimates the force of a hand from its Cartesian deflection, (25)-(28). It is compared
+with the static equilibrium of the links (vehicle/arms/contact_force.py). On a bench each estimator
 closes the force loop at 2 N, up and forward, in the L pose and with the arm almost stretched, with
-the reading called zero before the contact (tare) and without; the true contact force is compared.
+the reading zeroed before contact (tare) and without. The table gives the true contact force.
 """
 
 import json
@@ -24,8 +24,8 @@ from skywright.vehicle.arms_interface import Arms
 
 FORCE = 2.0  # N, of the paper's trials
 HEIGHT = 1.5  # m, of the clamped platform
-GAP = 0.004  # m, between the hand and what it will press on
-SIZE = 0.05  # m, edge of that: the forearm stays clear of it
+GAP = 0.004  # m, between the hand and the box
+SIZE = 0.05  # m, edge of the box: small enough for the forearm
 POSES = {"L": (0.0, 0.0, 0.0, -90.0), "stretched": (-80.0, 0.0, 0.0, -10.0)}  # deg
 BACK = (60.0, 0.0, 0.0, -120.0)
 WAYS = {"up": (0.0, 0.0, 1.0), "forward": (1.0, 0.0, 0.0)}
@@ -33,7 +33,7 @@ SETTLE, HOLD = 5.0, 5.0  # s
 
 
 class Row(NamedTuple):
-    """One trial: mean and rms error of the true force (N), what the estimator said, its lever."""
+    """One trial: mean and rms error of the true force (N), the estimated force, its lever arm."""
 
     pose: str
     direction: str
@@ -59,7 +59,7 @@ def measure(
     way = np.array(WAYS[direction])
     hand = np.array([0.0, 0.0, HEIGHT])
     hand += find_hands(build_body_model(d.robot, d.world.gravity_mps2), q)[0]
-    # the ball's foremost point in that direction, then the gap, then a box
+    # the ball's foremost point in that direction, then the gap, then the box
     radius = d.robot.arm.hand.radius_m
     angle = math.radians(POSES[pose][0] + POSES[pose][3])
     centre = hand - radius * np.array([-math.sin(angle), 0.0, -math.cos(angle)])
@@ -78,7 +78,7 @@ def measure(
         vehicle.flush()
         return np.concatenate(blocks)
 
-    for angles in (BACK, (BACK[0], *POSES[pose][1:]), POSES[pose]):  # comes from below
+    for angles in (BACK, (BACK[0], *POSES[pose][1:]), POSES[pose]):  # approach from below
         arms.move_to(np.radians(np.tile(angles, d.robot.arm.sides)))
         wait(4.0)
     wait(4.0)
@@ -98,7 +98,7 @@ def measure(
 
 
 def compare(robot: str = "bimanual", seed: int = 1) -> list[Row]:
-    """Measure every pose, direction and estimator; the tare for the L pose."""
+    """Measure every pose, direction and estimator; with tare for the L pose only."""
     return [
         measure(pose, direction, estimator, tare, robot, seed)
         for pose in POSES

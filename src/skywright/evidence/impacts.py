@@ -1,9 +1,9 @@
-"""What a collision does to the platform: `python -m skywright.evidence.impacts`.
+"""Effect of a collision on the platform: `python -m skywright.evidence.impacts`.
 
-Suarez 2020, table 3, calls the compliant and the long-reach arm the safer ones without a number.
-Flies `impact` with stiff joints, compliant joints, at the end of the passive link, and with that
-link itself, at several speeds and seeds, and prints the table of docs/papers/suarez-2020.md: means
-over the seeds, and how many flights met the requirements of the mission.
+Suarez 2020, table 3, calls the compliant and the long-reach arm safer, without a number. Flies
+`impact` with stiff joints, compliant joints, at the end of the passive link, and with that link
+itself, at several speeds and seeds, and prints the table of docs/papers/suarez-2020.md: means over
+the seeds, and the number of flights that met the requirements of the mission.
 """
 
 import argparse
@@ -24,7 +24,7 @@ VARIANTS: dict[str, tuple[str, tuple[str, ...]]] = {
     "hand, passive link": ("bimanual-longreach", ()),
     "the passive link itself": ("bimanual-longreach", ("mission.task.part=link",)),
 }
-"""What hits -> robot and settings of the mission."""
+"""Impacting part -> robot and settings of the mission."""
 SPEEDS = (0.3, 0.5, 1.0)  # m/s
 COLUMNS = {
     "impact.contact_force_n": "on the pad (N)",
@@ -35,11 +35,11 @@ COLUMNS = {
     "impact.deflection_deg": "spring winds (deg)",
     "impact.impulse_ns": "impulse (N s)",
 }
-"""Metric -> head of its column."""
+"""Metric -> heading of its column."""
 
 
 class Row(NamedTuple):
-    """One variant at one speed: the mean and the largest of each metric over the flights."""
+    """One variant at one speed: mean and maximum of each metric over the flights."""
 
     variant: str
     speed_mps: float
@@ -51,7 +51,7 @@ class Row(NamedTuple):
 
 
 def measure(variant: str, speed: float, seeds: Sequence[int]) -> Row:
-    """Fly into the pad once a seed."""
+    """Fly into the pad once per seed."""
     robot, sets = VARIANTS[variant]
     found, met = [], 0
     for seed in seeds:

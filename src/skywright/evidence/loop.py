@@ -1,20 +1,20 @@
-"""How fast may a scan's loops be, and how far do gusts move the tip?
+"""Stability margins of a scan's loops, and the motion of the tip in gusts.
 
-`python -m skywright.evidence.loop` prints it. The linear model behind the gains of a fully actuated
-robot under laws (3) and (4) of Tognon 2018: the nominal rigid body in its working posture, pressed
-on a surface by its spring, rotors with a first-order lag, the dead time of sampling. Angles are
-small, so B and W have the same axes; the arm is rigid, the estimate exact.
+`python -m skywright.evidence.loop` prints them. The linear model describes a fully actuated robot
+under laws (3) and (4) of Tognon 2018: the nominal rigid body in its working posture, pressed on a
+surface by its spring, rotors with a first-order lag, and the dead time of sampling. Angles are
+small, so B and W have the same axes; the arm is rigid, and the estimate is exact.
 
     m p'' = f + f_gust + f_contact            f = -Kp p_T - Kd v_B - Ki int(trim p_T)
     I th'' = t + t_gust + p_CT x f_contact    t = -(K th + D th' + J int th)
     rotors: lag w' = u - w, u = (f, t) delayed
 
-Friction points against the sliding. Along the passes only its change with the push is felt; across
-them it brakes with mu F / v for a small motion on top of the sliding speed v. Where the sliding
-slows down (corners, stops) the brake grows without end: the describing function of Coulomb
-friction covers every value, so a loop that shall not hunt must be well damped for all of them.
+Friction opposes the sliding. Along the passes only its variation with the normal force acts; across
+them it damps small motions with mu F / v at the sliding speed v. This damping grows without bound
+where the sliding slows down (corners, stops). The describing function of Coulomb friction covers
+every value, so a loop without limit cycles must be well damped for all of them.
 
-Margins are those of the loop broken at one component of the wrench, the other five closed. The
+Margins are those of the loop broken at one component of the wrench, with the other five closed. The
 tip's rms follows from the spectrum of Dryden turbulence (MIL-F-8785C) through the closed loop.
 """
 
@@ -37,8 +37,8 @@ Complex = NDArray[np.complex128]
 NAMES = ("x", "y", "z", "roll", "pitch", "yaw")
 NORMAL, ALONG, ACROSS = 0, 1, 2  # the robot faces the surface; passes run along y
 DEAD_TICKS = 1.5
-"""Dead time in control ticks: one from a measurement to the thrust that it causes, half a one for
-which a command is held on the average."""
+"""Dead time in control ticks: one from a measurement to the thrust that it causes, and half a tick
+as the mean hold time of a command."""
 BRAKES = (0.0, 20.0, 40.0, 80.0, 160.0, 320.0)
 """N s/m: friction of 0.3 N (push 2 N, friction 0.15) over 15 to 1 mm/s, and none."""
 FREQUENCIES = np.geomspace(0.02, 250.0, 4000)
@@ -57,14 +57,14 @@ class Gains(NamedTuple):
 
 
 class LoopModel(NamedTuple):
-    """Everything but the gains. SI; about the centre of mass, in B."""
+    """All parameters except the gains. SI; about the centre of mass, in B."""
 
     mass: float
     inertia: Array  # (3, 3)
     p_CB: Array  # (3,) from the centre of mass to B's origin
     p_CT: Array  # (3,) and to the tip
     stiffness: float  # N/m of probe spring along the normal
-    friction: float  # coefficient: a change of the push changes the drag along the sliding
+    friction: float  # coefficient: the sliding friction changes with the normal force
     friction_damping: float  # N s/m across the sliding
     lag: float  # s, rotors
     delay: float  # s
@@ -75,7 +75,7 @@ class LoopModel(NamedTuple):
 
 
 class Margin(NamedTuple):
-    """Of one loop: where it crosses 1, what is left there, and the largest peak of S."""
+    """Margin of one loop: crossover, phase margin, and the largest peak of S."""
 
     name: str
     crossover: float  # rad/s
@@ -84,7 +84,7 @@ class Margin(NamedTuple):
 
 
 def read_gains(description: Description) -> Gains:
-    """Gains of the robot's file."""
+    """Return the gains in the robot file."""
     c = description.robot.control
     return Gains(
         c.position_bandwidth_rad_s, c.position_damping, c.position_integral_rad_s,
@@ -93,7 +93,7 @@ def read_gains(description: Description) -> Gains:
 
 
 def build_loop_model(description: Description) -> LoopModel:
-    """Build the model of a weld scan's robot and world; the wind may be still, steady or dryden."""
+    """Build the model of a weld scan's robot and world; kinds of wind: still, steady, dryden."""
     d, robot = description, description.robot
     assert robot.probe is not None and d.world.pipe is not None
     model = build_body_model(robot, d.world.gravity_mps2)
@@ -142,7 +142,7 @@ class Matrices(NamedTuple):
 
 
 def build_matrices(m: LoopModel, g: Gains) -> Matrices:
-    """Build body and contact, and the laws (4) and (3)."""
+    """Build the matrices of body and contact, and of the laws (4) and (3)."""
     tip = np.hstack([np.eye(3), -_cross(m.p_CT)])
     base = np.hstack([np.eye(3), -_cross(m.p_CB)])
     inertia, damper, spring = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
@@ -150,7 +150,7 @@ def build_matrices(m: LoopModel, g: Gains) -> Matrices:
     damper[:] = m.friction_damping * np.outer(tip[ACROSS], tip[ACROSS])
     spring[:] = m.stiffness * np.outer(tip[NORMAL] + m.friction * tip[ALONG], tip[NORMAL])
     kp, stiff = m.mass * g.position**2, g.attitude**2 * m.inertia
-    trim = np.diag([0.0, 1.0, 1.0])  # the dead zone: nothing is integrated along the normal
+    trim = np.diag([0.0, 1.0, 1.0])  # dead zone: no integral action along the normal
     turn = np.hstack([np.zeros((3, 3)), np.eye(3)])
     proportional = np.vstack([kp * tip, stiff @ turn])
     rate = np.vstack([
@@ -173,7 +173,8 @@ def compute_response(m: LoopModel, g: Gains, w: Array) -> tuple[Complex, Complex
 
 
 def compute_poles(m: LoopModel, g: Gains) -> Complex:
-    """Return the closed loop's poles (30,), the delay as a first-order Pade all-pass."""
+    """Return the poles (30,) of the closed loop, with a first-order Pade approximation of the
+    delay."""
     k, o, e = build_matrices(m, g), np.zeros((6, 6)), np.eye(6)
     mi = np.linalg.inv(k.M)
     # states: q, q', integral of q, rotors' wrench, delay d with output d - u, d' = (4u - 2d) / T
@@ -186,7 +187,7 @@ def compute_poles(m: LoopModel, g: Gains) -> Complex:
         [(4.0 * x - 2.0 * e * (i == 4)) / m.delay for i, x in enumerate(u)],
     ])  # fmt: skip
     poles = np.linalg.eigvals(state)
-    return np.asarray(poles[np.abs(poles) > 1e-6])  # the normal is not integrated: one stays at 0
+    return np.asarray(poles[np.abs(poles) > 1e-6])  # no integral along the normal: one pole is 0
 
 
 def compute_least_damping(m: LoopModel, g: Gains) -> float:
@@ -204,7 +205,7 @@ def compute_margins(m: LoopModel, g: Gains, w: Array = FREQUENCIES) -> list[Marg
     sensitivity = np.linalg.inv(np.eye(6) + control @ np.linalg.inv(plant))
     out = []
     for i, name in enumerate(NAMES):
-        one = 1.0 / sensitivity[:, i, i] - 1.0  # the loop that is broken here
+        one = 1.0 / sensitivity[:, i, i] - 1.0  # the open loop at this component
         size, phase = np.abs(one), np.angle(one)
         across = np.flatnonzero(np.diff(np.sign(size - 1.0)) != 0)
         left = np.pi - np.abs(phase[across])
@@ -226,7 +227,7 @@ def compute_spectrum(m: LoopModel, w: Array) -> Array:
 
 
 def compute_tip_rms(m: LoopModel, g: Gains) -> Array:
-    """Return the tip's rms (3,) m along the normal, along and across the passes, from gusts."""
+    """Return the tip's rms (3,) m from gusts: along the normal, along and across the passes."""
     w = np.geomspace(0.005, 250.0, 2000)
     plant, control = compute_response(m, g, w)
     closed = build_matrices(m, g).tip @ np.linalg.inv(plant + control) @ m.drag
@@ -242,7 +243,7 @@ def _cross(p: Array) -> Array:
 @click.option("--robot", metavar="ROBOT")
 @click.option("--set", "sets", multiple=True, metavar="KEY=VALUE")
 def main(robot: str | None, sets: tuple[str, ...]) -> None:
-    """Margins and gust response of a scan's loops."""
+    """Print margins and gust response of a scan's loops."""
     d = load_description("pipe-weld-scan", robot=robot, sets=sets)
     m, g = build_loop_model(d), read_gains(d)
     print("  ".join(f"{k} {v:g}" for k, v in g._asdict().items()))

@@ -1,7 +1,6 @@
-"""Every picture of README and docs that shows a run: `python -m skywright.evidence.pictures`.
+"""Pictures of runs in README and docs: `python -m skywright.evidence.pictures`.
 
-The missions are flown and the figures are those of their reports, so a picture never shows what
-the code no longer does.
+The missions are flown and the figures are those of their reports, so the pictures match the code.
 """
 
 import math
@@ -32,17 +31,18 @@ PICTURES: dict[str, tuple[str, str]] = {
     "contact-series.png": ("pipe-weld-scan", "contact_series"),
     "flight-path.png": ("pipe-weld-scan", "flight_path"),
 }
-"""File -> mission and the figure of its report."""
+"""File -> mission and figure of its report."""
 
 MOVING = {"weld-scan.webp": "pipe-weld-scan"}
-"""File -> mission whose scan it shows."""
+"""File -> mission of the animated scan."""
 
 
 class Shot(NamedTuple):
-    """Where a still of a mission is taken from, and when.
+    """Time and camera of a still of a mission.
 
-    `share` (0 to 1) of the phase has passed; the camera stands `distance` (m) from the robot in the
-    direction `side` in W and looks at the point `offset` (m, in W) from the robot's centre.
+    `share` is the elapsed share (0 to 1) of the phase. The camera is at `distance` (m) in the
+    direction `side` in W from the point that it looks at, `offset` (m, in W) from the robot's
+    centre.
     """
 
     phase: str
@@ -73,19 +73,19 @@ SHOTS = {
 """Mission -> its still, docs/images/missions/MISSION.webp."""
 
 PLANNED = "bar-transport"
-"""Mission whose plan file `follow-plan` flies; it comes before it."""
+"""Mission whose plan file `follow-plan` flies; it must be flown before."""
 
 ROBOTS = {"capability-othex.png": "othex"}
-"""File -> robot whose capability it shows."""
+"""File -> robot of the capability figure."""
 
 PAIR = ("bimanual", "bimanual-longreach")
-"""Robots whose comparison is shown."""
+"""Robots of the comparison figures."""
 
 COMPARED = ("compare-pair.png", "compare-reach.png", "compare-reaction.png")
 
 
 def draw_run(mission: str, result: RunResult, folder: Path) -> Iterable[Path]:
-    """Write the pictures that one run shows; yields their paths."""
+    """Write the pictures of one run; yield their paths."""
     yield write_shot(SHOTS[mission], result, folder / "missions" / f"{mission}.webp")
     figures = list_figures(result.description.mission.kind)
     for name, (shown, figure) in PICTURES.items():
@@ -97,7 +97,7 @@ def draw_run(mission: str, result: RunResult, folder: Path) -> Iterable[Path]:
 
 
 def write_shot(shot: Shot, result: RunResult, path: Path) -> Path:
-    """Write the still of a run. Raises InputError where its phase was not flown."""
+    """Write the still of a run. Raises InputError if its phase was not flown."""
     phase = next((p for p in result.phases if p.name == shot.phase), None)
     if phase is None:
         raise InputError(f"{path.name}: the run has no phase {shot.phase!r}")
@@ -109,7 +109,7 @@ def write_shot(shot: Shot, result: RunResult, path: Path) -> Path:
 
 
 def write_pictures(folder: Path, say: Callable[[str], None] = print) -> list[Path]:
-    """Fly the missions and write all pictures into `folder`; returns their paths."""
+    """Fly the missions and write all pictures into `folder`; return their paths."""
     (folder / "missions").mkdir(parents=True, exist_ok=True)
     written = []
     announce_compilation()

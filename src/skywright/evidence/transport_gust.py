@@ -1,16 +1,18 @@
-"""What a gust does to a carried bar, and which lag is to blame.
+"""Effect of a gust on a carried bar, and of the lags of the estimates.
 
 `python -m skywright.evidence.transport_gust benchmarks/transport-conditions.csv --run 11` flies one
-row of a campaign's table with its wind and again in still air; the difference is the wind's. A
-linear model of platform, link and loops along x, driven by the recorded drag, is compared with it,
-and then asked what is left when one of the estimates had no lag.
+row of a campaign's table with its wind and again in still air; the difference is the effect of the
+wind. A linear model of platform, link and loops along x, driven by the recorded drag, is compared
+with it. The model then predicts the error that remains if an estimate had no lag.
 
     m x'' + b phi'' = u + F,    b x'' + J phi'' + b g phi = s = c F
 
-phi is the link's angle, forward positive, u the rotors' level force behind the attitude loop's lag
-(`attitude_lag`), F the drag; its lever about the joint, c, is the one number fitted to the flight.
-The law is `control/cascade.py`: position and velocity loop, damping of the swing, the estimate of
-F (`wrench.bandwidth`), that of s (SWING_BANDWIDTH, twice) and the way that the platform gives
+phi is the link's angle, forward positive; u the rotors' horizontal force after the attitude loop's
+lag (`attitude_lag`); F the drag. Its lever c about the joint is the only value fitted to the
+flight.
+
+The law is `control/cascade.py`: position and velocity loop, damping of the swing, the estimates of
+F (`wrench.bandwidth`) and of s (SWING_BANDWIDTH, twice), and the shift of the platform
 (SHIFT_BANDWIDTH).
 """
 
@@ -46,8 +48,8 @@ class Loop(NamedTuple):
     first: float  # kg m, of the link about its joint
     second: float  # kg m^2
     gravity: float
-    joint: float  # m, of the joint below B
-    below: float  # m, of the bar below the joint
+    joint: float  # m, distance of the joint below B
+    below: float  # m, distance of the bar below the joint
     position: float  # 1/s
     velocity: float  # 1/s
     swing: float  # m/s
@@ -60,7 +62,7 @@ class Loop(NamedTuple):
 
 
 def build_loop(d: Description) -> Loop:
-    """Return the loop of a robot that flies the cascade, in its working posture."""
+    """Return the loop of a robot under the cascade, in its working posture."""
     model = build_body_model(d.robot, d.world.gravity_mps2)
     gains = compute_cascade_gains(d.robot.control, d.robot, d.world, model[0])
     body, wrench = compute_floating(model, posture(d.robot, "working"), 0)
@@ -76,7 +78,8 @@ def build_loop(d: Description) -> Loop:
 
 
 def build_matrices(p: Loop) -> tuple[Array, Array, Array]:
-    """Return (A, B, C): states above, inputs (F, s), output the bar's distance from the plan."""
+    """Return (A, B, C): the states above, inputs (F, s), output the bar's distance from the
+    plan."""
     A, B = np.zeros((11, 11)), np.zeros((11, 2))
     inverse = np.linalg.inv([[p.mass, p.first], [p.first, p.second]])
     A[X, V] = A[PHI, RATE] = A[U, DU] = A[DU, DDU] = 1.0
@@ -86,12 +89,12 @@ def build_matrices(p: Loop) -> tuple[Array, Array, Array]:
     A[F_EST, F_EST], B[F_EST, FORCE] = -p.force, p.force
     A[S_EST, S_EST], B[S_EST, TORQUE] = -p.torque, p.torque
     A[S_SLOW, S_EST], A[S_SLOW, S_SLOW] = p.torque, -p.torque
-    # where the platform must be for the bar to stay, and the rate of that
+    # position of the platform that keeps the bar in place, and its rate
     hang = 1.0 / (p.first * p.gravity)
     A[SHIFT, S_SLOW] = -p.shift * p.below * hang
     A[SHIFT, F_EST] = -p.shift * p.joint / (p.mass * p.gravity)
     A[SHIFT, SHIFT] = -p.shift
-    # the force asked for, a row over the states, and the attitude loop that it passes
+    # desired force as a row over the states, and the attitude loop
     wanted = p.velocity * p.position * (np.eye(11)[SHIFT] - np.eye(11)[X])
     wanted += p.velocity * (A[SHIFT] - np.eye(11)[V])
     wanted += p.swing * (np.eye(11)[RATE] - hang * A[S_SLOW])
@@ -105,7 +108,7 @@ def build_matrices(p: Loop) -> tuple[Array, Array, Array]:
 
 
 def simulate(p: Loop, inputs: Array, dt: float) -> tuple[Array, Array]:
-    """Return (platform, bar) (n,) m for inputs (n, 2), from balance under the first."""
+    """Return (platform, bar) (n,) m for inputs (n, 2), from equilibrium under the first."""
     A, B, C = build_matrices(p)
     step = expm(dt * np.block([[A, B], [np.zeros((2, 13))]]))[:11]
     state = -np.linalg.solve(A, B @ inputs[0])
@@ -130,7 +133,7 @@ def take_carrying(run: RunResult) -> tuple[Array, Array, Array, float]:
 @click.option("--run", type=int, required=True, help="Row of the campaign's table, from 0.")
 @click.option("--seed", default=1, help="Of the campaign.")
 def main(table: str, run: int, seed: int) -> None:
-    """Fly one row twice and print what its gust did."""
+    """Fly one row twice and print the effect of its gust."""
     campaign = build_campaign("bar-transport", [table], seed=seed)
     drawn = draw_run(campaign, run)
     still = {**drawn.varied, "world.wind.kind": "none", "world.wind.mean_mps": 0.0}

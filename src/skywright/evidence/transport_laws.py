@@ -1,8 +1,8 @@
-"""Which law carries the bar better: `python -m skywright.evidence.transport_laws`.
+"""Comparison of laws that carry the bar: `python -m skywright.evidence.transport_laws`.
 
 Flies the transport with the cascade and with the model inversion of Caballero 2018, in still air,
-in steady wind and in gusts, each seed with a wind from another direction, and prints the table of
-docs/papers/caballero-2018.md. Both have the same bandwidths.
+in steady wind and in gusts, with another wind direction for each seed, and prints the table of
+docs/papers/caballero-2018.md. Both laws have the same bandwidths.
 """
 
 from collections.abc import Sequence
@@ -21,11 +21,11 @@ CONDITIONS: dict[str, dict[str, Any]] = {
     "Dryden 3 m/s": {"world.wind.kind": "dryden", "world.wind.mean_mps": SPEED},
 }
 LAWS = ("cascade", "model_inversion")
-TURN_DEG = 70.0  # of the wind from one seed to the next: no two of the first eighteen alike
+TURN_DEG = 70.0  # wind direction from one seed to the next; the first eighteen differ
 
 
 class Row(NamedTuple):
-    """One law in one condition: the worst of its flights, rms and energy their mean."""
+    """One law in one condition: the worst of its flights; rms and energy are means."""
 
     condition: str
     law: str
@@ -39,7 +39,7 @@ class Row(NamedTuple):
 
 
 def measure(condition: str, law: str, seeds: Sequence[int]) -> Row:
-    """Fly the transport once a seed."""
+    """Fly the transport once per seed."""
     found, met = [], 0
     for seed in seeds:
         sets = {**CONDITIONS[condition], "mission.law": law}

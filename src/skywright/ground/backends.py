@@ -1,7 +1,7 @@
-"""The back ends that a page may choose, and why one does not fly what is set up.
+"""Back ends that a page may choose, and why one cannot fly the requested mission.
 
-The question is answered by a process of its own, as a flight is: loading a mission takes seconds in
-which the station's pages would stand. It reads one JSON object and writes one:
+A separate process answers this question: loading a mission takes seconds during which the station's
+pages would stall. It reads one JSON object and writes one:
 
     python -m skywright.ground.backends < {"asked": Asked, "names": [NAME, ...]}
 """
@@ -35,14 +35,14 @@ WHAT = {
 }
 NO_ADDRESS = "a page names no addresses; start the station with --backend mavlink:URL to offer it"
 PATIENCE_S = 60.0
-"""s for the answer."""
-MOST_SAYS = 400  # characters of a reason
+"""s, time limit of the answer."""
+MOST_SAYS = 400  # characters, longest reason
 
 
 def list_backends(given: Iterable[str]) -> dict[str, str]:
-    """Return what a page may choose: name -> what it is; `given` are those of the command line.
+    """Return the choices of a page: name -> description; `given` are those of the command line.
 
-    Raises InputError where one of these is none.
+    Raises InputError if one of these is invalid.
     """
     for name in given:
         choose_backend(name)
@@ -52,9 +52,9 @@ def list_backends(given: Iterable[str]) -> dict[str, str]:
 
 
 def find_refusals(asked: Asked, names: Iterable[str]) -> dict[str, str]:
-    """Return the back ends that do not fly what is asked for, each with the reason.
+    """Return the back ends that cannot fly the request, each with the reason.
 
-    Raises SkywrightError where it is no flight on any.
+    Raises SkywrightError if no back end can.
     """
     from skywright.description.loader import load_description
     from skywright.run.setup import Setup
@@ -73,7 +73,7 @@ def find_refusals(asked: Asked, names: Iterable[str]) -> dict[str, str]:
 
 
 async def ask(asked: Asked, names: Iterable[str]) -> dict[str, Any]:
-    """Return {"refused": {NAME: REASON}}, or {"wrong": REASON} where it is no flight at all."""
+    """Return {"refused": {NAME: REASON}}, or {"wrong": REASON} if no back end can fly it."""
     question = json.dumps({"asked": asked._asdict(), "names": list(names)}).encode()
     process = await asyncio.create_subprocess_exec(
         sys.executable, "-m", "skywright.ground.backends", stdin=asyncio.subprocess.PIPE,

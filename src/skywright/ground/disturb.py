@@ -1,8 +1,8 @@
 """Disturbances that an operator switches on in flight, for training.
 
-They are the plant's own faults, put into the mission before take-off with a start beyond its end.
-Switching one on moves its start to now; the same flight is repeated by giving that start to the
-fault (`list_repeats`).
+They are faults of the plant, added to the mission before take-off with a start after its end.
+Switching one on sets its start to the current time. The flight can be repeated with that start of
+the fault (`list_repeats`).
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 NEVER_S = 100_000.0
-"""s, the latest start that a description takes; no flight lasts so long."""
+"""s, the latest start that a description accepts; no flight lasts so long."""
 
 
 class Disturbance(NamedTuple):
-    """One that can be switched on."""
+    """A disturbance that can be switched on."""
 
     name: str  # of the fault in plant.faults
     label: str
@@ -36,7 +36,7 @@ DISTURBANCES = {
 
 
 def list_sets() -> list[str]:
-    """Return the `--set` texts that put all of them into a mission, to be switched on later."""
+    """Return the `--set` texts that add all of them to a mission, switched off."""
     return list_repeats(dict.fromkeys(DISTURBANCES, NEVER_S))
 
 
@@ -50,7 +50,7 @@ def list_repeats(starts: dict[str, float]) -> list[str]:
 
 
 def switch_on(vehicle: Any, name: str, t: float) -> bool:
-    """Start a disturbance at `t` (s); False where the mission does not hold it."""
+    """Start a disturbance at `t` (s); return False if the mission does not contain it."""
     names = {c.name for c in vehicle.assembly.components}
     if name not in DISTURBANCES or name not in names:
         return False

@@ -1,8 +1,8 @@
-"""The simulating process's side of the ground station: an observer of `run_mission`.
+"""The simulation's end of the ground station: an observer of `run_mission`.
 
-It sends one frame a mission tick, and builds none when nobody watches. It paces the flight (real
-time, faster, slower, paused) as long as somebody watches. What the operator commands is judged
-here again: the station can stall as well.
+It sends one frame per mission tick, and none without watchers. While a page is watching, it paces
+the flight (real time, faster, slower, paused). The operator's commands are checked here again,
+because the station can stall, too.
 """
 
 from __future__ import annotations
@@ -46,26 +46,26 @@ if TYPE_CHECKING:
     from skywright.run.supervisor import Supervisor
     from skywright.vehicle.simulated import SimulatedVehicle
 
-FRAME_PERIOD = 0.018  # s of wall time between frames, a little less than a tick in real time
-RESERVE_PERIOD = 0.2  # s of wall time between measurements of what is left
-STATUS_PERIOD = 0.5  # s of wall time between words
-RECENT = 500  # ticks of which the status states the median
-REST_S = 0.5  # s of mission time after which an operator who is not asked any more may rest
-GRACE_S = 3.0  # s for which a flight is still paced after the last page has left: it may be loading
+FRAME_PERIOD = 0.018  # s of wall time between frames, slightly less than a tick in real time
+RESERVE_PERIOD = 0.2  # s of wall time between measurements of the reserves
+STATUS_PERIOD = 0.5  # s of wall time between status messages
+RECENT = 500  # ticks over which the status reports the median
+REST_S = 0.5  # s of mission time after the end of a request before the operator may rest
+GRACE_S = 3.0  # s for which a flight without pages is still paced: one may be reloading
 SPEEDS = (0.1, 20.0)
 SPEED_FASTEST = 0.0
-"""Speed that stands for "as fast as it goes"."""
+"""Speed that stands for "as fast as possible"."""
 SCENE = "scene.json"
 
 
 class Feed:
-    """Tells the station of a flight, and hears it."""
+    """Publishes a flight to the station, and receives commands."""
 
     def __init__(
         self, end: socket.socket, folder: Path, *, wait_s: float = 0.0, stay_s: float = 0.0,
         backend: str = PHYSICS,
     ) -> None:  # fmt: skip
-        """`end` is this side's socket; the scene is written into `folder`; `backend` flies.
+        """`end` is this side's socket; the scene is written to `folder`; `backend` flies.
 
         The flight waits up to `wait_s` (s of wall time) for the first page, and keeps its last
         picture for `stay_s` (s).
@@ -74,10 +74,10 @@ class Feed:
         self.wait_s, self.stay_s = wait_s, stay_s
         self.watchers, self.speed, self.paused = 0, 1.0, False
         self.steering = Steering()
-        self._asked, self._worked = "", 0.0  # and when (mission time) the operator last worked
-        self.dropped = 0  # messages that were no commands
+        self._asked, self._worked = "", 0.0  # and mission time of the operator's last work
+        self.dropped = 0  # number of invalid messages
         self.costs = deque[float](maxlen=RECENT)  # s of the last ticks, for the status
-        self._heard = self._left = -math.inf  # wall time: the station, the last watcher
+        self._heard = self._left = -math.inf  # wall time: last message, last watcher
         self._seq, self._late = 0, 0.0
         self._phases: list[tuple[str, float]] = []
         self._next_frame = self._next_status = 0.0
@@ -94,12 +94,12 @@ class Feed:
     # --- Observer ------------------------------------------------------------------------------
 
     def on_plan(self, plan: MissionPlan[Any], description: Description) -> None:
-        """Keep what the scene is made of; frames begin with the first tick."""
+        """Store the data of the scene; frames begin with the first tick."""
         self._plan, self._d = plan, description
         self._flies = load_kind(description.mission.kind).flies
 
     def on_supervisor(self, supervisor: Supervisor[Any]) -> None:
-        """Keep whom the orders go to; a page's stick is a velocity until another mode is chosen."""
+        """Store the recipient of orders; a page's stick is a velocity until a mode is chosen."""
         self._supervisor = supervisor
         supervisor.choose_mode(Mode.POSITION)
 
@@ -124,30 +124,30 @@ class Feed:
         self._pace(t)
 
     def on_acted(self, acted: Acted) -> None:
-        """Keep what a rule says."""
+        """Store the message of a rule."""
         self._alarms.append({"t": acted.t_s, "text": acted.says, "rule": acted.rule})
         self._next_status = 0.0
 
     def close(self) -> None:
-        """Say that the flight is over; keep the last picture for a moment."""
+        """Report the end of the flight; keep the last picture for a moment."""
         self._tell(over=True)
         end = time.perf_counter() + self.stay_s
         while self._heard > 0.0 and self.watched and time.perf_counter() < end:
             self.poll()
             time.sleep(0.05)
 
-    # --- hearing -------------------------------------------------------------------------------
+    # --- reception ---------------------------------------------------------------------------
 
     @property
     def watched(self) -> bool:
-        """Whether somebody watches, or did a moment ago."""
+        """Whether a page watches, or did within GRACE_S."""
         now = time.perf_counter()
-        if now - self._heard > SILENT_S:  # the station is gone
+        if now - self._heard > SILENT_S:  # the station has disconnected
             return False
         return self.watchers > 0 or now - self._left < GRACE_S
 
     def poll(self) -> None:
-        """Take in what the station has said."""
+        """Process the station's messages."""
         for data in receive(self.end):
             message = parse(data)
             if message is None or not self._hear(message):
@@ -158,11 +158,11 @@ class Feed:
 
     @property
     def paced(self) -> bool:
-        """Whether the flight can be paused, or take another speed: not where a vehicle flies."""
+        """Whether the flight can be paused or change its speed: not with a real vehicle."""
         return split_backend(self.backend)[0] != MAVLINK
 
     def _hear(self, message: dict[str, Any]) -> bool:
-        """Follow a message; returns whether it is one."""
+        """Execute a message; return whether it is valid."""
         kind = message["k"]
         if kind == "watch":
             count = read_number(message.get("n"), 0, 1000)
@@ -179,7 +179,7 @@ class Feed:
                 return False
             self.speed = math.inf if speed == SPEED_FASTEST else speed
         elif self.steering.hear(message):
-            if kind == "stick":  # told of in frames
+            if kind == "stick":  # frames report it
                 return True
             self.paused &= kind != "order"
         else:
@@ -187,18 +187,18 @@ class Feed:
         self._next_status = 0.0
         return True
 
-    # --- carrying out ----------------------------------------------------------------------------
+    # --- execution ---------------------------------------------------------------------------
 
     def _pass_order(self, vehicle: SimulatedVehicle) -> None:
-        """Give an order that the rules answer to them; on the ground it ends the run."""
+        """Pass an order to the rules that answer it; on the ground it ends the run."""
         if not self.steering.order:
             return
         if not self._flies or not any(p in ("take_off", "release") for p, _ in self._phases):
-            raise KeyboardInterrupt  # it stands: there is nothing to fly home
+            raise KeyboardInterrupt  # it is on the ground: there is no response to fly
         vehicle.order = self.steering.order
 
     def _pace(self, t: float) -> None:
-        """Sleep until the wall clock has caught up; nobody watching: do not wait."""
+        """Sleep until the wall clock has caught up; do not wait without watchers."""
         while self.paused and self.watched:
             check_interrupt()
             self._anchor = None
@@ -214,11 +214,11 @@ class Feed:
         self._late = max(-1e3 * ahead, 0.0)
         if ahead > 0.0:
             time.sleep(min(ahead, 0.5))
-        elif ahead < -0.5:  # the computer is slower than that: physics is never dropped
+        elif ahead < -0.5:  # the computer is slower than that: no physics step is skipped
             self._anchor = (now, t, speed)
 
     def wait_a_moment(self) -> None:
-        """Stand still for a moment, hearing and telling."""
+        """Pause for a moment, receiving and sending."""
         self.poll()
         if time.perf_counter() >= self._next_status:
             self._tell()
@@ -226,19 +226,19 @@ class Feed:
                 self._send_row(self._t)
         time.sleep(0.02)
 
-    # --- telling -------------------------------------------------------------------------------
+    # --- sending -----------------------------------------------------------------------------
 
     def ask(self, what: str) -> None:
-        """Ask the operator for something; "" ends that."""
+        """Set a request to the operator; "" ends it."""
         self._asked, self._worked = what, self._t
 
     @property
     def asked(self) -> str:
-        """What the operator is asked to do now, "" while the robot works by itself."""
+        """The current request to the operator, or "" while the robot works autonomously."""
         return self._asked if self._t - self._worked < REST_S else ""
 
     def tell_sight(self, t: float, sight: Sight) -> None:
-        """Tell what the operator sees of the work, `t` (s) after the work began."""
+        """Send the operator's view of the work, `t` (s) after the work began."""
         self._worked = self._t
         if self.watched and np.isfinite(sight.off).all() and math.isfinite(sight.force):
             say(
@@ -300,7 +300,7 @@ class Feed:
             self.wait_a_moment()
 
     def _list_modes(self) -> list[dict[str, str]]:
-        """Return what the stick can do with this robot."""
+        """Return the modes of the stick for this robot."""
         s = self._supervisor
         if s is None or not self._flies:
             return []
@@ -322,7 +322,7 @@ class Feed:
         self._send_row(t)
 
     def _measure_reserve(self, row: Any) -> None:
-        """Measure what the robot has left, some times a second."""
+        """Measure the robot's reserves, every RESERVE_PERIOD."""
         now = time.perf_counter()
         if now < self._next_reserve:
             return
@@ -339,7 +339,7 @@ class Feed:
         ))  # fmt: skip
 
     def _read_signal(self, vehicle: SimulatedVehicle, row: Any) -> NDArray[np.float64] | None:
-        """The weld component of the probe's signal, NaN without contact."""
+        """Return the weld component of the probe's signal, NaN without contact."""
         assert self._builder is not None
         if self._builder.pipe is None:
             return None
@@ -351,7 +351,7 @@ class Feed:
         return np.array([abs(float(along[0] * off[1] - along[1] * off[0]))])
 
     def _tell(self, over: bool = False) -> None:
-        """Send everything that is not in a frame."""
+        """Send all data that frames do not contain."""
         self._next_status = time.perf_counter() + STATUS_PERIOD
         kind = self._d.mission.kind
         steering = self.steering.tell(self._supervisor)

@@ -1,4 +1,4 @@
-"""Flights that the station starts, each in a process of its own, and the logbook of all of them."""
+"""Flights that the station starts, each in a separate process, and their logbook."""
 
 from __future__ import annotations
 
@@ -22,27 +22,27 @@ from skywright.run.backends import PHYSICS
 
 LOGBOOK = "logbook.jsonl"
 UNDER_WAY = ".flying-"
-"""Begins the name of a note about a flight under way; the process of its station ends it."""
+"""Prefix of the note of a flight in progress; the station's process id completes it."""
 KEPT = 50
-"""Entries of the logbook that a page shows."""
+"""Number of logbook entries on a page."""
 PATIENCE_S = 15.0
-"""s that a flight is given to end its recording when the station is stopped."""
-LARGEST_LOG = 4_000_000  # bytes of a logbook that are read
+"""s for a flight to end its recording when the station is stopped."""
+LARGEST_LOG = 4_000_000  # bytes, largest logbook that is read
 
 
 class Asked(NamedTuple):
-    """What is to be flown."""
+    """A requested flight."""
 
     mission: str
     robot: str | None = None
     world: str | None = None
     seed: int | None = None
     sets: tuple[str, ...] = ()
-    operated: bool = False  # by whoever controls the page
+    operated: bool = False  # by the page in control
     backend: str = PHYSICS  # that flies it (run/backends.py)
 
     def check(self) -> None:
-        """Raise InputError where it would load code."""
+        """Raise InputError if it would load code."""
         for text in self.sets:
             if names_code(text):
                 raise InputError(
@@ -65,10 +65,10 @@ class Asked(NamedTuple):
 
 
 class Logbook:
-    """One line of JSON a flight, in the folder of the runs."""
+    """One line of JSON per flight, in the folder of the runs."""
 
     def __init__(self, folder: Path) -> None:
-        """`folder` holds the runs."""
+        """`folder` contains the runs."""
         self.path = folder / LOGBOOK
         self.entries: list[dict[str, Any]] = []
         if self.path.is_file():
@@ -83,14 +83,14 @@ class Logbook:
         self._adopt(folder)
 
     def begin(self, process: Process, mission: str) -> None:
-        """Note a flight under way: the next station writes it down where this one is killed."""
+        """Note a flight in progress: if this station is killed, the next one adds the entry."""
         asked = {**process.asked._asdict(), "mission": mission}
         note = {"asked": asked, "out": str(process.out), "started": process.started}
-        with suppress(OSError):  # the flight's recording meets the full disk, and says so
+        with suppress(OSError):  # the flight's recording meets the same full disk, and reports it
             self._note.write_text(json.dumps({**note, "pid": process.pid}), encoding="utf-8")
 
     def _adopt(self, folder: Path) -> None:
-        """Write down the flights that ended after their station was killed."""
+        """Add entries of flights that ended after their station was killed."""
         for note in sorted(folder.glob(f"{UNDER_WAY}*.json")):
             with suppress(OSError, ValueError, KeyError, TypeError, InputError):
                 found = json.loads(read_text(note, LARGEST_LOG))
@@ -103,7 +103,7 @@ class Logbook:
                 note.unlink()
 
     def add(self, entry: dict[str, Any]) -> None:
-        """Write a flight down; a full disk is told by InputError."""
+        """Add a flight's entry; a full disk raises InputError."""
         self.entries = [*self.entries, entry][-KEPT:]
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -116,12 +116,12 @@ class Logbook:
 
 
 class Process:
-    """A flight under way."""
+    """A flight in progress."""
 
     def __init__(
         self, asked: Asked, out: Path, folder: Path, options: tuple[str, ...] = ()
     ) -> None:
-        """`out` is the run's directory, `folder` where the scene and the output go.
+        """`out` is the run's directory, `folder` that of the scene and the output.
 
         `options` are further ones of `skywright run`.
         """
@@ -132,7 +132,7 @@ class Process:
         self._process: asyncio.subprocess.Process | None = None
 
     async def start(self) -> None:
-        """Start it; raises InputError where no process can be started."""
+        """Start it; raises InputError if no process can be started."""
         self.asked.check()
         ours, theirs = build_pair()
         operator = ["--operator", "page"] if self.asked.operated else []
@@ -144,7 +144,7 @@ class Process:
         ]  # fmt: skip
         log = (self.folder / "output.txt").open("wb")
         try:
-            # a session of its own: Ctrl-C reaches the station alone, which ends the flight orderly
+            # a separate session: Ctrl-C reaches the station only, which ends the flight in order
             self._process = await asyncio.create_subprocess_exec(
                 *command, stdin=asyncio.subprocess.DEVNULL, stdout=log, stderr=log,
                 pass_fds=[theirs.fileno()], start_new_session=True,
@@ -168,12 +168,12 @@ class Process:
         return 0 if self._process is None else self._process.pid
 
     async def wait(self) -> int:
-        """Return the exit code when the flight has ended."""
+        """Wait for the end of the flight; return the exit code."""
         assert self._process is not None
         return await self._process.wait()
 
     async def stop(self) -> None:
-        """Interrupt the flight; its recording is ended, or it is killed after PATIENCE_S."""
+        """Interrupt the flight; it closes its recording, or is killed after PATIENCE_S."""
         process = self._process
         if process is None or process.returncode is not None:
             return
@@ -195,7 +195,7 @@ class Process:
         return lines[-1].split(": ", 1)[1] if lines else ""
 
     def read_result(self) -> dict[str, Any]:
-        """Return what metrics.json says, and where the run lies."""
+        """Return the content of metrics.json, and the path of the run."""
         for directory in (self.out, self.out.with_name(self.out.name + ".partial")):
             try:
                 found = parse_json(read_text(directory / "metrics.json", LARGEST_LOG), "metrics")
@@ -207,7 +207,7 @@ class Process:
 
 
 def _is_alive(pid: int) -> bool:
-    """Whether there is a process of that number, other than this one."""
+    """Whether a process with this id exists, other than this one."""
     try:
         os.kill(pid, 0)
     except (ProcessLookupError, OverflowError):
@@ -231,7 +231,7 @@ def write_down(process: Process, code: int, repeats: list[str]) -> dict[str, Any
     """Return the logbook's entry of a flight that has ended."""
     found, asked = process.read_result(), process.asked
     timing = found.get("timing") or {}
-    if code < 0:  # what it wrote at its start says that it was interrupted
+    if code < 0:  # its initial file states that it was interrupted
         name = signal.Signals(-code).name
         found |= {"outcome": "killed", "reason": f"the flight was killed ({name})"}
     return {

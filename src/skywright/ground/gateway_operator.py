@@ -1,4 +1,4 @@
-"""An operator who is connected by the UDP gateway (`--operator udp:PORT`; links/udp)."""
+"""An operator connected through the UDP gateway (`--operator udp:PORT`; links/udp)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from skywright.run.operator import Stick
 
 
 class GatewayOperator(Person):
-    """The stick of whoever is in control of the gateway. Its age comes from the sender's stamps."""
+    """The stick of the client in control of the gateway. The sender's stamps give its age."""
 
     stale_s = find_kind("stick").old_s
 
@@ -24,7 +24,7 @@ class GatewayOperator(Person):
         self.gateway = gateway
 
     def begin(self) -> bool:
-        """Forget what came before; wait for the first stick."""
+        """Discard earlier data; wait for the first stick."""
         print(
             f"operator: waiting for a stick on port {self.gateway.server.port}",
             file=sys.stderr, flush=True,
@@ -39,7 +39,7 @@ class GatewayOperator(Person):
         return self.gateway.stick is not None
 
     def listen(self) -> None:
-        """Take over the newest stick, as old as it is."""
+        """Store the newest stick with its age."""
         self.gateway.poll()
         arrived = self.gateway.stick
         if arrived is None:

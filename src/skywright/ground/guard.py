@@ -1,9 +1,9 @@
-"""Who may talk to the ground station: a layer around the whole application.
+"""Access control of the ground station: a layer around the whole application.
 
-HTTP requests and web sockets pass the same checks: the Host must be on a list (a foreign name that
-was made to point here is not), the Origin of a web socket and of a request from a page must be the
-station's own, and a cookie must prove that the browser entered with a token. A token is used once.
-What is refused gets 403 and is counted.
+HTTP requests and web sockets pass the same checks: the Host must be on a list (this excludes
+foreign names that resolve to this address), the Origin of a web socket and of a request from a page
+must be the station's own, and a cookie must prove that the browser entered with a token. A token is
+used once. A refused request gets 403 and is counted.
 """
 
 from __future__ import annotations
@@ -23,41 +23,42 @@ Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
 App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 INVITED_S = 600.0
-"""s for which an invitation's token is good; the first one, on the terminal, is good until used."""
+"""s of validity of an invitation's token; the first one, on the terminal, is valid until used."""
 MOST_SESSIONS = 100
 PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; connect-src 'self'; "
     "img-src 'self' data: blob:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
 )
-"""Of the station's own pages: one script, from here."""
+"""Policy of the station's own pages: one script, from this station."""
 REPORT_POLICY = (
     "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; "
     "style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'"
 )
-"""Of a run's pages, whose scripts are inside them: they get no access to the station."""
+"""Policy of a run's pages, which contain their scripts: no access to the station."""
 ENTER = """<!doctype html><meta charset="utf-8"><title>Skywright</title>
 <meta http-equiv="refresh" content="0;url=/"><p><a href="/">Ground station</a></p>"""
-"""A page instead of a redirect: a strict cookie is not sent where a foreign site began the way."""
+"""A page instead of a redirect: browsers send no strict cookie after a navigation from another
+site."""
 
 
 class Guard:
-    """The layer; `app` is what it protects."""
+    """The layer around the application `app`."""
 
     def __init__(self, app: App, names: set[str], port: int, *, secure: bool = False) -> None:
-        """`names` are the hosts by which the station is reached, without port."""
+        """`names` are the host names of the station, without port."""
         self.app, self.port, self.secure = app, port, secure
         scheme = "https" if secure else "http"
         usual = 443 if secure else 80
         self.hosts = {f"{name}:{port}" for name in names} | (names if port == usual else set())
         self.origins = {f"{scheme}://{host}" for host in self.hosts}
-        self.cookie = f"skywright_{port}"  # cookies are shared by the ports of a host
+        self.cookie = f"skywright_{port}"  # all ports of a host share its cookies
         self.refused: Counter[str] = Counter()
-        self._tokens: dict[str, float] = {}  # until when (s, monotonic)
+        self._tokens: dict[str, float] = {}  # time of expiry (s, monotonic)
         self._sessions: dict[str, None] = {}
 
     def invite(self, good_s: float = INVITED_S) -> str:
-        """Return the path of a new one-time entrance, good for `good_s` (s)."""
+        """Return the path of a new one-time entrance, valid for `good_s` (s)."""
         now = time.monotonic()
         self._tokens = {t: end for t, end in self._tokens.items() if end > now}
         token = secrets.token_urlsafe(24)
@@ -65,7 +66,7 @@ class Guard:
         return f"/enter?t={token}"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Let a request through, or refuse it."""
+        """Pass a request on, or refuse it."""
         if scope["type"] == "lifespan":
             await self.app(scope, receive, send)
             return
@@ -80,7 +81,7 @@ class Guard:
             await self.app(scope, receive, _add_headers(send))
 
     def _judge(self, scope: Scope, headers: dict[str, list[str]]) -> str:
-        """Return why a request is refused; "" where it is not."""
+        """Return why a request is refused, or ""."""
         host, origin = headers.get("host", []), headers.get("origin", [])
         if len(host) != 1 or host[0].lower() not in self.hosts:
             return "host"
@@ -99,7 +100,7 @@ class Guard:
         return "" if any(c in self._sessions for c in cookie) else "cookie"
 
     async def _enter(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Give a cookie for a token, which is used up."""
+        """Exchange a token for a cookie; the token becomes invalid."""
         found = re.fullmatch(rb"t=([\w-]{10,64})", scope["query_string"])
         end = (
             self._tokens.pop(found[1].decode(), 0.0) if found and scope["method"] == "GET" else 0.0
@@ -110,7 +111,7 @@ class Guard:
             return
         session = secrets.token_urlsafe(24)
         self._sessions[session] = None
-        while len(self._sessions) > MOST_SESSIONS:  # the oldest leaves
+        while len(self._sessions) > MOST_SESSIONS:  # the oldest session ends
             self._sessions.pop(next(iter(self._sessions)))
         answer = HTMLResponse(ENTER)
         answer.set_cookie(

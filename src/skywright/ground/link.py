@@ -1,7 +1,7 @@
-"""What station and simulation say to each other over a pair of local sockets (links/pair.py).
+"""Messages between station and simulation over a pair of local sockets (links/pair.py).
 
-Frames are binary (`pack_frame`), everything else is one JSON object with its kind in "k". What
-does not fit is dropped, so whatever must arrive is told again (the status, twice a second).
+Frames are binary (`pack_frame`), all other messages are one JSON object with its kind in "k".
+Messages that do not fit are dropped, so important ones are repeated (the status, twice a second).
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ HEADER = struct.Struct("<4sIddHHfI")
 """Magic, sequence, mission time (s), wall time (s), phase, flags, lateness (ms), spare."""
 MAGIC = b"SKY1"
 PAUSED, STICK, ASKED = 1, 2, 4
-"""Flags: the flight is paused; the stick moves the robot; the mission asks for an operator."""
+"""Flags: the flight is paused; the stick moves the robot; the mission requests an operator."""
 SILENT_S = 3.0
-"""s without a word after which the other side counts as gone."""
+"""s without a message after which the other side counts as disconnected."""
 
 
 def read_flight(value: Any) -> list[float] | None:
-    """Return a pilot's four axes from -1 to 1, at rest where none are given; None: no such."""
+    """Return a pilot's four axes from -1 to 1, zero by default; None if they are invalid."""
     if value is None:
         return [0.0, 0.0, 0.0, 0.0]
     if not isinstance(value, list) or len(value) != 4:

@@ -1,18 +1,18 @@
 """A computed operator at the stick, after McRuer's crossover model: no recording of a person.
 
-Whoever steers an integrator, as (24) is one, acts near crossover like a gain with a delay,
-Y = w_c e^(-s tau) / s open loop (McRuer and Jex 1967, A review of quasi-linear pilot models, (6)).
-So the lateral stick here is w_c e(t - tau) / v_max: e is what is seen of the tool's error, tau the
-delay of eye and mind, followed by the lag of the arm. The phase margin, pi/2 - w_c (tau + lag), is
-73 deg for the practised manner, 75 deg for the careful and 67 deg for the hasty one, who moves the
-stick to its end; a radio between operator and robot takes w_c times its delay off. Beside it the
-model sees no error below a threshold, sees what it sees with a slow noise (the remnant), and its
-hand trembles at 8 to 12 Hz. It moves into the contact while it is near enough to the place. There a
-force is steered as an integrator again: a hand that moves on at v into a stiffness k raises the
-force by k v.
+An operator who steers an integrator, such as (24), acts near crossover like a gain with a delay, Y
+= w_c e^(-s tau) / s open loop (McRuer and Jex 1967, A review of quasi-linear pilot models, (6)).
+The lateral stick here is therefore w_c e(t - tau) / v_max, with e the visible error of the tool and
+tau the visual and mental delay, followed by the lag of the arm. The phase margin, pi/2 - w_c (tau +
+lag), is 73 deg for the practised manner, 75 deg for the careful and 67 deg for the hasty one, who
+uses the full stick. A radio between operator and robot reduces it by w_c times its delay. In
+addition, the model ignores an error below a threshold, perceives the error with a slow noise (the
+remnant), and its hand has a tremor of 8 to 12 Hz. It moves into the contact while the lateral error
+is small enough. There it steers a force as an integrator again: a hand that moves at v into a
+stiffness k raises the force by k v.
 
-The numbers of the manners are assumptions. They stay as they are: studies that compare the levels
-of assistance (docs/howto/assistance.md) were flown with them.
+The numbers of the manners are assumptions. They must not change: studies that compare the levels of
+assistance (docs/howto/assistance.md) were flown with them.
 """
 
 import math
@@ -27,27 +27,27 @@ from skywright.run.operator import Sight, Stick
 from skywright.vehicle.plant import MISSION_TICK
 
 ARM_S = 0.1  # s, lag of the arm (neuromuscular)
-THRESHOLD = 0.002  # m, of an error that is not seen
-REMNANT = 0.0015  # m, rms of the slow noise of what is seen
+THRESHOLD = 0.002  # m, largest error that is not perceived
+REMNANT = 0.0015  # m, rms of the slow noise of the perceived error
 REMNANT_S = 1.0  # s, its correlation
 TREMOR = 0.02  # rms, of the stick's full deflection
 TREMOR_HZ = 10.0
 TREMOR_DAMPING = 0.1  # a band of 8 to 12 Hz
-STICK_DECIMALS = 3  # a device of some hundred steps each way
-PRESS_S = 0.5  # s, from seeing that it is done to pressing the button
-STIFFNESS = 150.0  # N/m, of a contact as the operator believes it
-FELT = 0.15  # of the force that is asked for: so much is seen as a contact
-GOOD = 0.4  # of it, up to which a force that is off counts as right
+STICK_DECIMALS = 3  # resolution of a device of some hundred steps each way
+PRESS_S = 0.5  # s, from perceiving completion to pressing the button
+STIFFNESS = 150.0  # N/m, of a contact in the operator's internal model
+FELT = 0.15  # of the requested force: least force that is perceived as a contact
+GOOD = 0.4  # of it, largest force error that counts as correct
 
 
 class Manner(NamedTuple):
-    """How someone steers."""
+    """A manner of steering."""
 
     crossover: float  # rad/s, w_c
     delay: float  # s, tau
-    size: float  # of the stick's deflection at most
-    near: float  # m, lateral error up to which it lowers
-    sink: float  # of the deflection while it lowers
+    size: float  # largest deflection of the stick
+    near: float  # m, largest lateral error for lowering
+    sink: float  # deflection while lowering
 
 
 MANNERS = {
@@ -67,14 +67,14 @@ class ModelOperator:
         self._seen: deque[Sight] = deque(maxlen=1 + round(self.manner.delay / MISSION_TICK))
         self._stick, self._noise = np.zeros(3), np.zeros(3)
         self._shake, self._shaking = np.zeros(3), np.zeros(3)
-        self._done = 0.0  # s for which the work has been seen to be done
-        self._held = 0.0  # s for which the force has been seen to be right
-        self._towards = (0.0, 0.0, 0.0)  # the work that these belong to
+        self._done = 0.0  # s since the work is perceived as done
+        self._held = 0.0  # s for which the force has been perceived as correct
+        self._towards = (0.0, 0.0, 0.0)  # the direction of work that these belong to
 
     def read(self, t: float, sight: Sight) -> Stick | None:
-        """Return the stick for what was seen a delay ago."""
+        """Return the stick for the view one delay ago."""
         self._seen.append(sight)
-        if sight.towards != self._towards:  # another piece of work
+        if sight.towards != self._towards:  # a new piece of work
             self._towards, self._done, self._held = sight.towards, 0.0, 0.0
         seen, m = self._seen[0], self.manner
         keep = math.exp(-MISSION_TICK / REMNANT_S)
@@ -95,7 +95,7 @@ class ModelOperator:
         return Stick(np.round(axes, STICK_DECIMALS), done)
 
     def _go_on(self, seen: Sight, across: float) -> float:
-        """Return the stick (1) into the contact; `across` (m) is how far beside its place it is."""
+        """Return the stick (1) into the contact; `across` (m) is the lateral error."""
         m = self.manner
         if seen.asked > 0.0 and seen.force > FELT * seen.asked:
             off = seen.asked - seen.force
@@ -104,7 +104,7 @@ class ModelOperator:
         return m.sink if across < m.near else 0.0
 
     def close(self) -> None:
-        """There is nothing to close."""
+        """Nothing to close."""
 
     def _tremble(self) -> Array:
         """Return the tremor (3,): noise through a resonance, its rms TREMOR."""

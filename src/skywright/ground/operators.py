@@ -1,11 +1,11 @@
-"""Who may be at the stick while a mission flies (`skywright run MISSION --operator SOURCE`).
+"""Operators at the stick while a mission flies (`skywright run MISSION --operator SOURCE`).
 
 - `view`: keyboard or gamepad at the ground station's page, see page_operator.py;
-- `udp:PORT` or `udp:HOST:PORT`: whoever connects to the gateway, see gateway_operator.py;
+- `udp:PORT` or `udp:HOST:PORT`: a client of the gateway, see gateway_operator.py;
 - `model:practised`, `model:careful`, `model:hasty`: a computed operator, see operator_model.py.
 
-What anyone here does is recorded into the run's directory (operator.csv), from which the run is
-repeated. Simulated time is held to the wall clock while a person is at the stick.
+The sticks are recorded in the run's directory (operator.csv), from which the run is repeated.
+Simulated time follows the wall clock while a person is at the stick.
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ SOURCES = "view, udp:PORT, udp:HOST:PORT, " + ", ".join(f"model:{name}" for name
 
 
 def open_operator(source: str, description: Description) -> Person | ModelOperator:
-    """Return the operator that `source` names; a computed one draws from the mission's seed.
+    """Return the operator of `source`; a computed one draws from the mission's seed.
 
-    That of a gateway is ground.gateway_operator.GatewayOperator. Raises InputError on another name.
+    The gateway's operator is ground.gateway_operator.GatewayOperator. Raises InputError for another
+    name.
     """
     kind, _, rest = source.partition(":")
     if source in ("view", "page"):

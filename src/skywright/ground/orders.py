@@ -1,6 +1,6 @@
-"""What a page may ask the station for, checked: each message is one JSON object.
+"""Validation of a page's requests to the station: each message is one JSON object.
 
-Pages are clients like any other: what they send is judged as if a stranger had sent it.
+Pages are untrusted clients: their messages are validated like those of a stranger.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from skywright.ground.steering import MODES, ORDERS
 from skywright.links.pair import parse, read_number
 from skywright.run.backends import PHYSICS
 
-LARGEST = 4096  # bytes of a message
+LARGEST = 4096  # bytes, largest message
 PLAIN = ("take", "release", "here", "invite", "stop")
 """Messages without content."""
 NAME = re.compile(r"[\w.-]{1,64}")
@@ -26,14 +26,14 @@ LONGEST_SET, MOST_SETS = 300, 40
 
 
 class Order(NamedTuple):
-    """A message that is in order."""
+    """A valid message."""
 
     kind: str
     content: dict[str, Any]
 
 
 def parse_order(text: str) -> Order | None:
-    """Return what a page asks for; None where the message is none of those that are known."""
+    """Return a page's request; None if the message is unknown or invalid."""
     if len(text) > LARGEST:
         return None
     found = parse(text)
@@ -92,7 +92,7 @@ def _read_stick(found: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def _read_start(found: dict[str, Any]) -> dict[str, Any] | None:
-    """A mission, its robot, world and back end by name: a page names no files and no addresses."""
+    """Return mission, robot, world and back end by name: a page names no files and no addresses."""
     out: dict[str, Any] = {"mission": found.get("mission")}
     if not isinstance(out["mission"], str) or not NAME.fullmatch(out["mission"]):
         return None
@@ -118,17 +118,17 @@ def _read_start(found: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def names_code(text: str) -> bool:
-    """Whether a `--set` would load a file of Python: a page must not.
+    """Whether a `--set` would load a Python file, which a page must not do.
 
-    Judged is the value as the loader reads it: TOML writes a letter in more than one way. Raises
-    InputError where it is no KEY=VALUE.
+    It checks the value as the loader reads it, because TOML has several encodings of a letter.
+    Raises InputError if it is not KEY=VALUE.
     """
     read = parse_value(parse_assignment(text)[1])
     return any(".py" in word.lower() for word in (text, *_list_texts(read)))
 
 
 def _list_texts(value: object) -> Iterator[str]:
-    """Every text in a value, keys of tables included."""
+    """Return every text in a value, keys of tables included."""
     if isinstance(value, str):
         yield value
     elif isinstance(value, list | dict):

@@ -1,4 +1,4 @@
-"""An operator at the ground station's page: keyboard or gamepad, heard through the station."""
+"""An operator at the ground station's page: keyboard or gamepad, through the station."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ WORK = (
 
 
 class PageOperator(Person):
-    """The stick of whoever has control; the page's stick is judged again in `Feed`."""
+    """The stick of the page in control; `Feed` checks the page's stick again."""
 
     def __init__(self) -> None:
         super().__init__()
         self.feed: Feed | None = None
 
     def begin(self) -> bool:
-        """Wait for a stick; returns whether one came within PATIENCE_S."""
+        """Wait for a stick; return whether one arrived within PATIENCE_S."""
         assert self.feed is not None
         self.feed.ask(INVITE)
         ends = time.perf_counter() + PATIENCE_S
@@ -39,7 +39,7 @@ class PageOperator(Person):
         return bool(self.feed.steering.order)
 
     def read(self, t: float, sight: Sight) -> Stick | None:
-        """Return the stick; None, and no more asking, where nobody is there."""
+        """Return the stick; None, and end the request, if no operator is present."""
         if self.feed is not None:
             self.feed.tell_sight(t, sight)
         stick = super().read(t, sight)
@@ -48,7 +48,7 @@ class PageOperator(Person):
         return stick
 
     def listen(self) -> None:
-        """Take over the newest stick; one that is too old is at rest."""
+        """Store the newest stick; one that is too old becomes zero."""
         assert self.feed is not None
         self.feed.poll()
         now = time.monotonic()

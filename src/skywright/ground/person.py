@@ -1,4 +1,4 @@
-"""A person at a stick: simulated time is held to the wall clock."""
+"""A person at a stick: simulated time follows the wall clock."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import numpy as np
 
 from skywright.run.operator import STILL, Sight, Stick
 
-STALE_S = 0.5  # s of wall time after which a stick that is not heard of counts as let go
-PATIENCE_S = 60.0  # s of wall time without a sign of the operator: nobody is there
+STALE_S = 0.5  # s of wall time without a message after which the stick counts as released
+PATIENCE_S = 60.0  # s of wall time without a message after which the operator counts as absent
 
 
 class Person:
-    """Someone at a stick: simulated time waits for the wall clock."""
+    """A person at a stick: simulated time waits for the wall clock."""
 
     stale_s = STALE_S
 
@@ -23,7 +23,7 @@ class Person:
         self._stick = STILL
 
     def read(self, t: float, sight: Sight) -> Stick | None:
-        """Wait until `t` is now; return the stick, at rest where it was let go or lost."""
+        """Wait until the wall clock reaches `t`; return the stick, zero if released or lost."""
         now = time.perf_counter()
         if t == 0.0:
             if not self.begin():
@@ -41,15 +41,15 @@ class Person:
         return self._stick if silent < self.stale_s else STILL
 
     def hear(self, stick: Stick) -> None:
-        """Take over what the stick does now."""
+        """Store the current stick."""
         self._stick, self._heard = stick, time.perf_counter()
 
     def begin(self) -> bool:
-        """Ask the operator to take over; returns whether somebody is there."""
+        """Ask the operator to take over; return whether an operator is present."""
         return True
 
     def listen(self) -> None:
-        """Take over what has come since."""
+        """Store the messages received since the last call."""
 
     def close(self) -> None:
         """Stop listening."""

@@ -1,8 +1,8 @@
-"""An operator at the other end of a radio link: sees late, and is heard late.
+"""An operator behind a radio link: views and sticks arrive late.
 
-What the operator sees goes down as the newest state, or as the newest picture of a video; the stick
-goes up as a command with each mission tick. The robot judges the age of the newest stick by the
-rules of the gateway: above 0.25 s beyond the usual delay it counts as let go.
+The operator's view is sent down as the newest state, or as the newest picture of a video; the stick
+is sent up as a command at each mission tick. The robot judges the age of the newest stick by the
+rules of the gateway: beyond 0.25 s more than the usual delay it counts as released.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ class RadioOperator:
     """An operator (of run/operator.py) behind a radio link, in simulated time."""
 
     def __init__(self, operator: Any, radio: Radio, seed: int) -> None:
-        """`radio` is one that is present; `seed` is the run's."""
+        """`radio` must be enabled; `seed` is the run's."""
         ways = build_ways(radio, seed)
         assert ways is not None
         self.operator, self.radio = operator, radio
         self._up, self._down = ways
         self._sight: Sight | None = None
         self._stick, self._stamp = STILL, -math.inf
-        self._least = math.inf  # s, shortest delay of a stick that was heard
-        self._picture = 0.0  # s, of the next picture
+        self._least = math.inf  # s, shortest delay of a received stick
+        self._picture = 0.0  # s, time of the next picture
         self._began = False
 
     def read(self, t: float, sight: Sight) -> Stick | None:
-        """Return the stick that has reached the robot at `t` (s); at rest where it is too old."""
+        """Return the stick that has reached the robot at `t` (s); zero if it is too old."""
         self._show(t, sight)
         for seen in self._down.receive(t):
             if seen is not None:
@@ -53,7 +53,7 @@ class RadioOperator:
         return self._stick if heard and t - self._stamp - self._least <= LET_GO_S else STILL
 
     def _show(self, t: float, sight: Sight) -> None:
-        """Send what is to be seen: the state, and pictures where there is a video."""
+        """Send the view: the state, and pictures if there is a video."""
         video = self.radio.video_kbps > 0.0
         self._down.send(t, STATE, STATE_BYTES, None if video else sight)
         if video and t >= self._picture - 1e-9:
@@ -69,7 +69,7 @@ class RadioOperator:
 
 
 def add_radio(operator: Operator | None, radio: Radio, seed: int) -> Operator | None:
-    """Return the operator behind the radio, where there are both."""
+    """Return the operator, behind the radio if there is one."""
     if operator is None or not radio.present:
         return operator
     return RadioOperator(operator, radio, seed)

@@ -1,8 +1,9 @@
-"""What a flying robot has left: force in each direction, and distance to what is around it.
+"""Reserves of a flying robot: force in each direction, and clearance.
 
-For the ground station's page. The force that is left in a direction is what the rotors can add at
-this attitude without any torque: thrusts T + s dT with B dT = (d, 0) stay within their limits up to
-s. A robot whose rotors cannot push in a direction without tilting has none there.
+The ground station's page shows them. The force reserve in a direction is the largest additional
+force of the rotors at this attitude without any torque: thrusts T + s dT with B dT = (d, 0) stay
+within their limits up to s. If the rotors cannot push in a direction without tilting, there is no
+reserve in it.
 """
 
 from __future__ import annotations
@@ -22,38 +23,38 @@ if TYPE_CHECKING:
 
 DIRECTIONS = 12
 """In the level plane of B, counter-clockwise from ahead; up and down follow."""
-PURE = 0.02  # of a direction, up to which another force or torque (over 1 m) may come with it
+PURE = 0.02  # of a direction, largest share of another force or torque (over 1 m)
 
 
 class Reserve:
-    """Measures it for one robot in one world, by the nominal model."""
+    """Computes the reserves of one robot in one world with the nominal model."""
 
     def __init__(self, description: Description) -> None:
-        """Build what distances are measured in."""
+        """Build the queries of distances."""
         setup = Setup(description)
         self.rotors = setup.rotors
         angles = 2.0 * math.pi * np.arange(DIRECTIONS) / DIRECTIONS
         level = np.stack([np.cos(angles), np.sin(angles), np.zeros(DIRECTIONS)])
         wanted = np.zeros((6, DIRECTIONS + 2))
         wanted[:3] = np.concatenate([level, np.array([[0, 0], [0, 0], [1, -1]])], axis=1)
-        change = np.linalg.pinv(self.rotors.B) @ wanted  # (n, directions) N for a newton
+        change = np.linalg.pinv(self.rotors.B) @ wanted  # (n, directions) N per newton
         error = np.max(np.abs(self.rotors.B @ change - wanted), axis=0)
         self._reachable = (error < PURE).tolist()
         self._most, self._least = self.rotors.thrust_max, self.rotors.thrust_min
         self._raises, self._used = change > 0.0, np.abs(change) > 1e-9
-        # newtons of force for a newton of room; a rotor that does not take part limits nothing
+        # newtons of force per newton of thrust reserve; a rotor without a share imposes no limit
         self._per_newton = 1.0 / np.where(self._used, np.abs(change), 1.0)
         self._query = setup.clearance_aloft if description.robot.arm is not None else None
 
     @property
     def measures_clearance(self) -> bool:
-        """Whether distances are told: of robots with an arm."""
+        """Whether it measures distances: only for robots with an arm."""
         return self._query is not None
 
     def measure_force(self, thrust: Array) -> list[float | None]:
-        """Return the force (N) that is left in each direction with `thrust` (n,) N now.
+        """Return the force reserve (N) in each direction at the current `thrust` (n,) N.
 
-        None where the rotors cannot push without tilting.
+        None if the rotors cannot push without tilting.
         """
         n = len(self._most)
         room_up = np.maximum(self._most - thrust[:n], 0.0)
@@ -66,9 +67,9 @@ class Reserve:
         ]
 
     def measure_clearance(self, row: Any) -> tuple[float, str] | None:
-        """Return the distance (m) to what is nearest, and the pair; None far from everything.
+        """Return the smallest distance (m) and its pair; None far from everything.
 
-        `row` is a sample. The ground and the probe at its surface are left out.
+        `row` is a sample. The ground, and the probe at its surface, are excluded.
         """
         if self._query is None:
             return None

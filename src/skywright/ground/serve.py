@@ -1,4 +1,4 @@
-"""Starting the ground station: `skywright serve`, and beside a run (`skywright run --view`)."""
+"""Start of the ground station: `skywright serve`, or beside a run (`skywright run --view`)."""
 
 from __future__ import annotations
 
@@ -32,11 +32,10 @@ def serve(
 ) -> None:
     """Run the station until it is interrupted.
 
-    `target` is None, a mission (name or file) that the page then proposes, or a run's directory,
-    which is replayed.
-    `options` are given to `skywright run` of every flight; `backends` are offered beside those that
-    need no address. Raises InputError where the target is neither, the address cannot be had, or a
-    back end is none.
+    `target` is None, a mission (name or file) that the page proposes, or a run's directory, which
+    is replayed. `options` are passed to `skywright run` for every flight; `backends` are offered in
+    addition to those without an address. Raises InputError if the target is neither, the address is
+    not available, or a back end is invalid.
     """
     address.check()
     data, proposed, files = None, "", dict[str, str]()
@@ -50,7 +49,7 @@ def serve(
     elif target is not None:
         from skywright.description.loader import load_description
 
-        load_description(target)  # told now, not in the page
+        load_description(target)  # report errors now, not on the page
         proposed = target
         if target.endswith(".toml") or os.sep in target:
             proposed = Path(target).stem
@@ -77,7 +76,7 @@ def serve(
 
 
 def load_replay(directory: Path) -> str:
-    """Return the page's data of a run's directory as JSON; raises InputError where it is none."""
+    """Return a run's directory as the page's JSON data; raises InputError for an invalid one."""
     import json
 
     from skywright.reports.replay import build_replay_data
@@ -89,7 +88,7 @@ def load_replay(directory: Path) -> str:
 def list_choices(
     proposed: str, files: dict[str, str], backends: tuple[str, ...] = ()
 ) -> dict[str, Any]:
-    """Return what a page may choose from."""
+    """Return the choices of a page."""
     from skywright.description.loader import list_missions
     from skywright.description.robot.loader import list_robots
     from skywright.description.world.loader import list_worlds
@@ -107,7 +106,7 @@ def list_choices(
 
 
 def _is_operated(mission: str) -> bool:
-    """Whether somebody can do the work of a mission by hand, by its file's kind alone."""
+    """Whether an operator can do the work of a mission by hand, by its file's kind alone."""
     import tomllib
 
     from skywright.description.loader import find_mission
@@ -116,7 +115,7 @@ def _is_operated(mission: str) -> bool:
     try:
         tree = tomllib.loads(find_mission(mission).path.read_text(encoding="utf-8"))
         return load_kind(tree["mission"]["kind"]).operated
-    except (InputError, OSError, ValueError, KeyError, TypeError):  # told when it is started
+    except (InputError, OSError, ValueError, KeyError, TypeError):  # reported at start
         return False
 
 
@@ -128,14 +127,14 @@ def _is_run(target: str) -> bool:
 
 
 def has_display() -> bool:
-    """Whether a browser would have a screen to open on."""
+    """Whether there is a screen for a browser."""
     if sys.platform == "darwin":
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 class Beside:
-    """A station in a process of its own beside a run: `end` and `folder` are for its `Feed`."""
+    """A station in a separate process beside a run: `end` and `folder` are for its `Feed`."""
 
     def __init__(self, address: Address, *, open_browser: bool | None = None) -> None:
         """Start it; it prints its address on standard error."""
@@ -153,7 +152,7 @@ class Beside:
         theirs.close()
 
     def close(self) -> None:
-        """End the station."""
+        """Stop the station."""
         self.end.close()
         self._process.terminate()
         try:
@@ -165,7 +164,7 @@ class Beside:
 
 
 def _serve_beside(number: int, folder: Path, address: Address, show: bool) -> None:
-    """Show the flight at the other end of socket `number`; what `Beside` starts."""
+    """Show the flight at the other end of socket `number`; the process that `Beside` starts."""
     end = socket.socket(fileno=number)
     prepare(end)
 
@@ -180,7 +179,7 @@ def _serve_beside(number: int, folder: Path, address: Address, show: bool) -> No
 
         parent = os.getppid()
 
-        async def follow_parent() -> None:  # a run that was killed leaves no station behind
+        async def follow_parent() -> None:  # a killed run leaves no station behind
             while os.getppid() == parent:
                 await asyncio.sleep(1.0)
             station.done.set()

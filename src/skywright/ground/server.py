@@ -1,4 +1,4 @@
-"""The ground station's server: routes of the page, its web socket, and how it is run."""
+"""The ground station's server: routes of the page, its web socket, and its event loop."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ from skywright.reports.replay import read_asset
 HOST_NAME = re.compile(r"[\w.:%-]{1,253}")
 LOCAL = ("127.0.0.1", "localhost", "::1")
 MOST_BAD = 1000
-"""Messages out of order after which a page is sent away."""
+"""Invalid messages after which a page is disconnected."""
 
 
 class Address(NamedTuple):
-    """Where the station listens, and by which names it is reached."""
+    """Listening address and host names of the station."""
 
     host: str = "127.0.0.1"
-    port: int = 0  # 0 takes a free one
+    port: int = 0  # 0 selects a free one
     names: tuple[str, ...] = ()
     certificate: Path | None = None
     key: Path | None = None
-    unencrypted: bool = False  # allowed on another address than this computer's
+    unencrypted: bool = False  # allowed on an address that other computers reach
 
     def check(self) -> None:
-        """Raise InputError where the station would listen to others without a certificate."""
+        """Raise InputError if the station would listen to others without a certificate."""
         for option, name in (("--host", self.host), *(("--name", n) for n in self.names)):
             if not HOST_NAME.fullmatch(name):
                 raise InputError(f"{option} {name[:80]!r}; valid: a host's name or address")
@@ -66,14 +66,14 @@ class Address(NamedTuple):
                 ) from None
 
     def list_names(self) -> set[str]:
-        """Return the hosts by which a browser may reach the station."""
+        """Return the host names by which a browser may reach the station."""
         names = {*self.names, "127.0.0.1", "localhost"}
         if self.host not in ("0.0.0.0", "::"):
             names.add(f"[{self.host}]" if ":" in self.host else self.host)
         return {name.lower() for name in names}
 
     def bind(self) -> socket.socket:
-        """Return a listening socket; raises InputError where the address cannot be had."""
+        """Return a listening socket; raises InputError if the address is not available."""
         family = socket.AF_INET6 if _is_v6(self.host) else socket.AF_INET
         listening = socket.socket(family, socket.SOCK_STREAM)
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -145,7 +145,7 @@ def _absent() -> Response:
 
 
 async def _talk(station: Station, sock: WebSocket) -> None:
-    """Serve one page until it leaves."""
+    """Serve one page until it disconnects."""
     await sock.accept()
     watcher = station.enter()
     if watcher is None:
@@ -164,7 +164,7 @@ async def _talk(station: Station, sock: WebSocket) -> None:
                 station.counts["malformed"] += 1
                 continue
             station.follow(watcher, order)
-    except (WebSocketDisconnect, RuntimeError):  # gone while something was sent
+    except (WebSocketDisconnect, RuntimeError):  # disconnected during a send
         pass
     finally:
         pump.cancel()
@@ -176,7 +176,7 @@ async def _talk(station: Station, sock: WebSocket) -> None:
 
 
 async def _pump(watcher: Watcher, sock: WebSocket) -> None:
-    """Send what is newest, as fast as the page takes it."""
+    """Send the newest data at the rate of the page."""
     try:
         while True:
             await watcher.wake.wait()
@@ -193,7 +193,7 @@ async def _pump(watcher: Watcher, sock: WebSocket) -> None:
 
 
 class _Server(uvicorn.Server):
-    """uvicorn raises signals again when it has ended; here the station's end is orderly."""
+    """uvicorn raises signals again after its end; here the station ends in order."""
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
@@ -205,7 +205,7 @@ async def run_server(
     station: Station, address: Address, data: str | None,
     on_open: Callable[[str, Guard], Awaitable[None]],
 ) -> None:  # fmt: skip
-    """Serve until interrupted, or until `station.done`; `on_open` is told the one-time address."""
+    """Serve until interrupted, or until `station.done`; `on_open` receives the one-time address."""
     listening = address.bind()
     port = int(listening.getsockname()[1])
     secure = address.certificate is not None
@@ -226,7 +226,7 @@ async def run_server(
     server = _Server(config)
     with contextlib.suppress(
         RuntimeError, ValueError
-    ):  # not the main thread: somebody else ends us
+    ):  # not the main thread: the caller ends the server
         for number in (signal.SIGINT, signal.SIGTERM):
             asyncio.get_running_loop().add_signal_handler(number, station.done.set)
 

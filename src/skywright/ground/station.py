@@ -1,6 +1,6 @@
-"""The ground station's state: who watches and controls, and the flight that is shown.
+"""The ground station's state: watchers, control, and the current flight.
 
-Each watcher has one place for the newest frame: a slow page skips frames, and nothing queues.
+Each watcher has one slot for the newest frame: a slow page skips frames, and there is no queue.
 Everything runs in one event loop.
 """
 
@@ -26,12 +26,12 @@ from skywright.ground.orders import Order
 from skywright.links.pair import parse, receive, say
 from skywright.run.backends import LINKED, split_backend
 
-TICK_S = 0.25  # between words to the flight and to the pages
+TICK_S = 0.25  # s between messages to the flight and to the pages
 MOST_WATCHERS = 16
 STEERING = frozenset(
     {"pause", "speed", "order", "mode", "disturb", "stick", "choose", "start", "invite", "stop"}
 )
-"""What only the controller may do."""
+"""Requests that only the page in control may make."""
 
 
 class Watcher:
@@ -40,29 +40,29 @@ class Watcher:
     def __init__(self, name: str) -> None:
         self.id, self.name = secrets.token_hex(8), name
         self.wake = asyncio.Event()
-        self.frame: bytes | None = None  # the newest, not sent yet
-        self.words: dict[str, Any] = {}  # by kind: the newest of each, not sent yet
+        self.frame: bytes | None = None  # the newest, not yet sent
+        self.words: dict[str, Any] = {}  # by kind: the newest of each, not yet sent
         self.sent, self.skipped, self.bad = 0, 0, 0
 
     def show(self, frame: bytes) -> None:
-        """Give a frame; one that was not sent yet is skipped."""
+        """Set the newest frame; an unsent one is skipped."""
         self.skipped += self.frame is not None
         self.frame = frame
         self.wake.set()
 
     def tell(self, kind: str, **content: Any) -> None:
-        """Give a message; one of the same kind that was not sent yet is replaced."""
+        """Set a message; an unsent one of the same kind is replaced."""
         self.words[kind] = {"k": kind, **content}
         self.wake.set()
 
 
 class Station:
-    """What the server's routes work on."""
+    """State and operations of the station, for the server's routes."""
 
     def __init__(self, folder: Path, choices: dict[str, Any], files: dict[str, str]) -> None:
-        """`folder` holds runs; `choices` is what a page may choose from.
+        """`folder` contains the runs; `choices` are the choices of a page.
 
-        `files` maps names among the missions to files that the command line named.
+        `files` maps names among the missions to files of the command line.
         """
         self.folder, self.choices, self.files = folder, choices, files
         self.control = Control()
@@ -70,10 +70,10 @@ class Station:
         self.counts: Counter[str] = Counter()
         self.logbook = Logbook(folder)
         self.process: Process | None = None
-        self.scene: Path | None = None  # of the flight that is shown
+        self.scene: Path | None = None  # of the current flight
         self.scene_number = 0
         self.status: dict[str, Any] = {}
-        self.note = ""  # what became of the last wish
+        self.note = ""  # result of the last request
         self.options: tuple[str, ...] = ()  # of `skywright run`, for every flight
         self.hosted = False  # by a flight that was started elsewhere (`run --view`)
         self.invite: Any = None  # returns an address
@@ -89,7 +89,7 @@ class Station:
     # --- watchers ------------------------------------------------------------------------------
 
     def enter(self) -> Watcher | None:
-        """Return a new watcher; None where there are too many."""
+        """Return a new watcher; None if there are too many."""
         if len(self.watchers) >= MOST_WATCHERS:
             self.counts["too many pages"] += 1
             return None
@@ -103,7 +103,7 @@ class Station:
         return watcher
 
     def leave(self, watcher: Watcher) -> None:
-        """Forget a watcher; control that it had falls free."""
+        """Remove a watcher and release its control."""
         self.watchers.pop(watcher.id, None)
         if self.control.release(watcher.id):
             self._control_changed()
@@ -115,7 +115,7 @@ class Station:
             say(self._end, "watch", n=len(self.watchers))
 
     def tell_all(self) -> None:
-        """Tell every page how things stand."""
+        """Send the status to every page."""
         flying = self.process is not None or self.hosted
         holder = self.watchers.get(self.control.who or "")
         for w in self.watchers.values():
@@ -131,7 +131,7 @@ class Station:
     # --- orders --------------------------------------------------------------------------------
 
     def follow(self, watcher: Watcher, order: Order) -> None:
-        """Do what a page asks for, where it may."""
+        """Execute a page's request, if it is permitted."""
         now, kind, content = time.monotonic(), order.kind, order.content
         mine = self.control.hear(watcher.id, now)
         if kind == "here":
@@ -236,7 +236,7 @@ class Station:
         self._busy = asyncio.create_task(self._launch(asked, mission))
 
     def _read_asked(self, content: dict[str, Any]) -> Asked | str:
-        """Return what a page asks to be flown, or what of it there is not."""
+        """Return the requested flight, or a message that names an unknown item."""
         for name in ("mission", "robot", "world", "backend"):
             value = content[name]
             if value is not None and value not in self.choices[f"{name}s"]:
@@ -248,7 +248,7 @@ class Station:
         )  # fmt: skip
 
     def _choose(self, watcher: Watcher, content: dict[str, Any]) -> None:
-        """Tell a page which back ends fly what it sets up; the newest question replaces others."""
+        """Send a page the back ends that can fly its set-up; the newest request replaces others."""
         if self.process is not None or self._busy is not None or self.hosted:
             return
         asked = self._read_asked(content)
@@ -270,7 +270,7 @@ class Station:
         except InputError as error:
             self.note = f"Not started: {error}"
             return
-        except Exception as error:  # a defect of ours must not end the station
+        except Exception as error:  # an internal error must not end the station
             self.note = f"Not started: {type(error).__name__}: {error}"
             return
         else:
@@ -287,10 +287,10 @@ class Station:
             self.tell_all()
 
     async def _watch(self, process: Process) -> None:
-        """Wait for the end of a flight, and write it down."""
+        """Wait for the end of a flight, and add it to the logbook."""
         code = await process.wait()
         if self._end is not None:
-            self._read()  # what it said last
+            self._read()  # its last messages
         entry = write_down(process, code, list(self.status.get("repeats", ())))
         self.process = None
         self._detach()
@@ -315,7 +315,7 @@ class Station:
             self._busy_stop = asyncio.create_task(self.process.stop())
 
     def find_report(self, number: int, page: str) -> Path | None:
-        """Return a page of a flight in the logbook; None where there is none."""
+        """Return a page of a flight in the logbook; None if it does not exist."""
         if page not in ("report.html", "replay.html") or not 0 <= number < len(
             self.logbook.entries
         ):
@@ -327,7 +327,7 @@ class Station:
     # --- time ----------------------------------------------------------------------------------
 
     async def tick(self) -> None:
-        """Keep leases and the flight's trust alive, until cancelled."""
+        """Maintain leases and the flight's connection, until cancelled."""
         now = time.monotonic()
         while True:
             before = now
@@ -335,7 +335,7 @@ class Station:
             now = time.monotonic()
             self.control.forgive(now - before - TICK_S)
             if self.control.expire(now):
-                self._control_changed()  # the page that had control tells its operator
+                self._control_changed()  # the page that had control informs its operator
             self._count()
             if self.watchers:
                 self.tell_all()
@@ -344,7 +344,7 @@ class Station:
                 self.done.set()
 
     async def close(self) -> None:
-        """End what runs."""
+        """Stop all processes."""
         if self._judging is not None:
             self._judging.cancel()
             await asyncio.wait([self._judging])
@@ -359,5 +359,5 @@ class Station:
 
 
 def dump(message: dict[str, Any]) -> str:
-    """Return a message's text."""
+    """Return a message as text."""
     return json.dumps(message, allow_nan=False, separators=(",", ":"))

@@ -1,7 +1,7 @@
-"""What an operator has ordered of a flight, and the stick: taken in, then carried out in a tick.
+"""Orders and stick of an operator: received at any time, executed in a tick.
 
-Whether an order makes sense is judged where the robot is flown (run/pilot.py, run/orders.py, the
-rules); the reason of a refusal goes back to the page.
+Orders are checked on the robot's side (run/pilot.py, run/orders.py, the rules); the reason of a
+refusal is sent back to the page.
 """
 
 from __future__ import annotations
@@ -26,34 +26,34 @@ if TYPE_CHECKING:
     from skywright.vehicle.simulated import SimulatedVehicle
 
 RULED = {"abort": "come_home", "land": "land_here"}
-"""Orders that the rules answer, and the response that they fly."""
+"""Orders that the rules answer -> their response."""
 PILOT = {"take_over": "manual", "give_back": "rejoin"}
-"""Orders of the pilot's switch, and the phase that follows."""
+"""Orders of the pilot's switch -> the next phase."""
 ORDERS = frozenset({*RULED, *PILOT, *Order})
-"""Every order."""
+"""All orders."""
 MODES = frozenset(Mode)
-MOST = 8  # orders that wait for a tick
-RECENT = 500  # sticks of which the status states the median
+MOST = 8  # orders queued for a tick
+RECENT = 500  # sticks over which the status reports the median age
 
 
 class Steering:
-    """The orders, the stick and the disturbances of one flight."""
+    """Orders, stick and disturbances of one flight."""
 
     def __init__(self) -> None:
         self.order = ""
-        """One of RULED that was given; it stays."""
+        """The order of RULED that was given; it stays set."""
         self.starts: dict[str, float] = {}  # of disturbances, s
         self.stick = StickJudge()
         self.said = ""
-        """Why the last order was refused, "" where it was not."""
-        self.ages = deque[float](maxlen=RECENT)  # s, how old the sticks were when they came
-        self._held = False  # the dead-man
+        """Why the last order was refused, or ""."""
+        self.ages = deque[float](maxlen=RECENT)  # s, ages of the sticks on arrival
+        self._held = False  # whether the dead-man switch is held
         self._given = deque[tuple[str, str]](maxlen=MOST)
 
-    # --- hearing -----------------------------------------------------------------------------
+    # --- reception ---------------------------------------------------------------------------
 
     def hear(self, message: dict[str, Any]) -> bool:
-        """Take in a message; returns whether it is one of the operator's."""
+        """Process a message; return whether it is one of the operator's."""
         kind, what = message["k"], message.get("what")
         if kind == "stick":
             return self._hear_stick(message)
@@ -82,22 +82,22 @@ class Steering:
         if flight is None or any(x is None for x in values):
             return False
         stick = Stick(np.array(values, float), message.get("b") is True, tuple(flight))
-        if message.get("d") is not True:  # the dead-man is let go: nothing moves
+        if message.get("d") is not True:  # the dead-man switch is released: zero stick
             stick = Stick(np.zeros(3), False)
-        if self.stick.hear(Told(int(seq), at, stick), now):  # counts what it drops
+        if self.stick.hear(Told(int(seq), at, stick), now):  # counts dropped messages
             self._held = message.get("d") is True
             self.ages.append(now - at)
         return True
 
     @property
     def moves(self) -> bool:
-        """Whether the stick counts now."""
+        """Whether the stick currently has an effect."""
         return self._held and self.stick.age(time.monotonic()) < HOLD_S
 
-    # --- carrying out ------------------------------------------------------------------------
+    # --- execution ---------------------------------------------------------------------------
 
     def carry_out(self, t: float, vehicle: SimulatedVehicle, s: Supervisor[Any] | None) -> None:
-        """Do what was ordered, at `t` (s); without a supervisor only the disturbances."""
+        """Execute the orders at `t` (s); without a supervisor only the disturbances."""
         for name, start in list(self.starts.items()):
             if math.isnan(start):
                 self.starts[name] = t
@@ -113,7 +113,7 @@ class Steering:
             s.move_stick(list(self.stick.read(now).flight))
 
     def _do(self, s: Supervisor[Any], kind: str, what: str) -> str:
-        """Carry out an order; returns why it was refused, "" where it was not."""
+        """Execute an order; return why it was refused, or ""."""
         if kind == "mode":
             return s.choose_mode(what).reason
         if what == "take_over":
@@ -122,10 +122,10 @@ class Steering:
             return s.give_back().reason
         return s.order(what).reason
 
-    # --- telling -----------------------------------------------------------------------------
+    # --- status ------------------------------------------------------------------------------
 
     def tell(self, s: Supervisor[Any] | None) -> dict[str, Any]:
-        """Return what a page shows of it, as plain JSON."""
+        """Return the status for a page, as plain JSON."""
         age = self.stick.age(time.monotonic())
         begun = {name: start for name, start in self.starts.items() if math.isfinite(start)}
         told: dict[str, Any] = {

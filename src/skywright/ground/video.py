@@ -1,4 +1,4 @@
-"""The video that a page draws for the operator: how late its pictures are, and how many come."""
+"""The video that a page simulates for the operator: delay and rate of its pictures."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from skywright.links.radio import OVERHEAD
 def describe_video(radio: Radio) -> dict[str, Any] | None:
     """Return delay (s) and rate (Hz) of a radio's pictures as plain JSON; None without a radio.
 
-    Without a video (`video_kbps` 0) the operator sees the robot's states, as late as the radio is,
-    and as often as they come (`rate_hz` None). Jitter and loss are left out: the page shows means.
+    Without a video (`video_kbps` 0) the operator sees the robot's states with the radio's delay at
+    their rate (`rate_hz` None). Jitter and loss are omitted: the page shows means.
     """
     if not radio.present:
         return None

@@ -1,4 +1,4 @@
-"""A run that a ground station shows: one that started it, or one that is started beside it."""
+"""The view of a run at a ground station, which started the run or is started beside it."""
 
 from __future__ import annotations
 
@@ -14,17 +14,18 @@ from skywright.links.pair import prepare
 from skywright.run.backends import PHYSICS
 
 WAIT_S, STAY_S = 20.0, 3.0
-"""s for which a watched run waits for the first page, and keeps its last picture."""
+"""s for which a watched run waits for the first page, and for which it keeps its last picture."""
 
 
 class Watching:
-    """The feed of a run and, where it is ours, the station."""
+    """The feed of a run and, if started beside it, the station."""
 
     def __init__(
         self, person: object, station: str | None, address: Address | None = None,
         backend: str = PHYSICS,
     ) -> None:  # fmt: skip
-        """`person` is at the stick, or None; `station` is FD:FOLDER of one that waits already.
+        """`person` is at the stick, or None; `station` is FD:FOLDER of a station that already
+        waits.
 
         `backend` flies.
         """
@@ -39,7 +40,7 @@ class Watching:
             person.feed = self.feed
 
     def close(self) -> None:
-        """Let the station go."""
+        """Close the station."""
         if self._beside is not None:
             self._beside.close()
         else:

@@ -1,1 +1,1 @@
-"""Edges to the outside, one folder or file each."""
+"""Interfaces to other programs and devices, one folder or file each."""

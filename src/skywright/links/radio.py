@@ -1,10 +1,10 @@
 """The radio link between operator and robot: delay, jitter, loss and bandwidth.
 
-Each way is one transmitter. It sends one packet at a time, which takes its size over the bandwidth;
-of those that wait, commands go first, then states, then video, each kind in its order. A packet
-under way is not interrupted. After it was sent it takes `delay_s` plus normal jitter, arrives after
-those of its kind that were sent before, or is lost with a fixed probability. Queues are short: the
-newest state and the newest picture replace those that still wait.
+Each direction has one transmitter. It sends one packet at a time, which takes its size over the
+bandwidth. Of the queued packets, commands are sent first, then states, then video, each kind in
+order. A transmission is not interrupted. A sent packet takes `delay_s` plus normal jitter and
+arrives after earlier ones of its kind, or is lost with a fixed probability. Queues are short: the
+newest state and the newest picture replace queued ones.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from skywright.core.streams import build_stream
 from skywright.description.world.radio import Radio
 
 COMMAND, STATE, VIDEO = range(3)
-"""Priorities, first to last."""
+"""Priorities, highest first."""
 DEPTH = (64, 8, 1)
-"""Packets that wait, by priority: the oldest gives way."""
+"""Length of the queue by priority: the oldest packet is dropped."""
 OVERHEAD = 28  # bytes, headers of IP and UDP
-BLOCK = 256  # packets whose draws are made at once
+BLOCK = 256  # packets per block of random draws
 
 
 class Waiting(NamedTuple):
@@ -39,22 +39,22 @@ class Way:
     """One direction of the link. The same seed and packets give the same arrivals."""
 
     def __init__(self, radio: Radio, seed: int, name: str) -> None:
-        """`seed` is the run's, `name` that of the direction: each has its own draws."""
+        """`seed` is the run's, `name` that of the direction: each has its own random stream."""
         self.radio = radio
         self.lost = 0
-        """Packets that were lost in the air."""
+        """Number of packets lost in transmission."""
         self.dropped = 0
-        """Packets that gave way to newer ones before they were sent."""
+        """Number of packets dropped from a queue for newer ones."""
         self._rng = build_stream(seed, "radio", name)
         self._draws = np.zeros((0, 2))
         self._waiting: tuple[deque[Waiting], ...] = (deque(), deque(), deque())
         self._under_way: list[tuple[float, int, Any]] = []  # arrival, number, item
-        self._free = -math.inf  # s, when the transmitter has sent what it sends now
+        self._free = -math.inf  # s, end of the current transmission
         self._last = [-math.inf] * 3  # s, newest arrival of each priority
         self._sent = 0
 
     def send(self, t: float, priority: int, size: int, item: Any) -> None:
-        """Queue an item of `size` bytes at `t` (s), which never goes back."""
+        """Queue an item of `size` bytes at `t` (s), which must not decrease."""
         self._transmit(t)
         queue = self._waiting[priority]
         if len(queue) >= DEPTH[priority]:
@@ -63,7 +63,7 @@ class Way:
         queue.append(Waiting(t, size + OVERHEAD, item))
 
     def receive(self, t: float) -> list[Any]:
-        """Return what has arrived until `t` (s), in the order of arrival."""
+        """Return the items that have arrived by `t` (s), in the order of arrival."""
         self._transmit(t)
         found = []
         while self._under_way and self._under_way[0][0] <= t:
@@ -71,7 +71,7 @@ class Way:
         return found
 
     def _transmit(self, t: float) -> None:
-        """Send what the transmitter begins to send until `t` (s)."""
+        """Transmit the packets whose transmission begins before `t` (s)."""
         while any(self._waiting):
             earliest = min(queue[0].t for queue in self._waiting if queue)
             start = max(self._free, earliest)
@@ -103,7 +103,7 @@ class Way:
 
 
 def build_ways(radio: Radio, seed: int) -> tuple[Way, Way] | None:
-    """Return the ways up to the robot and down to the operator; None where there is no radio."""
+    """Return the directions up to the robot and down to the operator; None without a radio."""
     if not radio.present:
         return None
     return Way(radio, seed, "up"), Way(radio, seed, "down")

@@ -1,11 +1,10 @@
-"""Allocation: from a wrench to rotor thrusts that never leave their limits.
+"""Allocation of a wrench to rotor thrusts that stay within their limits.
 
-The exact inverse for six independent rotors, least squares for more; robots whose rotors cannot
-make a lateral force (coplanar ones) get the controllable part (f_z and the torques). When a wrench
-is out of reach, parts are given up in the order that keeps a robot in the air: lateral force
-first, then yaw torque, then thrust against roll and pitch torque. Each part is scaled by a closed
-form (a ray against the box of limits), so a call costs well under a microsecond and there is no
-iteration that could fail to converge.
+The allocation is the exact inverse for six independent rotors and least squares for more. Robots
+whose rotors produce no lateral force (coplanar ones) receive the controllable components: f_z and
+the torques. If a wrench is infeasible, its components are reduced in this order: lateral force, yaw
+torque, then vertical thrust against roll and pitch torque. Each reduction is a closed form (a ray
+against the box of limits), so a call takes well under a microsecond and needs no iteration.
 """
 
 import math
@@ -29,19 +28,19 @@ ATTITUDE_OR_THRUST_REDUCED = 3
 NOT_FINITE = -1
 
 THRUST_BAND = 0.3
-"""Fraction by which vertical thrust may give way to roll and pitch torque, and no further."""
+"""Largest fraction by which the vertical thrust is reduced in favour of roll and pitch torque."""
 
 
 class Allocator(NamedTuple):
-    """What `allocate` needs; readable from compiled code."""
+    """Data of `allocate`, readable from compiled code."""
 
     B: Array  # (6, n) wrench [N; N m] in B per newton of thrust
     P: Array  # (n, 6) thrust per wrench; lateral columns are zero when `full` is 0
     t_min: Array  # (n,) N, less the preload
     t_max: Array  # (n,) N, less the preload
     k_f: float  # N/(rad/s)^2
-    full: int  # 1 when all six components can be made independently
-    preload: Array  # (n,) N that add up to no wrench; to be added to the thrusts of `allocate`
+    full: int  # 1 if the rotors produce all six components independently
+    preload: Array  # (n,) N, zero net wrench; added to the thrusts of `allocate`
 
 
 def build_allocator(rotors: RotorSet) -> Allocator:
@@ -52,7 +51,7 @@ def build_allocator(rotors: RotorSet) -> Allocator:
     arm = max(float(np.max(np.linalg.norm(rotors.position, axis=1))), 1e-6)
     scaled = rotors.B / np.array([1.0, 1.0, 1.0, arm, arm, arm])[:, None]
     sigma = np.linalg.svd(scaled, compute_uv=False)
-    # A tilt of less than 0.1 % of the thrust is no lateral authority that a law could use.
+    # Below a tilt of 0.1 % of the thrust, the lateral authority is too small for any law.
     full = bool(len(sigma) == 6 and sigma[-1] > 1e-3 * sigma[0])
     n = rotors.B.shape[1]
     pinv = np.zeros((n, 6))
@@ -82,15 +81,15 @@ def build_allocator(rotors: RotorSet) -> Allocator:
 
 
 def compute_preload(rotors: RotorSet) -> Array:
-    """Return thrusts (n,) N without a wrench, the least of them in the middle of its range.
+    """Return thrusts (n,) N with zero net wrench that centre the least one in its range.
 
-    Rotors that point down push against those that point up. Around such a preload each thrust can
-    fall and rise, as that of a rotor that reverses, so that least squares may ask for either
-    (Tognon, Franchi: Omnidirectional aerial vehicles with unidirectional thrusters, RA-L 2018).
-    Zeros where the rotors have no such thrusts.
+    Rotors that point down act against those that point up. Around this preload each thrust can
+    increase and decrease like that of a reversible rotor, so that the least-squares solution may
+    have either sign (Tognon, Franchi: Omnidirectional aerial vehicles with unidirectional
+    thrusters, RA-L 2018). Returns zeros if no such thrusts exist.
     """
     n = len(rotors.spin)
-    # the largest least share x of thrusts with B T = 0 and a sum of n
+    # maximise the least share x over thrusts with B T = 0 and a sum of n
     equal = np.vstack([np.hstack([rotors.B, np.zeros((6, 1))]), np.append(np.ones(n), 0.0)])
     found = linprog(
         np.append(np.zeros(n), -1.0), A_ub=np.hstack([-np.eye(n), np.ones((n, 1))]),
@@ -110,7 +109,7 @@ def usable_limit(allocator: Allocator, thrust_fraction: float) -> Array:
 
 @helper
 def _interval(base: Array, ray: Array, t_min: Array, t_max: Array) -> tuple[float, float]:
-    """Return [lo, hi] of s with t_min <= base + s ray <= t_max (lo > hi when there is none)."""
+    """Return [lo, hi] of s with t_min <= base + s ray <= t_max (lo > hi if it is empty)."""
     lo = -math.inf
     hi = math.inf
     for i in range(base.shape[0]):
@@ -144,7 +143,8 @@ def _mul(
 def _share_line(
     thrust: float, up: Array, turn: Array, t_min: Array, t_max: Array
 ) -> tuple[float, float]:
-    """Return the largest share of the torque thrusts `turn` at this vertical thrust, and its slope.
+    """Return the largest feasible share of the torque thrusts `turn` at this vertical thrust and
+    its slope.
 
     Each rotor allows share <= (limit - thrust up_i) / turn_i, a line over the vertical thrust.
     """
@@ -164,7 +164,7 @@ def _share_line(
 def _limit_thrust_and_torque(
     wanted: float, up: Array, turn: Array, t_min: Array, t_max: Array, work: Array
 ) -> tuple[float, float, bool]:
-    """Return vertical thrust (N), share of the roll and pitch torque, and whether any exists."""
+    """Return vertical thrust (N), share of the roll and pitch torque, and whether both exist."""
     work[:] = 0.0
     f_lo, f_hi = _interval(work, up, t_min, t_max)
     if f_lo > f_hi:
@@ -177,7 +177,7 @@ def _limit_thrust_and_torque(
     b = min(b, f_hi)
     if a <= b:
         return min(max(f0, a), b), 1.0, True
-    # The share is the lowest of n lines: intersect the ones that rise and fall until they meet.
+    # The share is the minimum of n lines: intersect rising and falling lines until they meet.
     left, right = f_lo, f_hi
     y1, s1 = _share_line(left, up, turn, t_min, t_max)
     y2, s2 = _share_line(right, up, turn, t_min, t_max)
@@ -213,18 +213,18 @@ def allocate(
     p_BC: Array,
     thrust: Array,
 ) -> int:
-    """Write thrusts (n,) N that make the wrench, or the nearest one in the order of priority.
+    """Write thrusts (n,) N that produce the wrench, or the nearest one in the order of priority.
 
     f_B (3,) N and t_B (3,) N m: wanted wrench in B, torque about B's origin. up_B (3,): the
-    vertical seen from B (third row of R_WB). p_BC (3,) m: whole-robot centre of mass in B; a force
-    that is given up is given up at this point, so the arm's weight stays balanced.
+    vertical in B (third row of R_WB). p_BC (3,) m: whole-robot centre of mass in B. A reduction of
+    the force applies at this point, so that the weight of the arm stays balanced.
 
     Returns EXACT (0), LATERAL_REDUCED (1), YAW_REDUCED (2), ATTITUDE_OR_THRUST_REDUCED (3: the
-    vertical thrust gives way by at most THRUST_BAND, then the torque shrinks) or NOT_FINITE (-1:
-    `thrust` is untouched and the caller decides). The result never leaves [t_min, t_max].
+    vertical thrust changes by at most THRUST_BAND, then the torque is reduced) or NOT_FINITE (-1:
+    `thrust` is unchanged and the caller decides). The result stays within [t_min, t_max].
 
-    What remains when lateral force is given up is thrust along z_B with the wanted vertical
-    component: at level attitude no lateral force, at a tilted one that of a coplanar robot.
+    Without lateral force the thrust acts along z_B with the wanted vertical component: at level
+    attitude it has no lateral part, at a tilted one that of a coplanar robot.
     """
     n = P.shape[0]
     fx, fy, fz = f_B[0], f_B[1], f_B[2]
@@ -261,7 +261,7 @@ def allocate(
     _mul(P, 0.0, 0.0, 0.0, mx, my, 0.0, turn)
     _mul(P, 0.0, 0.0, 0.0, 0.0, 0.0, mz, yaw)
     vertical, share, exists = _limit_thrust_and_torque(wanted, up, turn, t_min, t_max, base)
-    if not exists:  # the robot cannot even hover with this centre of mass: nearest corner
+    if not exists:  # hover is infeasible with this centre of mass: nearest corner
         for i in range(n):
             thrust[i] = min(max(thrust[i], t_min[i]), t_max[i])
         return 3
@@ -276,7 +276,7 @@ def allocate(
         flag = 2
     for i in range(n):
         base[i] += s * yaw[i]
-    # what is left of the force is lateral; it acts at the centre of mass
+    # the rest of the force is lateral; it acts at the centre of mass
     if full != 0:
         dz = fz - wanted
         _mul(P, fx, fy, dz, cy * dz - cz * fy, cz * fx - cx * dz, cx * fy - cy * fx, lateral)
@@ -286,8 +286,8 @@ def allocate(
             flag = 1
         for i in range(n):
             base[i] += s * lateral[i]
-    # Every component may still move toward the demand as far as the limits allow; without this
-    # step the result would jump where a demand becomes feasible only as a whole.
+    # Move every component toward the demand as far as the limits allow. Without this step the
+    # result would jump where a demand becomes feasible.
     for i in range(n):
         lateral[i] = thrust[i] - base[i]
     _, s = _interval(base, lateral, t_min, t_max)

@@ -1,4 +1,4 @@
-"""The arm's bodies in the scene: links, flexibility, hands, sprung probe and servos."""
+"""Bodies of the arm in the scene: links, flexibility, hands, sprung probe and servos."""
 
 import math
 from typing import Any, NamedTuple
@@ -34,9 +34,10 @@ from skywright.models.part_masses import (
 from skywright.models.rigid_body import find_tip
 from skywright.models.servo_gains import compute_inertia_beyond, compute_servo_gains
 
-# contype/conaffinity: robot parts collide with the world, arms with arms and propellers too (OWN,
-# self_contact.py), not with hub, booms and legs, coarse shapes between which arms are mounted;
-# the probe's pen with everything but the pipe, which only its tip may touch
+# contype/conaffinity. Robot parts collide with the world; arms also collide with arms and
+# propellers (OWN, self_contact.py), but not with hub, booms and legs, whose coarse shapes surround
+# the arms' mounts. The probe's pen collides with everything but the pipe, which only its tip may
+# touch.
 ROBOT, WORLD, FEET, PEN, OWN = 1, 2, 4, 8, 16
 STOP_SLACK = math.radians(5.0)
 SLIDE_SLACK = 0.002  # m
@@ -45,23 +46,23 @@ LIMITED = mujoco.mjtLimited.mjLIMITED_TRUE
 
 
 class Deviation(NamedTuple):
-    """How the plant differs from the nominal model (drawn from the root `plant`)."""
+    """Deviation of the plant from the nominal model, drawn from the root `plant`."""
 
     mass_factor: float = 1.0
     inertia_factor: float = 1.0
     com_error: Array = np.zeros(3)
     rotor_gain: Array = np.ones(0)  # (n,) factor on each rotor's thrust
     link_length_error: float = 0.0
-    link_length_errors: Array = np.zeros(0)  # (n_links,) m, of those that carry another
+    link_length_errors: Array = np.zeros(0)  # (n_links,) m, of links that carry another link
     joint_offset: Array = np.zeros(0)  # (n_joints,) rad, encoder zero error
     drag_factor: float = 1.0
-    marker_error: Array = np.zeros(3)  # m, in T: where motion capture believes the tip to be
-    pipe_error: Array = np.zeros(3)  # m, in W: likewise of a tracked pipe
-    socket_error: Array = np.zeros(6)  # m, rad: where a socket stands, against the world file
+    marker_error: Array = np.zeros(3)  # m, in T: error of the tip's position in motion capture
+    pipe_error: Array = np.zeros(3)  # m, in W: error of a tracked pipe in motion capture
+    socket_error: Array = np.zeros(6)  # m, rad: deviation of a socket from the world file
     survey_error: Array = np.zeros(6)  # m, rad: of motion capture's measurement of the socket
-    camera_error: Array = np.zeros(6)  # m, rad: where the probe's camera is and looks, in T
+    camera_error: Array = np.zeros(6)  # m, rad: pose error of the probe's camera in T
     spring_factor: Array = np.ones(0)  # (n_joints,) on the stiffness of each joint's spring
-    hardening_factor: float = 1.0  # on the stiffness beyond the linear range over that within
+    hardening_factor: float = 1.0  # on stiffness beyond the linear range over that within
     backlash_factor: float = 1.0
     servo_lag_factor: float = 1.0
     probe_spring_factor: float = 1.0
@@ -71,14 +72,14 @@ class Deviation(NamedTuple):
 def add_arm(
     spec: mujoco.MjSpec, base: mujoco.MjsBody, robot: Robot, dev: Deviation, plant: bool
 ) -> None:
-    """Add the arms' links, hands and probe and, in the plant, flexibility and servos."""
+    """Add the arms' links, hands and probe, and in the plant flexibility and servos."""
     limbs, servos = list_true_limbs(robot, dev), list_true_servos(robot, dev)
     last = [max(i for i, x in enumerate(limbs) if x.side == side) for side in _sides(limbs)]
     bodies: list[mujoco.MjsBody] = []
     for i, limb in enumerate(limbs):
         link, offset = limb.link, np.array(limb.offset)
         if i in last and limb.parent >= 0 and limb.parent == i - 1:
-            # calibration error: the second-last link is longer than believed
+            # calibration error: the true second-last link is longer than the nominal one
             offset = offset + dev.link_length_error * link_direction(limbs[limb.parent].link)
         if limb.parent >= 0 and len(dev.link_length_errors):
             longer = dev.link_length_errors[limb.parent]
@@ -115,7 +116,8 @@ def add_arm(
 
 
 def _shell_end(robot: Robot, limbs: list[Limb], i: int, is_last: bool) -> Array:
-    """End (3,) m of a link's capsule: a hand's ball looks out of it, also along the link."""
+    """Return the end (3,) m of a link's capsule: a hand's ball must protrude from it, also along
+    the link."""
     assert robot.arm is not None
     end, hand, link = np.array(end_of(limbs[i].link)), robot.arm.hand, limbs[i].link
     if not is_last or hand.mass_kg == 0.0 or (robot.probe and i == find_tip(robot, limbs)):
@@ -176,33 +178,34 @@ def _add_link_joints(
 
 
 def _is_soft(link: Link) -> bool:
-    """Whether a joint's spring gives way by degrees: then shaft and output link differ by them."""
+    """Whether a joint has a compliant spring, so that shaft and output link differ in angle."""
     return link.flex_stiffness_nm_per_rad is not None and link.flex_linear_deg is not None
 
 
 def _stops(link: Link) -> list[float]:
-    """Mechanical stops (rad; slides: m) of a link, a little beyond what controllers may use."""
+    """Return the mechanical stops (rad; slides: m) of a link, slightly beyond the usable range."""
     slack = STOP_SLACK if link.joint == "hinge" else SLIDE_SLACK
     return [link.reach[0] - slack, link.reach[1] + slack]
 
 
 def _backlash(limb: Limb, servos: list[tuple[str, Servo]]) -> float:
-    """Backlash (rad) of a link's servo."""
+    """Return the backlash (rad) of a link's servo."""
     return math.radians(servos[limb.servo][1].backlash_deg) if limb.servo >= 0 else 0.0
 
 
 def _add_springs(spec: mujoco.MjSpec, limb: Limb, servos: list[tuple[str, Servo]]) -> None:
-    """Springs that are not plain joint springs: with play, and the harder part beyond the range."""
+    """Add the springs that are not plain joint springs: those with play, and the hardening part."""
     link = limb.link
     k, slack = link.flex_stiffness_nm_per_rad, 0.5 * _backlash(limb, servos)
     if k is None:
         return
     if _is_soft(link):
-        # what stops is the output link, in its frame; the servo's shaft turns on by the deflection
+        # the stop limits the output link, in its frame; the servo's shaft turns further by the
+        # deflection
         tendon = spec.add_tendon(name=f"{limb.name} stop", limited=LIMITED, range=_stops(link))
         tendon.wrap_joint(limb.name, 1.0)
         tendon.wrap_joint(f"{limb.name} flex", 1.0)
-    if slack > 0.0:  # the gear's play in series with the spring: no torque within it
+    if slack > 0.0:  # the gear's play is in series with the spring: no torque within it
         tendon = spec.add_tendon(name=f"{limb.name} spring")
         tendon.wrap_joint(f"{limb.name} flex", 1.0)
         _set_coefficient(tendon, "stiffness", k)
@@ -216,7 +219,7 @@ def _add_springs(spec: mujoco.MjSpec, limb: Limb, servos: list[tuple[str, Servo]
 
 
 def _set_coefficient(thing: Any, name: str, value: float) -> None:
-    """Set a stiffness or damping, which MuJoCo may hold as a polynomial's coefficients."""
+    """Set a stiffness or damping, which MuJoCo may store as the coefficients of a polynomial."""
     poly = np.ndim(getattr(thing, name)) > 0
     setattr(thing, name, np.array([value, 0.0, 0.0]) if poly else value)
 
@@ -225,7 +228,7 @@ def _add_hand(
     link_body: mujoco.MjsBody, side: int, link: Link, robot: Robot, dev: Deviation, plant: bool,
     is_tip: bool,
 ) -> None:  # fmt: skip
-    """What an arm ends in: a body of its own, so that its touch is no collision."""
+    """Add the end of an arm as a separate body, so that its contacts do not count as collisions."""
     assert robot.arm is not None
     hand, way = robot.arm.hand, link_direction(link)
     at = (link.length_m + hand.length_m) * way
@@ -319,7 +322,7 @@ def _add_probe(
         _set_coefficient(joint, "damping", damping)
         joint.springref = probe.spring_preload_n / probe.spring_n_per_m
         joint.solref_limit = [0.004, 1.0]
-        if robot.force_sensor is not None:  # softer beyond the knee: less of the spring there
+        if robot.force_sensor is not None:  # less stiffness beyond the knee
             knee = (robot.force_sensor.knee_n - probe.spring_preload_n) / probe.spring_n_per_m
             tendon = spec.add_tendon(name="spring beyond")
             tendon.wrap_joint("spring", 1.0)
@@ -328,14 +331,14 @@ def _add_probe(
 
 
 def _add_servos(spec: mujoco.MjSpec, robot: Robot, servos: list[tuple[str, Servo]]) -> None:
-    """Servos: a PD with a torque limit around the command, which a velocity servo integrates; a
-    torque servo makes what it is told.
+    """Add the servos: a PD with a torque limit around the command.
 
-    A position servo's command comes with its lag and speed limit from vehicle/actuators.
+    A velocity servo integrates its command. A torque servo applies the commanded torque. The
+    command of a position servo already includes its lag and speed limit (vehicle/actuators).
 
-    Through the belt a motor's angle is a fixed combination of joints: q_M = J_AM^-1 q_A. So its
-    rotor couples them: J_AM^-T diag(armature) J_AM^-1 is what the joints feel (the motors' kinetic
-    energy in the joints' speeds), which MuJoCo makes of a tendon's armature.
+    Through the belt a motor's angle is a fixed combination of joints: q_M = J_AM^-1 q_A. Its rotor
+    therefore couples them: the joints' inertia grows by J_AM^-T diag(armature) J_AM^-1 (the motors'
+    kinetic energy in joint speeds), which MuJoCo computes from the armature of a tendon.
     """
     assert robot.arm is not None
     joints = [limb.name for limb in list_joints(robot) if limb.servo >= 0]

@@ -1,15 +1,15 @@
 """Kinematics of the 4-DoF arm (shoulder pitch, roll, yaw, elbow pitch) in closed form.
 
-Suarez 2020, (6) and (7): r = FK(q) and q = IK(r, phi), the redundancy fixed by the shoulder's roll
-q2 = phi. The paper prints neither; here is the derivation. Frame: origin where the shoulder's three
-axes meet, x forward, z up; upper arm L1 and forearm L2 hang along -z at q = 0. With
-a = -L2 sin q4 and h = L1 + L2 cos q4 the hand is at
+Suarez 2020, (6) and (7): r = FK(q) and q = IK(r, phi), where the shoulder's roll q2 = phi resolves
+the redundancy. The paper does not print the solution; this is its derivation. Frame: the origin is
+where the shoulder's three axes meet, x forward, z up; upper arm L1 and forearm L2 hang along -z at
+q = 0. With a = -L2 sin q4 and h = L1 + L2 cos q4 the hand is at
 
     r = Ry(q1) Rx(q2) Rz(q3) (a, 0, -h).
 
-|r| gives q4 up to its sign, r_y = a s3 c2 + h s2 then q3 up to its side, and the direction of
-(r_x, r_z) then q1. The elbow lies on a circle about the line from shoulder to hand, at
-y = L1 sin q2: it exists for those rolls with L1 |sin q2| within that circle.
+|r| determines q4 up to its sign, r_y = a s3 c2 + h s2 then q3 up to its branch, and the direction
+of (r_x, r_z) then q1. The elbow lies on a circle about the line from shoulder to hand, at y = L1
+sin q2. A solution exists for rolls with L1 |sin q2| within that circle.
 """
 
 import math
@@ -27,20 +27,20 @@ from skywright.errors import InputError
 from skywright.models.arm_nearest import arm_point, distance, search_nearest
 
 REACHED, OUT_OF_REACH, AT_A_LIMIT = 0, 1, 2
-"""Status of a solution: exact; beyond (or within) what the links span; only angles beyond the
-joints' limits lead there. The last two come with the nearest point that the arm reaches."""
+"""Status of a solution: exact; beyond (or within) the span of the links; or feasible only with
+angles beyond the joint limits. The last two return the nearest point that the arm reaches."""
 STATUS_NAMES = ("reached", "out of reach", "at a joint limit")
 
-EXACT = 1e-10  # m, what counts as reached
-ROLLS = 48  # steps of the rolls tried where the one asked for violates a limit
+EXACT = 1e-10  # m, largest distance that counts as reached
+ROLLS = 48  # number of rolls tried if the requested one violates a limit
 TRIALS = ROLLS + 1
 
 
 class ArmChain(NamedTuple):
-    """One arm: its lengths (m), limits (rad) and the place of its joints in q."""
+    """One arm: its lengths (m), limits (rad) and the indices of its joints in q."""
 
     upper: float
-    fore: float  # with the hand
+    fore: float  # including the hand
     p_shoulder: Array  # (3,) m, in the frame of the platform, or of the passive link
     q_min: Array  # (4,)
     q_max: Array
@@ -48,7 +48,7 @@ class ArmChain(NamedTuple):
 
 
 class ArmSolution(NamedTuple):
-    """Joint angles q (4,) rad, the point p (3,) m that they reach, its distance from the goal."""
+    """Joint angles q (4,) rad, the point p (3,) m that they reach, and its distance to the goal."""
 
     q: Array
     status: str  # one of STATUS_NAMES
@@ -57,7 +57,7 @@ class ArmSolution(NamedTuple):
 
 
 def has_arm_chain(robot: Robot) -> bool:
-    """Whether the robot's arms have the joints that this file's closed form is for."""
+    """Whether the arms of the robot have the joints that the closed form assumes."""
     if robot.arm is None:
         return False
     joints = [x for x in list_joints(robot) if x.side == 0]
@@ -109,8 +109,9 @@ def compute_arm_ik(
 ) -> ArmSolution:
     """Return the angles that bring the hand to p (3,) m from the shoulder: (7).
 
-    `roll` (rad) is the shoulder's roll to take, or where that cannot be, the nearest that can.
-    `near` (4,) picks the branch (default: elbow bent so that the forearm points forward).
+    `roll` (rad) is the desired roll of the shoulder; if it is infeasible, the nearest feasible roll
+    is used. `near` (4,) selects the branch (default: elbow bent so that the forearm points
+    forward).
     """
     near = np.array([0.0, roll, 0.0, -0.5 * math.pi]) if near is None else np.asarray(near, float)
     q, reached = np.empty(4), np.empty(3)
@@ -128,7 +129,7 @@ def solve_arm(
     L1: float, L2: float, p: Any, roll: float, near: Any, q_min: Any, q_max: Any, q: Any,
     reached: Any,
 ) -> int:  # fmt: skip
-    """Fill q (4,) with IK(p, roll) and `reached` (3,) with FK(q); returns the status."""
+    """Fill q (4,) with IK(p, roll) and `reached` (3,) with FK(q); return the status."""
     goal = local(3)
     status = _into_reach(L1, L2, p, near, q_min, q_max, goal)
     found = _solve_within(L1, L2, goal, roll, near, q_min, q_max, q)
@@ -142,7 +143,7 @@ def solve_arm(
 
 @helper
 def _into_reach(L1: float, L2: float, p: Any, near: Any, q_min: Any, q_max: Any, goal: Any) -> int:
-    """Fill `goal` with the point nearest to p at a distance that the elbow can make."""
+    """Fill `goal` with the point nearest to p at a distance that the elbow can produce."""
     bend = max(abs(q_min[3]), abs(q_max[3]))
     least = 0.0
     if q_min[3] > 0.0 or q_max[3] < 0.0:
@@ -155,7 +156,7 @@ def _into_reach(L1: float, L2: float, p: Any, near: Any, q_min: Any, q_max: Any,
         goal[a] = p[a]
     if abs(wanted - rho) < 1e-14:
         return REACHED
-    if rho < 1e-9:  # the shoulder itself has no direction: take the one of the present posture
+    if rho < 1e-9:  # no direction at the shoulder itself: use that of the present posture
         arm_point(L1, L2, near, goal)
         rho = max(math.sqrt(goal[0] ** 2 + goal[1] ** 2 + goal[2] ** 2), 1e-9)
     for a in range(3):
@@ -169,7 +170,7 @@ def _solve_within(
 ) -> bool:
     """Fill q with the solution within the limits whose roll is nearest to `roll`.
 
-    Returns False, and the solution that violates them least, where none keeps them.
+    Returns False, and the solution with the least violation, if none satisfies the limits.
     """
     lo, hi = _feasible_rolls(L1, L2, p)
     lo, hi = max(lo, q_min[1]), min(hi, q_max[1])
@@ -179,14 +180,14 @@ def _solve_within(
         return True
     off = local(TRIALS)
     step = (hi - lo) / ROLLS
-    best = 1e9  # the nearest roll that keeps the limits, on a grid
+    best = 1e9  # nearest roll within the limits, on a grid
     for i in range(TRIALS):
         phi = lo + step * i
         off[i] = solve_at_roll(L1, L2, p, phi, near, q_min, q_max, q)
         if off[i] == 0.0 and abs(phi - start) < abs(best - start):
             best = phi
     other = best - math.copysign(min(step, abs(best - start)), best - start)
-    if best > 1e8:  # or between its points, where the limits are kept at one roll alone
+    if best > 1e8:  # or between grid points, where only one roll satisfies the limits
         least = 1e9
         for i in range(TRIALS):
             if off[i] <= off[max(i - 1, 0)] and off[i] <= off[min(i + 1, ROLLS)]:
@@ -198,7 +199,7 @@ def _solve_within(
                 if found < least or (found == least and abs(phi - start) < abs(best - start)):
                     least, best = found, phi
         return bool(solve_at_roll(L1, L2, p, best, near, q_min, q_max, q) == 0.0)
-    for _ in range(50):  # then exactly, where a limit is just kept
+    for _ in range(50):  # then refine to the roll at which a limit is just satisfied
         middle = 0.5 * (best + other)
         if solve_at_roll(L1, L2, p, middle, near, q_min, q_max, q) == 0.0:
             best = middle
@@ -230,10 +231,10 @@ def _least_violation(
 
 @helper
 def _feasible_rolls(L1: float, L2: float, p: Any) -> tuple[float, float]:
-    """Return the rolls (rad) between which the elbow's circle passes y = L1 sin(roll).
+    """Return the interval of rolls (rad) in which the elbow's circle intersects y = L1 sin(roll).
 
-    The upper arm lies on a cone of half angle beta about the direction of the hand, which is eta
-    out of the plane y = 0: sin(roll) runs from sin(eta - beta) to sin(eta + beta).
+    The upper arm lies on a cone of half angle beta about the direction to the hand, whose angle to
+    the plane y = 0 is eta: sin(roll) ranges from sin(eta - beta) to sin(eta + beta).
     """
     a, h, _ = _fold(L1, L2, p)
     beta, eta = math.atan2(a, h), math.atan2(p[1], math.sqrt(p[0] * p[0] + p[2] * p[2]))
@@ -263,9 +264,10 @@ def _fold(L1: float, L2: float, p: Any) -> tuple[float, float, float]:
 def solve_at_roll(
     L1: float, L2: float, p: Any, roll: float, near: Any, q_min: Any, q_max: Any, q: Any
 ) -> float:
-    """Fill q with the branch at this roll that keeps the limits, among those the nearest to `near`.
+    """Fill q with the branch at this roll within the limits that is nearest to `near`.
 
-    Where none keeps them: the one that violates them least. Returns by how much (rad).
+    If no branch is within the limits, use the one with the least violation. Returns the violation
+    (rad).
     """
     a, h, bend = _fold(L1, L2, p)
     s2, c2 = math.sin(roll), math.cos(roll)
@@ -273,10 +275,10 @@ def solve_at_roll(
     y = 0.0
     if abs(lever) > 1e-15:
         y = a * min(max((p[1] - h * s2) / lever, -1.0), 1.0)
-    missing = abs(p[1] - h * s2 - y * c2)  # the elbow's circle does not pass at this roll
+    missing = abs(p[1] - h * s2 - y * c2)  # distance by which the elbow's circle misses this roll
     z = y * s2 - h * c2
     across = p[0] * p[0] + p[2] * p[2]
-    x = across - z * z if a > across * abs(c2) else a * a - y * y  # what rounds less
+    x = across - z * z if a > across * abs(c2) else a * a - y * y  # the more exact form
     x = math.sqrt(max(x, 0.0))
     best_off, best_far = 1e9, 1e9
     trial = local(4)
@@ -286,7 +288,7 @@ def solve_at_roll(
         trial[1], trial[3] = roll, elbow * bend
         # (x, y) = -L2 sin(q4) (c3, s3)
         trial[2] = math.atan2(-elbow * y, -elbow * ahead * x)
-        if abs(lever) <= 1e-15:  # the yaw turns nothing
+        if abs(lever) <= 1e-15:  # the yaw has no effect
             trial[2] = min(max(near[2], q_min[2]), q_max[2])
         forward = -L2 * math.sin(trial[3]) * math.cos(trial[2])
         upward = -L2 * math.sin(trial[3]) * math.sin(trial[2]) * s2 - h * c2

@@ -1,7 +1,7 @@
-"""The 4-DoF arm forward, (6) of Suarez 2020, and the posture that comes nearest to a point.
+"""Forward kinematics of the 4-DoF arm, (6) of Suarez 2020, and the posture nearest to a point.
 
-The frame and the order of the joints are those of `arm_inverse_kinematics.py`, whose closed form
-is exact; the search here is for points that no posture within the limits reaches.
+The frame and the order of the joints are those of `arm_inverse_kinematics.py`, whose closed form is
+exact. The search applies to points that no posture within the limits reaches.
 """
 
 import math
@@ -12,8 +12,8 @@ from skywright.core.rotations import solve3
 from skywright.core.scratch import local
 from skywright.core.user_code import njit
 
-STEPS = 200  # of the search for the nearest point
-GRID = 7  # postures a joint that it starts from
+STEPS = 200  # steps of the search for the nearest point
+GRID = 7  # start postures per joint
 
 
 @njit(cache=True, error_model="numpy")
@@ -59,10 +59,10 @@ def search_nearest(
     L1: float, L2: float, p: Any, roll: float, near: Any, q_min: Any, q_max: Any, q: Any,
     reached: Any,
 ) -> None:  # fmt: skip
-    """Fill q with a posture within the limits whose hand is nearest to p, and `reached`.
+    """Fill q with a posture within the limits whose hand is nearest to p, and fill `reached`.
 
-    Projected Levenberg-Marquardt from the best postures of a coarse grid, one for each
-    angle of the elbow, from the posture given and from `near`; the best end is kept.
+    Projected Levenberg-Marquardt starts from the best postures of a coarse grid (one per elbow
+    angle), from the given posture and from `near`. The best result is kept.
     """
     best = 1e9
     x, kept, at = local(4), local(4), local(3)
@@ -84,7 +84,7 @@ def search_nearest(
 
 @helper
 def _best_of_grid(L1: float, L2: float, p: Any, q_min: Any, q_max: Any, elbow: int, x: Any) -> None:
-    """Fill x with the posture on a grid, at its elbow angle number `elbow`, nearest to p."""
+    """Fill x with the posture of the grid nearest to p, at elbow angle number `elbow`."""
     trial, there = local(4), local(3)
     best = 1e9
     for i in range(GRID**3):
@@ -102,7 +102,7 @@ def _best_of_grid(L1: float, L2: float, p: Any, q_min: Any, q_max: Any, elbow: i
 
 @helper
 def _descend(L1: float, L2: float, p: Any, q_min: Any, q_max: Any, x: Any, at: Any) -> float:
-    """Move x downhill in |FK(x) - p| within the limits; fills `at` = FK(x), returns the error."""
+    """Reduce |FK(x) - p| over x within the limits; fill `at` = FK(x) and return the error."""
     J, M, r, y = local(3, 4), local(3, 3), local(3), local(3)
     trial, there = local(4), local(3)
     free = local(4)
@@ -114,7 +114,7 @@ def _descend(L1: float, L2: float, p: Any, q_min: Any, q_max: Any, x: Any, at: A
         arm_jacobian(L1, L2, x, J)
         for a in range(3):
             r[a] = p[a] - at[a]
-        for j in range(4):  # a joint at its limit, pushed outward, stays
+        for j in range(4):  # a joint at its limit does not move further outward
             g = J[0, j] * r[0] + J[1, j] * r[1] + J[2, j] * r[2]
             held = (x[j] <= q_min[j] and g < 0.0) or (x[j] >= q_max[j] and g > 0.0)
             free[j] = 0.0 if held else 1.0

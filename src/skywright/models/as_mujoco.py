@@ -1,4 +1,4 @@
-"""Robot and world as a MuJoCo model, for tools that take one."""
+"""Robot and world as a MuJoCo model, for tools that read MJCF."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from skywright.models.scene import build_scene, build_spec
 
 
 def build_mjcf(robot: Robot, world: World, *, nominal: bool = False) -> str:
-    """Return the model as MJCF; SI, radians, W is MuJoCo's world.
+    """Return the model as MJCF in SI units and radians; W is MuJoCo's world frame.
 
-    It is what a flight simulates, with the plant's errors at zero: contacts, the flexibility of
-    joints, the probe's spring, servos. The rotors are no actuators: their thrusts are forces on
-    the body `platform` (`xfrc_applied`). With `nominal` it is what controllers and planners
-    believe: rigid arm, released spring, no contacts.
+    By default it is the plant with zero errors: contacts, joint flexibility, the probe's spring and
+    servos. The rotors are not actuators: their thrusts are forces on the body `platform`
+    (`xfrc_applied`). With `nominal` it is the model that controllers and planners use: rigid arm,
+    released spring, no contacts.
     """
     spec = build_spec(robot, world, None if nominal else Deviation())
     spec.compile()

@@ -1,8 +1,8 @@
 """A bar in both hands: its body in the scene.
 
-Both grippers are closed around it. The scene fixes the bar to the left hand. In the plant the right
-hand holds it by a soft point constraint (GRIP): lined fingers that give way by some millimetres
-when the two arms do not move quite alike, as they never do. A gripper that slips is not modelled.
+Both grippers are closed around it. The scene fixes the bar to the left hand. In the plant a soft
+point constraint (GRIP) attaches it to the right hand: lined fingers yield by some millimetres
+because the two arms never move in exact symmetry. A slipping gripper is not modelled.
 """
 
 import mujoco
@@ -18,7 +18,7 @@ GRIP = [0.02, 1.0]
 
 
 def add_bar(spec: mujoco.MjSpec, robot: Robot, mass_factor: float, plant: bool) -> None:
-    """Put the robot's bar into its hands."""
+    """Add the robot's bar, held by both hands."""
     assert robot.arm is not None and robot.arm.bar is not None
     bar, y = robot.arm.bar, 0.5 * robot.arm.separation_m
     body = spec.body("hand0").add_body(name=BAR, pos=[0.0, -y, 0.0])

@@ -50,7 +50,7 @@ def compute_squeeze(force: float, p_left: Array, p_right: Array) -> tuple[Array,
 
 
 def is_unplugged(p_grasp: Array, p_hand: Array, threshold: float) -> bool:
-    """Whether a hand has come further than `threshold` (m) from where it grasped: (33)."""
+    """Whether a hand is more than `threshold` (m) away from its grasp point: (33)."""
     away = np.asarray(p_grasp, dtype=float) - np.asarray(p_hand, dtype=float)
     return float(np.linalg.norm(away)) > threshold
 

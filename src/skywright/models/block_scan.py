@@ -1,4 +1,4 @@
-"""What an eddy-current instrument shows while an inspector moves its probe over a notch block."""
+"""Signals of an eddy-current instrument while an inspector moves its probe over a notch block."""
 
 import math
 from typing import NamedTuple
@@ -17,13 +17,13 @@ from skywright.models.eddy_current import (
 
 Complex = NDArray[np.complex128]
 LIFT = 0.001
-"""m, that the probe is lifted to show the lift-off."""
+"""m, height of the lift that shows the lift-off signal."""
 REACH = 0.008
-"""m, to both sides of a notch."""
+"""m, distance scanned to both sides of a notch."""
 
 
 class BlockScan(NamedTuple):
-    """One visit of a block: on sound metal, lifted from it, and slid across one notch.
+    """One visit to a block: on sound metal, lifted off, and slid across one notch.
 
     Signals are (n,) complex in display units.
     """
@@ -38,10 +38,10 @@ def simulate_block_scan(
     metal: Metal, coil: Coil, instrument: Instrument, rng: np.random.Generator, *,
     notch_depth: float = 1e-3, gain: complex = 1.0, samples: int = 200, paint: float = 0.0,
 ) -> BlockScan:  # fmt: skip
-    """Simulate a visit of a block of `metal` with a long notch of `notch_depth` (m).
+    """Simulate a visit to a block of `metal` with a long notch of `notch_depth` (m).
 
-    `gain` (complex) is that of the instrument's display, its drift included; `paint` (m) a shim
-    under the probe. The instrument is nulled in air off the metal's own null, as the part has it.
+    `gain` (complex) is the gain of the instrument's display, including drift; `paint` (m) is a shim
+    under the probe. The instrument is nulled in air, and not on the metal as on the part.
     """
     scale = compute_display_gain(coil, metal, instrument)
     frequency = instrument.frequency
@@ -66,7 +66,7 @@ def simulate_block_scan(
 def compute_true_gain(
     gain_db: float, phase_deg: float, drift_db: float, drift_deg: float, seconds: float
 ) -> complex:
-    """Return the display's factor after `seconds` of a drift given per hour."""
+    """Return the display's complex factor after `seconds` of drift; the drift is given per hour."""
     db = gain_db + drift_db * seconds / 3600.0
     turn = math.radians(phase_deg + drift_deg * seconds / 3600.0)
     return complex(10 ** (db / 20) * np.exp(1j * turn))

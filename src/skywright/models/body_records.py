@@ -1,4 +1,5 @@
-"""The robot as a rigid body: its link tree, the tree at some joint angles, and both as one body."""
+"""Records of the robot as a rigid body: link tree, kinematics at given joint angles, composite
+body."""
 
 from typing import Annotated
 
@@ -31,7 +32,7 @@ class BodyModel(Record):
     tip_link: int  # -1: no arm, the tip is the origin of B
     tip_offset: Vec3
     tip_rot: Mat3  # R_LT
-    n_hands: int  # ends of arms; hand 0 is the tip where there is no probe elsewhere
+    n_hands: int  # ends of arms; hand 0 is the tip unless the probe is elsewhere
     hand_link: Annotated[Integers, MAX_HANDS]
     hand_offset: Annotated[Array, MAX_HANDS, 3]
     hand_rot: Annotated[Array, MAX_HANDS, 3, 3]  # R_LH
@@ -43,7 +44,7 @@ class BodyModel(Record):
 
 
 class Kinematics(Record):
-    """The link tree at some joint angles."""
+    """The kinematics of the link tree at given joint angles."""
 
     p: Annotated[Array, MAX_LINKS, 3]  # m, joint origins in B
     R: Annotated[Array, MAX_LINKS, 3, 3]
@@ -57,7 +58,7 @@ class Kinematics(Record):
 
 
 class Body(Record):
-    """The nominal rigid body at the estimated configuration (belief, never plant data)."""
+    """The nominal rigid body at the estimated configuration; it contains no plant data."""
 
     mass: float  # kg, whole robot
     gravity: float  # m/s^2, positive down

@@ -1,8 +1,8 @@
-"""The air that a rounded nose leaves under its middle while it rides over a weld's cap.
+"""Gap under the middle of a rounded nose that slides over the cap of a weld.
 
-The nose, a sphere, rests where it touches first: its height over x is the dilation of the profile,
-h(x) = max_u [z(u) + sqrt(R^2 - (u - x)^2)] - R, and the gap under its middle h(x) - z(x). The cap
-is a parabola of the weld's width.
+The nose is a sphere and rests at its first point of contact. Its height over x is the dilation of
+the profile, h(x) = max_u [z(u) + sqrt(R^2 - (u - x)^2)] - R, and the gap under its middle is h(x) -
+z(x). The cap is a parabola over the weld's width.
 """
 
 import numpy as np
@@ -10,11 +10,11 @@ import numpy as np
 from skywright.core.arrays import Array
 
 STEP = 0.00025
-"""m, of the table."""
+"""m, spacing of the table."""
 
 
 def compute_cap_gap(height: float, half_width: float, nose_radius: float) -> Array:
-    """Return the gap (m) at distances from the weld's middle in steps of STEP, 0 at its end.
+    """Return the gap (m) at distances from the weld's middle in steps of STEP; the last entry is 0.
 
     `height` (m) of the cap, `half_width` (m) of the weld, `nose_radius` (m).
     """

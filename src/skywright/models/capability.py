@@ -1,9 +1,9 @@
-"""What a robot can do at rest: forces, tilts, wind, payload, loads and endurance.
+"""Static limits of a robot: forces, tilts, wind, payload, loads and endurance.
 
-Every limit that a mission claims comes from here, computed with the nominal model and with
-`thrust_fraction` of the rotors' upper limit (the rest is left for control). Directions are
-horizontal in B, from +x counter-clockwise. The limits are static: rotor thrusts that hold the
-robot (weight, arm offset, drag, push) within their range; transients need a margin on top.
+All limits that missions use are computed here, with the nominal model and with `thrust_fraction` of
+the rotors' upper limit (the rest is reserved for control). Directions are horizontal in B, from +x
+counter-clockwise. The limits are static: rotor thrusts that hold the robot (weight, arm offset,
+drag, push) stay within their range; transients need an additional margin.
 """
 
 import math
@@ -41,9 +41,9 @@ from skywright.models.wind import (
 )
 
 MOTOR_TIMEOUT_S = 0.5
-"""s without a command over the control link, after which motors' controllers stop them."""
+"""s without a command over the control link after which motor controllers stop the motors."""
 LARGEST_PUSH = 100.0
-"""N; the search for the largest push ends here."""
+"""N; upper bound of the search for the largest push."""
 
 
 class Capability(NamedTuple):
@@ -59,18 +59,18 @@ class Capability(NamedTuple):
     tilt_max: float  # rad, that control may command
     directions: Array  # (m,) rad
     lateral_force: Array  # (m,) N at level attitude, through the centre of mass
-    wind_limit: Array  # (m,) m/s blowing toward; level attitude, or tilting if no lateral force
+    wind_limit: Array  # (m,) m/s blowing toward; level, or tilted without lateral force
     wind_limit_tilted: Array  # (m,) m/s with the best lean up to tilt_max
     tilts: Array  # (k,) rad
     lateral_force_tilted: Array  # (4, k) N against tilt, leaning toward +x, +y, -x, -y; NaN: none
-    hover_tilt: tuple[float, float]  # rad (roll, pitch), the smaller of both signs
-    hover_tilt_signed: dict[str, float]  # rad, each sign
+    hover_tilt: tuple[float, float]  # rad (roll, pitch), the smaller of both directions
+    hover_tilt_signed: dict[str, float]  # rad, each direction
     hover_thrust: Array  # (n,) N
     hover_power: float  # W, avionics included
     endurance: float  # s
-    dispensable: tuple[int, ...]  # rotors, from 1, without each of which it can land in control
-    lean_without: tuple[float, ...]  # rad, at which it then hovers, for each of them
-    payload: float  # kg at B's origin, beyond what is on board
+    dispensable: tuple[int, ...]  # rotors, from 1, whose single loss allows a controlled landing
+    lean_without: tuple[float, ...]  # rad, lean at hover after the loss of each of them
+    payload: float  # kg at B's origin, in addition to the carried mass
     vertical_force: float  # N, largest at level attitude without torque about the centre of mass
     force_polytope: Array  # (v, 3) N, no torque about the centre of mass
     torque_polytope: Array  # (v, 3) N m at hover, about the centre of mass
@@ -78,7 +78,7 @@ class Capability(NamedTuple):
     worst_lateral_force: float  # N, the smallest over directions in that posture
 
     def to_json(self) -> dict[str, Any]:
-        """Return the command line's `--json` object. Numbers that do not exist are None."""
+        """Return the command line's `--json` object. Undefined numbers are None."""
         r = self.layout.rotors
         return {
             "robot": self.robot,
@@ -154,11 +154,11 @@ def compute_capability(
 ) -> Capability:
     """Compute the static limits of a robot.
 
-    `posture`: "extended" (the joints' `working_deg`), "folded", "worst" (least lateral force
-    on a grid over the joint limits) or joint angles in rad. `directions_deg`: 72 by default.
+    `posture`: "extended" (the joints' `working_deg`), "folded", "worst" (least lateral force on a
+    grid over the joint limits) or joint angles in rad. `directions_deg`: 72 by default.
 
-    Raises InputError when the robot cannot hover in that posture (`check_can_fly`), when the
-    posture is unknown or when the rotors cannot control attitude and height.
+    Raises InputError if the robot cannot hover in that posture (`check_can_fly`), if the posture is
+    unknown or if the rotors cannot control attitude and height.
     """
     fraction = robot.rotors.thrust_fraction if thrust_fraction is None else thrust_fraction
     if not 0.0 < fraction <= 1.0:
@@ -224,7 +224,7 @@ def compute_capability(
 def build_drag_body(
     robot: Robot, model: NDArray[Any], q: Array, gravity: float, air_density: float
 ) -> DragBody:
-    """Build what drag and weight need at joints `q` (n_joints,) rad of a `BodyModel`."""
+    """Build the data of drag and weight at joints `q` (n_joints,) rad of a `BodyModel`."""
     mass, p_BC, _ = compute_body(model, q)
     p = robot.platform
     area = np.array([p.drag_area_x_m2, p.drag_area_y_m2, p.drag_area_z_m2])
@@ -234,7 +234,7 @@ def build_drag_body(
 def _lateral_against_tilt(
     layout: Layout, weight: float, p_BC: Array, direction: float, tilts: Array
 ) -> Array:
-    """Return the largest horizontal force (k,) N toward `direction` while leaning toward it."""
+    """Return the largest horizontal force (k,) N toward `direction` at each lean toward it."""
     d = np.array([math.cos(direction), math.sin(direction), 0.0])
     out = np.full(len(tilts), np.nan)
     coplanar = np.allclose(layout.B[:2], 0.0, atol=1e-12)
@@ -242,7 +242,7 @@ def _lateral_against_tilt(
         up_B = math.cos(tilt) * UP - math.sin(tilt) * d
         d_B = math.cos(tilt) * d + math.sin(tilt) * UP
         w0, w1 = wrench_at(weight * up_B, p_BC), wrench_at(d_B, p_BC)
-        if coplanar:  # one force fits: the one that keeps the sum along z_B
+        if coplanar:  # only one force is feasible: the one that keeps the sum along z_B
             force = weight * math.tan(tilt)
             if compute_thrust(layout, w0 + force * w1) is not None:
                 out[i] = force
@@ -255,7 +255,7 @@ def _lateral_against_tilt(
 def _best_lean(
     layout: Layout, body: DragBody, directions: Array, tilt_max: float, level: Array
 ) -> Array:
-    """Return the wind limit (m,) with the best lean into the wind, up to `tilt_max`."""
+    """Return the wind limit (m,) at the best lean into the wind, up to `tilt_max`."""
     if not layout.full:
         return level
     leans = np.linspace(0.0, tilt_max, 7)[1:]
@@ -266,9 +266,9 @@ def _best_lean(
 
 
 def compute_wind_limit(capability: Capability, toward_deg: float) -> float:
-    """Return the wind (m/s) that can be held while it blows toward `toward_deg` in B.
+    """Return the largest wind (m/s) toward `toward_deg` in B that the robot holds.
 
-    Computed for that very direction (not interpolated), in the capability's posture.
+    It is computed for this direction, without interpolation, in the capability's posture.
     """
     c = capability
     angle = np.array([math.radians(toward_deg)])
@@ -283,10 +283,10 @@ def compute_force_limit(
 ) -> float:
     """Return the largest push (N) at the tip along `direction_B` that the robot can hold.
 
-    `direction_B` (3,): direction of the force on the environment, in B at level attitude;
-    `wind_B` (3,) m/s: the air's velocity; `p_BT`: the tip if it is not that of the posture.
-    Robots with lateral force stay level, the others tilt up to `tilt_max`. NaN when the wind alone
-    cannot be held; at most LARGEST_PUSH.
+    `direction_B` (3,): direction of the force on the environment, in B at level attitude; `wind_B`
+    (3,) m/s: the air's velocity; `p_BT`: the tip, if it differs from that of the posture. Robots
+    with lateral force stay level, the others tilt up to `tilt_max`. Returns NaN if the wind alone
+    is infeasible, and at most LARGEST_PUSH.
     """
     c = capability
     d = np.asarray(direction_B, dtype=np.float64)

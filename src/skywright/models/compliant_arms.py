@@ -1,7 +1,7 @@
-"""Arms with springs in their joints, what follows from the description.
+"""Quantities of arms with joint springs, computed from the description.
 
-Suarez 2020: a servo's shaft theta turns the output link q through a spring, theta - q being the
-deflection (14). Where no encoder measures it, the deflection is that of the arm's weight.
+Suarez 2020: a servo's shaft theta turns the output link q through a spring with the deflection
+theta - q (14). Without a deflection encoder, the deflection under the arm's weight is used.
 """
 
 import math
@@ -21,25 +21,25 @@ Array = Any
 
 
 def is_compliant(robot: Robot) -> bool:
-    """Whether the robot's arms are commanded by shaft angles."""
+    """Whether the commands of the robot's arms are shaft angles."""
     return any(servo.mode == "position" for _, servo in list_servos(robot))
 
 
 def count_command_ticks(robot: Robot) -> int:
     """Return the control ticks between commands to position servos, nearest to their period.
 
-    Of two counts that are equally near it is the longer one (24 ms rather than 16 ms of the 20 ms
-    asked for at 125 Hz): a servo takes no command before the last one's period is over.
+    Of two equally near counts it returns the longer one (24 ms rather than 16 ms for a period of 20
+    ms at 125 Hz): a servo accepts a command only after the last period has ended.
     """
     period = list_servos(robot)[0][1].command_period_s * robot.control.rate_hz
     return max(math.floor(period + 0.5 + 1e-9), 1)
 
 
 def find_swing(model: Any, q: Any) -> Any:
-    """Return q (n_joints,) with the passive first joint where it hangs at rest (level platform).
+    """Return q (n_joints,) with the passive first joint at its rest angle (level platform).
 
-    `model` is a (1,) array of `BodyModel`. Without gravity's torque about the joint there is
-    nothing to find: it is found by bisection between -90 and 90 deg.
+    `model` is a (1,) array of `BodyModel`. The rest angle has zero gravity torque about the joint;
+    bisection finds it between -90 and 90 deg.
     """
     q = np.array(q, dtype=float)
     if model[0]["joint"][0] != 0 or model[0]["motor_speed_max"][0] > 0.0:
@@ -47,7 +47,7 @@ def find_swing(model: Any, q: Any) -> Any:
     low, high = -0.5 * math.pi, 0.5 * math.pi
     for _ in range(60):
         q[0] = 0.5 * (low + high)
-        if compute_gravity_torque(model, q)[0] > 0.0:  # gravity pulls it back: too far
+        if compute_gravity_torque(model, q)[0] > 0.0:  # gravity pulls it back: too large
             high = q[0]
         else:
             low = q[0]
@@ -64,5 +64,5 @@ def compute_gravity_torque(model: Any, q: Any) -> Any:
 
 
 def find_hands(model: Any, q: Any) -> Any:
-    """Return the hands' places p_BH (n_hands, 3) m in B at joints q."""
+    """Return the hands' positions p_BH (n_hands, 3) m in B at joints q."""
     return compute_kinematics(model, q)["p_BH"][: model[0]["n_hands"]].copy()

@@ -1,4 +1,4 @@
-"""Arm poses in which a flying robot presses on a ceiling or on a wall, and what it can press."""
+"""Arm postures in which a flying robot presses on a ceiling or a wall, and its largest press."""
 
 import math
 from typing import Any, NamedTuple
@@ -25,27 +25,27 @@ LEAN_MAX = math.radians(20.0)
 """Largest angle of the probe to the surface's normal: friction of 0.36 holds the tip."""
 TOLERANCE = 1e-3  # m
 RESERVE = 0.035
-"""m, of reach that may be given up for an arm that moves its tip along the probe with ease."""
+"""m, of reach that may be given up for a better lever of the joints along the probe."""
 BESIDE_FEET = 0.02
-"""m, of reach that is given up where docking feet stand beside the tip: what is left keeps the feet
-15 mm off the surface. Where friction holds the tip, it comes no nearer to the robot's axis, and the
-elbow's stop leaves 7 of the 20 mm to the arm of f550-bridge."""
+"""m, of reach that is given up if docking feet are beside the tip. The remaining reach keeps the
+feet 15 mm off the surface. If friction holds the tip, it comes no nearer to the robot's axis, and
+the elbow's stop leaves 7 of the 20 mm to the arm of f550-bridge."""
 GRID = 91
 
 
 class ContactStance(NamedTuple):
-    """The arm with its tip where it shall touch."""
+    """The arm with its tip at the intended contact."""
 
     q: Array  # (n,) rad
     tip: Array  # (3,) m in B
     axis: Array  # (3,) of the probe, in B
-    lean: float  # rad, from the direction that was asked for
+    lean: float  # rad, from the requested direction
 
 
 def find_tip_pose(model: NDArray[Any], start: Array, target: Array) -> Array:
-    """Return the joints (n,) rad that bring the tip to `target` (m in B; NaN: any value).
+    """Return the joints (n,) rad that bring the tip to `target` (m in B; NaN: free coordinate).
 
-    Raises InputError when the tip stays more than TOLERANCE away.
+    Raises InputError if the tip stays more than TOLERANCE away.
     """
     n, known = len(start), np.isfinite(target)
     low, high = model[0]["q_min"][:n], model[0]["q_max"][:n]
@@ -63,13 +63,14 @@ def find_tip_pose(model: NDArray[Any], start: Array, target: Array) -> Array:
 
 
 def find_free_stance(robot: Robot, facing: str) -> ContactStance:
-    """Return the pose for pressing up ("down": the surface faces down) or ahead ("side").
+    """Return the posture for pressing up ("down": the surface faces down) or ahead ("side").
 
-    On a grid of the joints, the probe leaning at most LEAN_MAX. Beside docking feet: BESIDE_FEET
-    short of the farthest reach, with the least lean. Else within RESERVE of the farthest reach
-    where the joints move the tip along the probe best: the farthest itself is a singularity.
+    The search uses a grid of the joints, with a lean of the probe of at most LEAN_MAX. With docking
+    feet, it selects the least lean at BESIDE_FEET short of the farthest reach. Otherwise it selects
+    the best lever along the probe within RESERVE of the farthest reach, which is itself a
+    singularity.
 
-    Raises InputError for a robot without a probe or one that cannot point it there.
+    Raises InputError for a robot without a probe or one that cannot point it in that direction.
     """
     if robot.arm is None or robot.probe is None:
         raise InputError(f"robot {robot.name!r} cannot press: it requires a probe")
@@ -117,9 +118,9 @@ def compute_flying_press(
 ) -> float:  # fmt: skip
     """Return the largest press (N) along the probe of a robot that hovers at R_WB; NaN: none.
 
-    `wind` (3,) m/s in W: the air's velocity. Drag follows from the rotors' speeds and these from
-    the thrusts at the press: iterated. `pull` (3,), in B: force that the tip makes besides, for
-    each newton of the press, such as friction times the direction in which it slides.
+    `wind` (3,) m/s in W: the air's velocity. Drag depends on the rotor speeds and these on the
+    thrusts at the press, so both are iterated. `pull` (3,), in B: additional force of the tip per
+    newton of press, such as friction times the direction in which it slides.
     """
     layout = build_layout(build_rotors(robot.rotors), robot.rotors.thrust_fraction)
     mass, p_BC, _ = compute_body(build_body_model(robot, gravity), stance.q)

@@ -1,18 +1,18 @@
-"""What a surface-breaking crack adds to an eddy-current coil's impedance, by reciprocity.
+"""Impedance change of an eddy-current coil due to a surface-breaking crack, by reciprocity.
 
 With the surface impedance Zs = (1 + j) / (sigma delta) of the metal, the coil's own tangential
 field H on the surface (1 A) gives dZ = int dZs H^2 dS (the square, not its modulus). In a closed
-crack that is deep against the skin depth delta the current runs down one face and up the other.
-Along the mouth (y), with H_par = H_r y / r parallel to it (Auld and Moulder, J. Nondestr. Eval. 18,
-3 (1999); Harfield and Bowler, J. Appl. Phys. 82, 4590 (1997)),
+crack that is deep compared with the skin depth delta, the current runs down one face and up the
+other. Along the mouth (y), with H_par = H_r y / r parallel to it (Auld and Moulder, J. Nondestr.
+Eval. 18, 3 (1999); Harfield and Bowler, J. Appl. Phys. 82, 4590 (1997)),
 
     dZ = 2 Zs int H_par(y) [g * H_par](y) dy,   g~(k) = tanh(k d) / k,
 
-which is 2 Zs d int H_par^2 dy of a shallow crack and saturates once d reaches the coil's radius.
-Of a short crack d follows its profile d(y): the depth that counts at each y is what the long crack
-of that depth makes of the shallow law. Below five skin depths 2 d gives way to delta G(d / delta)
-(two-dimensional finite differences). Flux that leaves the mouth is neglected: a set-up on a notch
-scales it (inspection/notch_setup.py).
+which is 2 Zs d int H_par^2 dy for a shallow crack and saturates once d reaches the coil's radius.
+For a short crack, d is the profile d(y): the effective depth at each y is the one with which the
+law of the shallow crack gives the result of the long crack of depth d(y). Below five skin depths
+delta G(d / delta) replaces 2 d (two-dimensional finite differences). Flux that leaves the mouth is
+neglected; a set-up on a notch scales it (inspection/notch_setup.py).
 
 Coordinates of a crack: x across its mouth, y along it, in m on the unrolled surface.
 """
@@ -39,11 +39,12 @@ from skywright.models.eddy_current import (
 Complex = NDArray[np.complex128]
 
 GAPS = np.array([0.0, 1e-4, 2e-4, 3e-4, 5e-4, 8e-4, 1.2e-3, 2e-3, 4e-3])
-"""m, of the nose above the surface, at which a crack's signal is tabulated; 0 beyond the last."""
+"""m, gaps of the nose above the surface at which a crack's signal is tabulated; 0 beyond the last.
+"""
 REACH = 0.008
-"""m, beside a crack, that its signal is tabulated for: three coil radii."""
+"""m, half width of the tabulated region beside a crack: three coil radii."""
 CELL = 0.00025
-"""m, of the tables."""
+"""m, spacing of the tables."""
 _SHALLOW = np.array([0.0, 0.5, 1.0, 2.0, 5.0])
 _SHALLOW_G = np.array([0j, 0.336 + 0.201j, 1.11 + 0.47j, 3.12 + 0.76j, 9.22 + 0.77j])
 
@@ -71,8 +72,8 @@ def compute_surface_field(
 ) -> Complex:
     """Return the tangential (radial) field H_r (A/m per A), the shape of `r` (m).
 
-    `height` (m) is that of the coil's face above the surface. Its normal component carries no
-    current; the coil is upright.
+    `height` (m) is that of the coil's face above the surface. The normal component of the field
+    drives no current. The coil is upright.
     """
     edges = np.concatenate([[0.0], 2.0 ** np.arange(-2, 9)]) / coil.outer_radius
     node, node_weight = np.polynomial.legendre.leggauss(24)
@@ -93,7 +94,7 @@ def compute_surface_field(
 
 
 def compute_depth_factor(depth: Array, skin_depth: float) -> Complex:
-    """Return delta G(d / delta) / (2 d): what a shallow crack of `depth` (m) makes of 2 d."""
+    """Return delta G(d / delta) / (2 d): correction of 2 d for a shallow crack of `depth` (m)."""
     ratio = np.maximum(np.asarray(depth, float) / skin_depth, 1e-6)
     g = np.interp(ratio, _SHALLOW, _SHALLOW_G.real) + 1j * np.interp(
         ratio, _SHALLOW, _SHALLOW_G.imag
@@ -112,7 +113,7 @@ def compute_display_gain(coil: Coil, metal: Metal, instrument: Instrument) -> co
 def compute_long_crack(
     coil: Coil, metal: Metal, frequency: float, depth: Array, x: float = 0.0, gap: float = 0.0
 ) -> Complex:
-    """Return dZ (ohm), one for each `depth` (n,) m, of a crack longer than the coil sees.
+    """Return dZ (ohm) for each `depth` (n,) m of a crack that is long compared with the coil.
 
     `x` (m) is the distance of the coil's axis from the crack, `gap` (m) that of its nose from the
     surface. Raises InputError for a depth that is not above 0.
@@ -137,7 +138,7 @@ def compute_long_crack(
 def _tabulate_field(
     coil: Coil, metal: Metal, frequency: float, gap: float
 ) -> tuple[Array, Complex]:
-    """Return H_r at a grid of distances (m); it falls by six orders of magnitude until its end."""
+    """Return H_r on a grid of distances (m); it falls by six orders of magnitude over the grid."""
     height = float(compute_coil_height(coil, np.array([gap]), 0.0)[0])
     grid = np.concatenate([np.linspace(0.0, 0.02, 800), np.geomspace(0.0205, 2.0, 60)])
     return grid, compute_surface_field(coil, height, metal, frequency, grid)
@@ -189,7 +190,7 @@ def build_crack_table(
     away = np.linspace(-2 * n * step, 2 * n * step, 4 * n + 1)
     out = np.zeros((GAPS.size, x.size, y.size), complex)
     for g, gap in enumerate(GAPS[:-1].tolist()):
-        # the depth that counts, from the long crack under the coil, where the signal is largest
+        # effective depth from the long crack under the coil, where the signal is largest
         long = np.abs(compute_long_crack(coil, metal, frequency, depths, 0.0, gap) / factor)
         under = _field_along(coil, metal, frequency, 0.0, np.linspace(-0.02, 0.02, 801), gap)
         unit = abs(2 * compute_surface_impedance(metal, frequency) * np.sum(under**2) * 5e-5)

@@ -1,7 +1,8 @@
-"""Several copies of one robot in one MuJoCo model: what a world with many robots would cost.
+"""Several copies of one robot in one MuJoCo model, to measure the cost of many robots in a world.
 
-The vehicle layer flies one robot a world; `skywright bench robots` measures what more would cost.
-The copies meet the world but not each other, and docking feet keep MuJoCo's own stiffness.
+The vehicle layer simulates one robot per world; `skywright bench robots` measures the cost of more.
+The copies collide with the world but not with each other, and docking feet keep MuJoCo's default
+stiffness.
 """
 
 from typing import Any, NamedTuple
@@ -39,7 +40,7 @@ def build_crowd(robot: Robot, world: World, deviation: Deviation, n_robots: int)
 
 
 def set_crowd(crowd: Crowd, qpos: Array, qvel: Array, act: Array) -> None:
-    """Put every copy into the state of one robot, each at its place."""
+    """Set every copy to the state of one robot, each at its position."""
     mujoco.mj_resetData(crowd.model, crowd.data)
     places = np.tile(qpos, (crowd.n_robots, 1))
     places[:, 1] += SPACING * np.arange(crowd.n_robots)
@@ -50,7 +51,7 @@ def set_crowd(crowd: Crowd, qpos: Array, qvel: Array, act: Array) -> None:
 
 
 def step_crowd(crowd: Crowd, controls: Any, forces: Any, n_steps: int) -> None:
-    """Step with the controls (t, nu) and forces on bodies (t, nbody, 6) of all, a row a tick."""
+    """Step with controls (t, nu) and body forces (t, nbody, 6) of all robots, one row per tick."""
     model, data = crowd.model, crowd.data
     ctrl, xfrc = data.ctrl, data.xfrc_applied
     for control, force in zip(controls, forces, strict=True):
@@ -60,7 +61,7 @@ def step_crowd(crowd: Crowd, controls: Any, forces: Any, n_steps: int) -> None:
 
 
 def repeat_controls(crowd: Crowd, controls: Array, forces: Array) -> tuple[Array, Array]:
-    """Give every copy what one robot got: controls (t, nu) and forces (t, nbody, 6)."""
+    """Repeat the inputs of one robot for every copy: controls (t, nu) and forces (t, nbody, 6)."""
     model = crowd.model
     everywhere = np.zeros((len(forces), model.nbody, 6))
     first = _list_bodies(model, "platform")
@@ -71,7 +72,7 @@ def repeat_controls(crowd: Crowd, controls: Array, forces: Array) -> tuple[Array
 
 
 def _get_prefix(i: int) -> str:
-    """What names of the robot `i`, from 0, begin with."""
+    """Return the prefix of all names of robot `i`, counted from 0."""
     return f"robot{i} " if i else ""
 
 

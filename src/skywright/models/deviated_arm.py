@@ -1,4 +1,4 @@
-"""The plant's arm: links and servos as the deviation makes them, beside those of the robot file."""
+"""The plant's arm: links and servos with their deviations from the robot file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def list_true_limbs(robot: Robot, deviation: Deviation) -> list[Limb]:
-    """Return all links, parents first, with the springs that they truly have."""
+    """Return all links, parents first, with their true springs."""
     limbs, j = [], 0
     for limb in list_limbs(robot):
         link = limb.link
@@ -30,7 +30,7 @@ def list_true_limbs(robot: Robot, deviation: Deviation) -> list[Limb]:
 
 
 def list_true_servos(robot: Robot, deviation: Deviation) -> list[tuple[str, Servo]]:
-    """Return (name, servo) of every servo, with the play and the lag that they truly have."""
+    """Return (name, servo) of every servo, with its true play and lag."""
     lag = deviation.servo_lag_factor
     return [
         (

@@ -1,4 +1,4 @@
-"""The plant's sensors: their noise is not that of the data sheet, which the robot believes."""
+"""True noise of the plant's sensors, which deviates from the data sheet that the robot uses."""
 
 import math
 from typing import TypeVar
@@ -7,17 +7,17 @@ from skywright.core.spec import Spec
 from skywright.core.streams import build_stream
 
 MOST = 3.0
-"""Standard deviations beyond which no factor is drawn."""
+"""Factors are drawn within this many standard deviations."""
 
 T = TypeVar("T", bound=Spec)
 
 
 def draw_noise_factors(table: Spec, sensor: str, error: float, seed: int) -> dict[str, float]:
-    """Return by how much each noise of a sensor's table is larger in truth: key -> factor.
+    """Return the ratio of true to stated noise of a sensor's table: key -> factor.
 
-    Noises are the numbers whose keys contain `noise` or `walk`. The factors are log-normal,
-    `error` is one standard deviation of the logarithm. What a noise gets depends on the run's
-    seed, the sensor's name and the key, not on which other sensors there are.
+    Noises are the numbers whose keys contain `noise` or `walk`. The factors are log-normal, `error`
+    is one standard deviation of the logarithm. The factor of a noise depends on the run's seed, the
+    sensor's name and the key, and not on other sensors.
     """
     out = {}
     for key in type(table).model_fields:
@@ -28,6 +28,6 @@ def draw_noise_factors(table: Spec, sensor: str, error: float, seed: int) -> dic
 
 
 def deviate_noise(table: T, sensor: str, error: float, seed: int) -> T:
-    """Return a sensor's table with the noise that it truly has."""
+    """Return a sensor's table with its true noise."""
     factors = draw_noise_factors(table, sensor, error, seed)
     return table.model_copy(update={k: f * getattr(table, k) for k, f in factors.items()})

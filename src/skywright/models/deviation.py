@@ -1,4 +1,4 @@
-"""From the root `plant` to the perturbed plant of one run."""
+"""Draws the perturbed plant of one run from the root `plant`."""
 
 import math
 
@@ -14,7 +14,7 @@ from skywright.models.rigid_body import joint_names
 
 
 def build_socket_error(plant: Plant) -> Array:
-    """Return where tracked things that do not move stand against the world file: (6,) m, rad."""
+    """Return the true pose of static tracked things relative to the world file: (6,) m, rad."""
     turn = [
         plant.socket_roll_error_deg, plant.socket_pitch_error_deg, plant.socket_yaw_error_deg
     ]  # fmt: skip

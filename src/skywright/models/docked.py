@@ -1,13 +1,14 @@
-"""What a docked robot can press: rotors, feet and arm in balance against slope, wind and reach.
+"""Largest press of a docked robot: balance of rotors, feet and arm under slope, wind and reach.
 
 The docking gear's feet rest on a ceiling; the arm presses its tip against the same surface. Rotor
-thrusts have limits, a foot can only push (unilateral contact) and holds sideways up to its friction
-cone, so the largest force is a linear programme over thrusts, foot forces and the press:
+thrusts have limits, a foot can only push (unilateral contact) and its tangential force stays within
+its friction cone. The largest force is therefore a linear programme over thrusts, foot forces and
+the press:
 
     maximise F   subject to   B T + sum_i G_i f_i - F w_tip + w_weight + w_drag = 0
 
-G_i spans the friction pyramid of foot i (inside the cone, so on the safe side). Frame B, SI units,
-torques about B's origin. Static, like every limit of the capability analysis.
+G_i spans the friction pyramid of foot i, which is inside the cone and therefore conservative. Frame
+B, SI units, torques about B's origin. The limit is static, as in the capability analysis.
 """
 
 import math
@@ -31,19 +32,19 @@ from skywright.models.rotors import build_rotors
 from skywright.models.statics import Layout, build_layout, wrench_at
 
 PYRAMID = 16
-"""Sides of the friction pyramid; it holds cos(pi / 16) = 98 % of the cone."""
-REACH_TOLERANCE = 1e-3  # m, between the tip and the contact point asked for
+"""Sides of the friction pyramid; it contains cos(pi / 16) = 98 % of the cone."""
+REACH_TOLERANCE = 1e-3  # m, between the tip and the requested contact point
 LEAN_MAX = math.radians(20.0)
 """Largest angle of the slider to the surface's normal."""
 DRAG_ROUNDS = 3
-"""Rotor drag grows with the square root of the thrusts that are looked for: linearised anew."""
+"""Rounds of linearisation: rotor drag grows with the square root of the unknown thrusts."""
 
 
 class DockedPress(NamedTuple):
-    """The largest press in one condition; NaN and "cannot stay docked" where there is none."""
+    """The largest press in one condition; if none exists, NaN and "cannot stay docked"."""
 
     force: float  # N, of the tip on the surface, along its normal
-    limit: str  # what stops it: rotors, feet, servos, slider, or cannot stay docked
+    limit: str  # active limit: rotors, feet, servos, slider, or cannot stay docked
     thrust: Array  # (n,) N
     foot_load: Array  # (feet,) N, normal force on each foot
     foot_friction: Array  # (feet,) tangential over normal force
@@ -64,7 +65,7 @@ class Stance(NamedTuple):
 
 
 class DockedRobot(NamedTuple):
-    """What the programme needs of a robot; built once by `build_docked`."""
+    """Data of a robot for the programme; built once by `build_docked`."""
 
     robot: Robot
     docking: Docking
@@ -82,7 +83,7 @@ def build_docked(
 ) -> DockedRobot:  # fmt: skip
     """Prepare a robot for `compute_docked_press`.
 
-    Raises InputError when it has no docking gear or no arm with a probe.
+    Raises InputError if it has no docking gear or no arm with a probe.
     """
     if robot.docking is None:
         raise InputError(f"robot {robot.name!r} has no docking gear: add a [robot.docking] table")
@@ -118,10 +119,10 @@ def compute_docked_press(
 ) -> DockedPress:
     """Compute the largest press in one condition.
 
-    `slope` (rad) of the surface, which rises toward `slope_toward` (rad from ahead, positive to
-    the left); the robot is parallel to it. `wind` (m/s, horizontal) blows toward `wind_toward`.
+    `slope` (rad) of the surface, which rises toward `slope_toward` (rad from ahead, positive to the
+    left); the robot is parallel to it. `wind` (m/s, horizontal) blows toward `wind_toward`.
 
-    Raises InputError when a value is no number or out of range.
+    Raises InputError if a value is not finite or is out of range.
     """
     for name, value in {"slope": slope, "wind": wind, "toward": slope_toward + wind_toward}.items():
         if not math.isfinite(value):
@@ -140,7 +141,7 @@ def compute_docked_press(
     body, hubs = _compute_drag(docked, wind_B)
     ceiling, stop = _arm_limit(docked, stance, up_B)
     low, high = docked.layout.t_min, docked.layout.t_max
-    # rotor speed over thrust: the chord first, then tangents at the last solution
+    # rotor speed over thrust: a chord first, then tangents at the last solution
     rate = (np.sqrt(high) - np.sqrt(low)) / (high - low)
     start, thrust = np.sqrt(low) - rate * low, low
     found: Any = None
@@ -174,7 +175,7 @@ def compute_docked_press(
 
 
 def _compute_drag(docked: DockedRobot, wind_B: Array) -> tuple[Array, Array]:
-    """Return the body's drag (6,) and the rotors' (6, n) per square root of thrust, about B."""
+    """Return the drag (6,) of the body and (6, n) of the rotors per root of thrust, about B."""
     p, r = docked.robot.platform, docked.layout.rotors
     areas = np.array([p.drag_area_x_m2, p.drag_area_y_m2, p.drag_area_z_m2])
     force = 0.5 * docked.air_density * areas * float(np.linalg.norm(wind_B)) * wind_B
@@ -217,12 +218,12 @@ def _solve(
 
 
 def find_stance(docked: DockedRobot, contact: Sequence[float] | Array | None = None) -> Stance:
-    """Return the arm with its tip at `contact` (2,) m, a place in the plane of the feet in B.
+    """Return the arm posture with its tip at `contact` (2,) m, in the plane of the feet in B.
 
-    Without `contact` it is the place of the working posture's tip; the search starts there.
+    The default contact is the tip of the working posture, where the search also starts.
 
-    Raises InputError when the tip stays more than REACH_TOLERANCE away, the slider leans more than
-    LEAN_MAX, or the point is no point.
+    Raises InputError if the tip stays more than REACH_TOLERANCE away, if the slider leans more than
+    LEAN_MAX, or if the point is not finite.
     """
     start = posture(docked.robot, "working")
     height = docked.docking.height_m
@@ -270,7 +271,7 @@ def find_stance(docked: DockedRobot, contact: Sequence[float] | Array | None = N
 
 
 def _arm_limit(docked: DockedRobot, stance: Stance, up_B: Array) -> tuple[float, str]:
-    """Return the largest press (N) that servos and slider allow, and which of them stops it."""
+    """Return the largest press (N) that servos and slider allow, and which of them limits it."""
     robot = docked.robot
     assert robot.arm is not None and robot.probe is not None
     probe = robot.probe

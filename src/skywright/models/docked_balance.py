@@ -1,15 +1,16 @@
-"""How a docked robot shall share its load between rotors and feet while it presses.
+"""Balance of load between rotors and feet of a docked robot that presses.
 
-`models/docked.py` asks for the most that a foot could be made to carry. A pose with stiff rotors
-and soft feet leaves no such choice: the gear is rigid and its feet are equal springs, so their
-normal forces lie on a plane over the contact points. Here the share is found under that condition,
-each foot loaded, friction well inside its cone, and the rotors as far from their limits as can be:
+`models/docked.py` computes the largest press for any feasible foot forces. A docked robot with
+stiff rotors and soft feet has no such freedom: the gear is rigid and its feet are equal springs, so
+that their normal forces lie on a plane over the contact points. This module finds the balance under
+that condition, with every foot loaded, friction well inside its cone, and the rotors as far from
+their limits as possible:
 
     maximise s   subject to   B T + W_feet + F w_tip + w_weight + w_drag = 0,
                               t_min + s r <= T <= t_max - s r,  N_i = c_0 + c_1 x_i + c_2 y_i
 
-What the law feeds forward is W_feet; it follows the press linearly between two such solutions,
-because every condition is linear.
+The law uses W_feet as feedforward. It interpolates linearly over the press between two such
+solutions, because every condition is linear.
 """
 
 import math
@@ -25,20 +26,20 @@ from skywright.models.statics import wrench_at
 
 SIDES = 16
 FRICTION_SHARE = (0.25, 0.5, 0.7, 0.95)
-"""Share of a foot's friction that may be used: the least that leaves the rotors MARGIN is taken,
-for what is left holds gusts and errors of the model."""
+"""Usable shares of a foot's friction. The smallest share that leaves the rotors MARGIN is used; the
+rest is reserved for gusts and model errors."""
 MARGIN = 0.05
-"""Of a rotor's range: while it holds a press, a rotor's thrust varies by 1 % (one deviation)."""
-HALF, LEAST_N = 0.5, 0.5  # of the feet's friction, and N on each foot, with a plant's errors
+"""Share of a rotor's range: during a press, a rotor's thrust varies by 1 % (one sigma)."""
+HALF, LEAST_N = 0.5, 0.5  # of the feet's friction, and N per foot, with a plant's errors
 
 
 class Spread(NamedTuple):
-    """The errors that a plant is stated to have (defaults of the root `plant`)."""
+    """The stated errors of a plant (defaults of the root `plant`)."""
 
     weight: float = 0.03
-    thrust: float = 0.03  # of all rotors
-    rotors: float = 0.02  # one deviation, between rotors
-    center: float = 0.004  # m, of the centre of mass, an axis
+    thrust: float = 0.03  # of all rotors together
+    rotors: float = 0.02  # one sigma, between rotors
+    center: float = 0.004  # m, of the centre of mass, per axis
     drag: float = 0.2
 
 
@@ -65,10 +66,10 @@ def compute_docked_balance(
     foot_load: float | None = None,
     drag_B: Array | None = None,
 ) -> DockedBalance | None:
-    """Find the balance at a press (N), or None where there is none.
+    """Return the balance at a press (N), or None if none exists.
 
     `R_WB` (3, 3) is the docked attitude, `foot_load` (N) the least load of each foot (default: the
-    docking gear's), `drag_B` (6,) a wrench that acts besides.
+    docking gear's), `drag_B` (6,) an additional wrench.
     """
     up_B = R_WB[2]
     load = wrench_at(-stance.mass * docked.gravity * up_B, stance.p_BC)
@@ -95,12 +96,12 @@ def compute_borne_press(
     reserve: float = MARGIN,
     friction: float = HALF,
 ) -> float:
-    """Return the largest press (N) that a robot bears with the errors that a plant may have.
+    """Return the largest press (N) that a robot can hold under the plant's stated errors.
 
-    With each of SPREAD's errors at its bad end, the feet use `friction` of theirs, carry LEAST_N
-    each, and the rotors keep `reserve` of their range. The docked robot's layout must have the
-    whole thrust, without `thrust_fraction`, whose reserve is what SPREAD takes. NaN where it cannot
-    even rest like that.
+    Each error of SPREAD has its worst sign. The feet use `friction` of their friction limit, carry
+    at least LEAST_N each, and the rotors keep `reserve` of their range. The docked robot's layout
+    must have the full thrust, without `thrust_fraction`, because SPREAD already covers that
+    reserve. Returns NaN if the robot cannot rest under these conditions.
     """
     e, up_B = SPREAD, R_WB[2]
     weight = -(1.0 + e.weight) * stance.mass * docked.gravity * up_B
@@ -122,7 +123,7 @@ def compute_borne_press(
 def _solve_most(
     docked: DockedRobot, load: Array, push: Array, reserve: float, friction: float
 ) -> float:
-    """Return the largest multiple of the wrench `push` (6,) that the robot bears beside `load`."""
+    """Return the largest feasible multiple of the wrench `push` (6,) in addition to `load`."""
     p = _build_programme(docked, LEAST_N, friction)
     cost = np.zeros(p.balance.shape[1] + 1)
     cost[-1] = -1.0
@@ -135,7 +136,7 @@ def _solve_most(
 
 
 class _Programme(NamedTuple):
-    """Conditions over (thrusts n, plane of normals 3, tangential 2 a foot, margin)."""
+    """Constraints on (thrusts n, plane of normals 3, tangential 2 per foot, margin)."""
 
     balance: Array  # (6, size), wrenches
     rows: Array  # (k, size)

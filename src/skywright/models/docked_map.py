@@ -1,4 +1,4 @@
-"""The largest press of a docked robot over slope, wind and contact point: tables and pictures."""
+"""Largest press of a docked robot against slope, wind and contact point: tables and pictures."""
 
 import math
 from typing import Any, NamedTuple
@@ -20,11 +20,11 @@ DIRECTIONS = np.radians(np.arange(0.0, 360.0, 45.0))
 SLOPES_DEG = (0.0, 5.0, 10.0)
 WINDS = (0.0, 3.0, 6.0)  # m/s
 STEP = 0.02  # m, between contact points
-REACH = 1.0  # m, how far contact points are looked for
+REACH = 1.0  # m, range of the search for contact points
 
 
 class Condition(NamedTuple):
-    """What is asked of a docked robot; a direction that is None is the worst of eight."""
+    """A condition of a docked robot; for a direction of None, the worst of eight is used."""
 
     slope: float = 0.0  # rad
     slope_toward: float | None = None  # rad, where the surface rises
@@ -42,7 +42,7 @@ def parse_condition(
     *,
     named: str = "contact",
 ) -> Condition:
-    """Build a condition from degrees, m/s and "X,Y"; raises InputError for what is out of range."""
+    """Build a condition from degrees, m/s and "X,Y"; raises InputError for values out of range."""
     for flag, value in (("slope-toward", slope_toward), ("wind-toward", wind_toward)):
         if value is not None and not math.isfinite(value):
             raise InputError(f"--{flag} {value}: give a finite angle in deg")
@@ -69,14 +69,14 @@ def parse_condition(
 
 
 class DockedMap(NamedTuple):
-    """Largest press against its conditions. s slopes, w winds, d directions, k contact points."""
+    """Largest press against the conditions. s slopes, w winds, d directions, k contact points."""
 
     robot: str
     mass: float  # kg
     thrust_fraction: float
     stance: Stance
-    condition: Condition  # that was asked for
-    asked: DockedPress  # the answer
+    condition: Condition  # the requested condition
+    asked: DockedPress  # its result
     slopes: Array  # (s,) rad
     winds: Array  # (w,) m/s
     force: Array  # (w, s) N, the least over all directions of slope and wind
@@ -132,7 +132,7 @@ def _degrees(angle: float | None) -> float | str:
 def compute_worst_press(docked: DockedRobot, stance: Stance, c: Condition) -> DockedPress:
     """Return the least of `compute_docked_press` over the directions that are None.
 
-    A condition in which the robot cannot stay docked is the worst. `c.contact` is not looked at.
+    A condition in which the robot cannot stay docked is the worst. `c.contact` is not used.
     """
     slopes = DIRECTIONS if c.slope_toward is None and c.slope > 0.0 else [c.slope_toward or 0.0]
     winds = DIRECTIONS if c.wind_toward is None and c.wind > 0.0 else [c.wind_toward or 0.0]
@@ -152,7 +152,7 @@ def compute_worst_press(docked: DockedRobot, stance: Stance, c: Condition) -> Do
 
 
 def compute_docked_map(docked: DockedRobot, condition: Condition) -> DockedMap:
-    """Compute the asked condition and what surrounds it.
+    """Compute the requested condition and the maps around it.
 
     Raises InputError like `find_stance` and `compute_docked_press`.
     """

@@ -1,4 +1,4 @@
-"""The docking gear's body in the scene: legs, and feet lined with rubber."""
+"""The docking gear in the scene: legs, and feet lined with rubber."""
 
 import math
 from typing import Any
@@ -11,10 +11,10 @@ from skywright.description.robot.docking import Docking
 from skywright.models.part_masses import build_docking_parts
 
 IMPEDANCE = 0.05
-"""MuJoCo's d, constant over the penetration, so that stiffness and damping are plain numbers.
-Small, because a contact's regularisation acts like a mass d / ((1 - d) w) on the foot."""
+"""MuJoCo's d, constant over the penetration, so that stiffness and damping are constant. It is
+small because a contact's regularisation acts like a mass d / ((1 - d) w) on the foot."""
 NOSLIP_ITERATIONS = 5
-"""So soft a contact would creep sideways under load; this last step takes the creep out."""
+"""So soft a contact would creep sideways under load; the noslip solver prevents the creep."""
 
 
 def list_feet(docking: Docking) -> Array:
@@ -35,7 +35,7 @@ def add_docking(
 ) -> None:
     """Add the gear to the platform; `leg` and `foot` are collision classes.
 
-    The feet have a body of their own, so that docking is no collision.
+    The feet are a separate body, so that docking contacts do not count as collisions.
     """
     own, com, inertia = build_docking_parts(docking)
     body = base.add_body(name="docking")
@@ -58,12 +58,12 @@ def add_docking(
 
 
 def set_foot_stiffness(model: mujoco.MjModel, docking: Docking) -> None:
-    """Make the feet of a compiled model as stiff as the file says.
+    """Set the stiffness and damping of the feet in a compiled model from the robot file.
 
     MuJoCo's contact force is the reference acceleration over R = (1 - d) / d w, where w is the
-    inverse mass of the foot's body (`body_invweight0`, known once the model is compiled). The
-    direct `solref` (-k, -b) gives the reference acceleration (k / d) r + (b / d) v at the
-    penetration r, so k = K d R and b = C d R make a spring K and a damper C.
+    inverse mass of the foot's body (`body_invweight0`, available after compilation). The direct
+    `solref` (-k, -b) gives the reference acceleration (k / d) r + (b / d) v at the penetration r,
+    so k = K d R and b = C d R produce a spring K and a damper C.
     """
     for i in range(docking.feet):
         geom = model.geom(f"docking foot{i}").id

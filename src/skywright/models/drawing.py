@@ -1,7 +1,7 @@
-"""What a scene looks like: plain lists of parts and shapes, for pictures, replay and live view.
+"""Shapes of a scene as plain lists, for pictures, replay and live view.
 
-The shapes are read from the compiled nominal scene, so that what is drawn is what planners and
-physics use. No MuJoCo object leaves this module.
+The shapes are read from the compiled nominal scene, so that pictures show the geometry that
+planners and physics use. No MuJoCo object leaves this module.
 """
 
 from typing import Any, NamedTuple
@@ -52,7 +52,7 @@ class Part(NamedTuple):
     motion: str
     """free (the platform), hinge, slide, spring (the probe's tip), finger, turning finger, object
     or fixed"""
-    joint: int  # index into the joint angles (object: the world's; finger: hands); -1 without
+    joint: int  # index into the joint angles (object: the world's; finger: hands); -1: none
     axis: Array  # (3,) of the motion, in the part's frame
     turned: (
         Array  # (4,) quaternion times (0, axis): a turn by a is cos(a/2) of the one, sin of this
@@ -61,7 +61,7 @@ class Part(NamedTuple):
 
 
 class Drawing(NamedTuple):
-    """A robot in its world, ready to be drawn."""
+    """A robot and its world as parts and shapes."""
 
     world: tuple[Shape, ...]  # fixed, in W
     parts: tuple[Part, ...]  # of the robot
@@ -70,9 +70,9 @@ class Drawing(NamedTuple):
 def build_drawing(
     robot: Robot, world: World, error: Array | None = None, meshes: bool = True
 ) -> Drawing:
-    """Return the shapes of a robot and a world, from their nominal scene; or the robot's meshes.
+    """Return the shapes of a robot and a world from their nominal scene, or the robot's meshes.
 
-    With `error` (6,) m, rad (`Deviation.socket_error`) tracked things stand where they do in truth.
+    With `error` (6,) m, rad (`Deviation.socket_error`), tracked things have their true poses.
     """
     scene = build_scene(robot, world, error=error)
     model = scene.model
@@ -83,7 +83,8 @@ def build_drawing(
 
 
 def _dress(part: Part, robot: Robot) -> tuple[Shape, ...]:
-    """Return what a part is drawn with: its meshes and propellers, or its shapes without meshes."""
+    """Return the shapes that represent a part: its meshes and propellers, or its shapes without
+    meshes."""
     mine = {name: mesh for name, mesh in robot.meshes.items() if mesh.on == part.name}
     if not mine:
         return part.shapes
@@ -117,10 +118,10 @@ def _build_part(scene: Scene, robot: Robot, world: World, body: int) -> Part:
         motion = "free"
     elif name.startswith(OBJECT):
         motion, joint = "object", list_movers(world.things).index(name.removeprefix(OBJECT))
-    elif " finger" in name:  # likewise its gripper's opening
+    elif " finger" in name:  # likewise the opening of its gripper
         turns = robot.arm is not None and robot.arm.hand.finger == "turn"
         motion, joint = "turning finger" if turns else "finger", int(name[len("hand")])
-    elif name == "slider":  # rigid in the nominal scene; a recording tells its compression
+    elif name == "slider":  # rigid in the nominal scene; a recording contains its compression
         motion, axis = "spring", np.array([-1.0, 0.0, 0.0])
     elif count:
         kind = mujoco.mjtJoint(model.jnt_type[first])
@@ -141,14 +142,13 @@ def compute_part_poses(
     objects: list[tuple[Array, Array]] | None = None,
     opening: Array | None = None,
 ) -> list[tuple[Array, Array]]:
-    """Poses of the robot's parts in their parents' frames over `n` instants.
+    """Return poses of the robot's parts in their parents' frames over `n` instants.
 
-    p_WB (n, 3) m, q_WB (n, 4) wxyz, q (n, n_joints) rad (or m), spring (n,) m of compression;
-    `objects` likewise has positions (n, 3) and quaternions (n, 4) of each movable thing, which
-    otherwise stand where the world puts them. `opening` (n, hands) m is that of grippers, which
-    otherwise are open.
-    Returns one (positions (n, 3), quaternions (n, 4)) a part; those of a fixed part may be views
-    that must not be written to.
+    p_WB (n, 3) m, q_WB (n, 4) wxyz, q (n, n_joints) rad (or m), spring (n,) m of compression.
+    `objects` has positions (n, 3) and quaternions (n, 4) of each movable thing; by default the
+    poses of the world file. `opening` (n, hands) m is that of grippers; by default they are open.
+    Returns one (positions (n, 3), quaternions (n, 4)) per part; those of a fixed part may be
+    read-only views.
     """
     n = len(p_WB)
     cos, sin = np.cos(0.5 * q), np.sin(0.5 * q)
@@ -179,7 +179,7 @@ def compute_part_poses(
 
 
 def _turn_finger(part: Part, opening: Array) -> Array:
-    """Return the quaternions (n, 4) of a finger that turns, whose pad has the first shape."""
+    """Return the quaternions (n, 4) of a rotating finger; its pad is the first shape."""
     pad, side = part.shapes[0], part.position[1]
     out = 0.5 * opening + pad.size[0] - abs(side)  # m, of the pad's axis from the pivot
     half = -0.5 * np.sign(side) * np.arcsin(np.clip(out / pad.position[2], -1.0, 1.0))
@@ -187,7 +187,7 @@ def _turn_finger(part: Part, opening: Array) -> Array:
 
 
 def _repeat(row: Array, n: int) -> Array:
-    """Return a row (k,) as (n, k); np.broadcast_to costs ten times as much for one instant."""
+    """Return a row (k,) as (n, k); for one instant np.broadcast_to takes ten times as long."""
     return row[None] if n == 1 else np.broadcast_to(row, (n, len(row)))
 
 
@@ -198,7 +198,7 @@ def list_object_poses(samples: NDArray[Any]) -> list[tuple[Array, Array]]:
 
 
 def get_opening(samples: NDArray[Any]) -> Array | None:
-    """Return the opening (n, hands) m of grippers in samples, None without."""
+    """Return the opening (n, hands) m of grippers in samples, or None without grippers."""
     return np.asarray(samples["opening"]) if has_columns(samples, "opening") else None
 
 
@@ -222,7 +222,7 @@ def rotate_vectors(quaternion: Array, v: Array) -> Array:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Return the cross products (n, 3); np.cross costs 30 us a call for one pair."""
+    """Return the cross products (n, 3); np.cross takes 30 us per call for one pair."""
     ax, ay, az = a.T
     bx, by, bz = b.T
     out = np.empty((len(a), 3))

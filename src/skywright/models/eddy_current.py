@@ -1,22 +1,22 @@
-"""What an absolute eddy-current probe reads above steel: Dodd and Deeds' integral, tabulated.
+"""Signal of an absolute eddy-current probe above steel: Dodd and Deeds' integral, tabulated.
 
-A cylindrical air-cored coil sits behind the rounded nose of a pen probe. Its impedance change
-over a conducting, permeable half-space is (Dodd and Deeds, "Analytical solutions to eddy-current
-probe-coil problems", J. Appl. Phys. 39, 2829 (1968); tilted coil by the reciprocity form of
-Burke, J. Phys. D 18, 1745 (1985))
+A cylindrical air-cored coil sits behind the rounded nose of a pen probe. Its impedance change over
+a conducting, permeable half-space is (Dodd and Deeds, "Analytical solutions to eddy-current
+probe-coil problems", J. Appl. Phys. 39, 2829 (1968); tilted coil by the reciprocity form of Burke,
+J. Phys. D 18, 1745 (1985))
 
     dZ = j w mu0 / (4 pi) * int_0^inf  Gamma(a) W(a) exp(-2 a h) da,
     Gamma(a) = (a mu_r - sqrt(a^2 + j w mu0 mu_r sigma)) / (a mu_r + sqrt(a^2 + ...)),
 
 with a the spatial frequency (rad/m), h the height of the coil's face centre and W the angular
-average of |S|^2, where S is the coil seen as a stack of magnetic sheets. Because the source
-potential is harmonic, S is closed-form for any tilt: with K = -a cos(tilt) - j a cos(phi)
-sin(tilt), S = 2 pi n [int r J1(K r) dr] [int exp(K z) dz] over the winding of turn density n.
-At tilt 0 this is exactly Dodd and Deeds' expression.
+average of |S|^2, where S is the coil as a stack of magnetic sheets. Because the source potential is
+harmonic, S is closed-form for any tilt: with K = -a cos(tilt) - j a cos(phi) sin(tilt), S = 2 pi n
+[int r J1(K r) dr] [int exp(K z) dz] over the winding of turn density n. At tilt 0 this is exactly
+Dodd and Deeds' expression.
 
-The surface is treated as flat: over a coil of 2.5 mm radius a pipe of 0.2 m radius sags by
-0.016 mm. The weld is a smooth local change of sigma and mu_r that the coil averages over its
-footprint, the texture of the steel a random field of mu_r over the unrolled surface.
+The surface is assumed flat: over a coil of 2.5 mm radius a pipe of 0.2 m radius deviates by 0.016
+mm. The weld is a smooth local change of sigma and mu_r that the coil averages over its footprint;
+the texture of the steel is a random field of mu_r over the unrolled surface.
 
 Units: SI; signals are in instrument units (the display's divisions after gain and rotation).
 Surface coordinates: s along the pipe's axis, c = R phi around it (description/world/spec.py).
@@ -46,7 +46,8 @@ _N_TILT = 10
 
 
 class Coil(NamedTuple):
-    """The winding and the nose it sits in. All values are assumed: pen probes hide their coil.
+    """The winding and its nose. All values are assumed, because data sheets of pen probes omit the
+    coil.
 
     The paper names no probe. These sizes give a lift-off sensitivity of 4 dB at the first 0.5 mm,
     between a pencil probe and a weld probe.
@@ -63,9 +64,9 @@ class Coil(NamedTuple):
 class Instrument(NamedTuple):
     """The eddy-current instrument: excitation, gain and rotation of the display.
 
-    The gain makes the excursion contact -> air `excursion` units long, the scale in which the
-    thresholds 15 (lift-off) and 1.4 (weld) of Tognon 2018 make sense; the rotation points it to
-    `phase`. The null is at contact on base metal. All assumed.
+    The gain scales the excursion from contact to air to `excursion` units, the scale of the
+    thresholds 15 (lift-off) and 1.4 (weld) of Tognon 2018; the rotation sets its direction to
+    `phase`. The null is at contact on base metal. All values are assumed.
     """
 
     frequency: float = 100e3  # Hz (EN 1711's usual value for ferritic welds)
@@ -83,7 +84,7 @@ class Texture(NamedTuple):
 
 
 class ProbeSignal(NamedTuple):
-    """Everything `ec_signal` needs, as arrays and floats that compiled code accepts."""
+    """Data of `ec_signal`, as arrays and floats that compiled code accepts."""
 
     # complex (tilt * gap, welds * blend), instrument units, zero at contact on base
     table: np.ndarray
@@ -158,7 +159,7 @@ def compute_impedance_change(
     relative_permeability: float,
     tilt: float = 0.0,
 ) -> np.ndarray:
-    """Impedance change (ohm, complex, shape of `height`) that the half-space causes.
+    """Return the impedance change (ohm, complex, shape of `height`) due to the half-space.
 
     `height` (m) is that of the coil's face centre above the surface.
     """
@@ -245,7 +246,7 @@ def build_probe_signal(
 ) -> ProbeSignal:
     """Tabulate the probe's signal for a pipe and its welds, and draw the steel's texture.
 
-    Raises InputError where the coil does not fit its nose or the metal gives no signal.
+    Raises InputError if the coil does not fit its nose or the metal produces no signal.
     """
     coil, instrument = coil or Coil(), instrument or Instrument()
     texture = texture or Texture()
@@ -253,8 +254,8 @@ def build_probe_signal(
     tables = [_build_tables(pipe, weld, coil, instrument) for weld in welds or (None,)]
     radius = pipe.diameter_m / 2
     lines = [(*build_weld_curve(w, radius)[:3], w.half_width_m) for w in welds]
-    # Gaussian spectrum of wave numbers <=> Gaussian correlation of the field; whole waves around
-    # the pipe, so that the field closes behind it
+    # Gaussian spectrum of wave numbers <=> Gaussian correlation of the field; integer wave counts
+    # around the pipe make the field periodic
     k = rng.standard_normal((2, texture.modes)) / texture.correlation_length
     k[1] = np.round(k[1] * radius) / radius
     return ProbeSignal(
@@ -273,9 +274,10 @@ def build_probe_signal(
 
 
 def compute_weld_signal(pipe: Pipe, weld: Weld) -> complex:
-    """Signal (instrument units) on the middle of a weld, in contact and upright, from base metal.
+    """Return the signal (instrument units) on a weld's middle, in contact and upright, from base
+    metal.
 
-    Without the phase of a tilt or a texture; the coil averages over a weld that is narrow.
+    It excludes tilt and texture; the coil averages over a narrow weld.
     """
     coil = Coil()
     row = _build_tables(pipe, weld, coil, Instrument())[0][0, 0]
@@ -286,9 +288,10 @@ def compute_weld_signal(pipe: Pipe, weld: Weld) -> complex:
 
 @helper
 def weld_blend(ps: ProbeSignal, s: float, c: float) -> tuple[float, int]:
-    """Share of weld metal under the coil, 0..1, at (s, c) on the unrolled surface (m), and whose.
+    """Return the share of weld metal under the coil, 0..1, at (s, c) on the unrolled surface (m),
+    and its weld.
 
-    Where welds meet, the one with the larger share counts.
+    Where welds overlap, the one with the larger share counts.
     """
     scale = 1.0 / (math.sqrt(2.0) * ps.footprint)
     most, which = 0.0, 0
@@ -296,7 +299,7 @@ def weld_blend(ps: ProbeSignal, s: float, c: float) -> tuple[float, int]:
         d = weld_distance(ps.welds[i, 0], ps.welds[i, 1], ps.welds[i, 2], ps.radius, s, c)
         half = ps.welds[i, 3]
         share = 0.5 * (math.erf((d + half) * scale) - math.erf((d - half) * scale))
-        if not share <= most:  # a NaN stays one
+        if not share <= most:  # NaN propagates
             most, which = share, i
     return most, which
 
@@ -316,10 +319,10 @@ def ec_signal(
     g = gap if not gap < 0.0 else 0.0
     u = (1.0 - cos_tilt) / (1.0 - cos_max) * (_N_TILT - 1)
     if u > _N_TILT - 1:
-        # beyond the table: the coil keeps rising on the rounded nose
+        # beyond the table: the coil continues to rise on the rounded nose
         g += ps.nose * (cos_max - cos_tilt)
         u = float(_N_TILT - 1)
-    # an infinite gap is air; NaN fails every comparison and falls through to the check below
+    # an infinite gap is air; NaN fails every comparison and reaches the check below
     v = float(_N_GAP - 1) if g > 1e6 else g / (g + _GAP_SCALE) * (_N_GAP - 1)
     share, weld = weld_blend(ps, s, c)
     w = share * (_N_BLEND - 1)

@@ -1,4 +1,4 @@
-"""How far a robot's shapes reach, and how its passive link swings: asked of the nominal scene."""
+"""Extents of a robot's shapes and the swing of its passive link, from the nominal scene."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Bodies of the plant for what stands still: pipe, structure, tubes and things on the ground."""
+"""Bodies of the plant for static geometry: pipe, structure, tubes and things on the ground."""
 
 import mujoco
 
@@ -7,10 +7,15 @@ FIXED = "fixed "
 
 
 def add_fixed(spec: mujoco.MjSpec, name: str, plant: bool) -> mujoco.MjsBody:
-    """Return the body for the geometries of what stands still, with the frame of W.
+    """Return the body for static geometry, in the frame of W.
 
-    In the plant it has a body of its own: MuJoCo skips a body as a whole while it is far from the
+    In the plant it is a separate body: MuJoCo skips a body as a whole while it is far from the
     robot, but compares every geometry of W with every geometry of the robot in each step. In the
-    nominal scene, whose bodies are those that move, it is W.
+    nominal scene, where every body except W moves, it is W.
     """
     return spec.worldbody.add_body(name=FIXED + name) if plant else spec.worldbody
+
+
+def list_moving(model: mujoco.MjModel) -> list[str]:
+    """Return the names of the bodies that can move."""
+    return [model.body(i).name for i in range(model.nbody) if model.body_weldid[i]]

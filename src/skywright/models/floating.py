@@ -1,13 +1,14 @@
-"""How a platform answers to force and torque while a joint without a servo swings freely.
+"""Response of a platform to force and torque while a joint without a servo swings freely.
 
-Generalised velocity (v_B, w_B, q') in B with the mass matrix M; x = (v_B, q') moves as it must and
-w is what the rotors' torque shall turn. Eliminating x,
+Generalised velocity (v_B, w_B, q') in B with the mass matrix M. The rotors' torque controls w; x =
+(v_B, q') follows from the dynamics. Eliminating x,
 
     t = I_eff w' + h_w - u_w - A (h_x - u_x),   A = M_wx M_xx^-1,   I_eff = M_ww - A M_xw,
 
 with the gravity forces h and all other forces u. Without such a joint I_eff is the inertia about
-the centre of mass and A (h_x - u_x) the lever of the rotors' force, as for any rigid body. With a
-link that swings about y, I_eff is the composite inertia in roll and the bare platform's in pitch.
+the centre of mass and A (h_x - u_x) the moment of the rotors' force, as for any rigid body. With a
+link that swings about y, I_eff is the composite inertia in roll and that of the bare platform in
+pitch.
 """
 
 from typing import Annotated, Any
@@ -31,7 +32,7 @@ from skywright.models.scene import build_scene
 
 
 class FloatingInertia(Record):
-    """How the platform answers while a joint swings freely, in B."""
+    """Effective inertia and coupling terms of the platform while a joint swings freely, in B."""
 
     swing: int  # index in q of the joint without a servo, -1: none
     axis: Vec3  # of that joint
@@ -39,7 +40,7 @@ class FloatingInertia(Record):
     A: Annotated[Array, 3, 4]  # N m per N of force at B and per N m about the joint
     L_s: Vec3  # kg m, momentum of a unit rate of the joint
     M_ws: Vec3  # kg m^2, its angular momentum about the origin of B
-    M_ss: float  # kg m^2, inertia about the joint of all that it carries
+    M_ss: float  # kg m^2, inertia about the joint of the swinging part
 
 
 @njit(cache=True, error_model="numpy")
@@ -82,7 +83,7 @@ def fill_floating(m: BodyModel, k: Kinematics, body: Body, w: FloatingInertia) -
 
 @helper
 def _fill_swing(m: BodyModel, k: Kinematics, w: FloatingInertia) -> None:
-    """Inertial coupling of joint `w.swing` with the platform, summed over all that it carries."""
+    """Inertial coupling of joint `w.swing` with the platform, summed over the links it moves."""
     for a in range(3):
         w.L_s[a], w.M_ws[a], w.axis[a] = 0.0, 0.0, 0.0
     w.M_ss = 0.0
@@ -122,7 +123,7 @@ def _fill_swing(m: BodyModel, k: Kinematics, w: FloatingInertia) -> None:
 
 
 def compute_floating(model: NDArray[Any], q: Array, swing: int = -1) -> tuple[Any, Any]:
-    """Return both records at joints q (n,); `swing`: the joint that is free."""
+    """Return both records at joints q (n,); `swing`: index of the free joint."""
     k, body = compute_kinematics(model, q), np.zeros(1, Body.dtype)
     floating = np.zeros(1, FloatingInertia.dtype)
     floating[0]["swing"] = swing
@@ -134,8 +135,8 @@ def compute_floating(model: NDArray[Any], q: Array, swing: int = -1) -> tuple[An
 def compute_free_inertia(robot: Robot, world: World, q: Array) -> Array:
     """Return (3,) kg m^2: inertia about the axes of B that a torque meets above every resonance.
 
-    All joints with a spring, bending links and joints without a servo give way; the rest of the
-    robot follows at rest. What a fast loop sees lies between this and `I_eff`.
+    Joints with a spring, bending links and joints without a servo are free; the rest of the robot
+    is rigid. The inertia that a fast loop meets lies between this and `I_eff`.
     """
     scene = build_scene(robot, world, Deviation())
     model = scene.model

@@ -1,8 +1,8 @@
-"""How finely a robot can press: one count of a servo, through the spring that carries the force.
+"""Resolution of a robot's press force: one count of a servo through the spring of the probe.
 
 An arm that presses through a spring sets its force by moving the spring's end, so one count of a
-servo changes the force by (spring stiffness) x (lever of the tip) x (angle of a count). A softer
-spring or a finer servo makes the step smaller; no control law does.
+servo changes the force by (spring stiffness) x (lever of the tip) x (angle of a count). Only a
+softer spring or a finer servo reduces the step; the control law cannot.
 """
 
 import math
@@ -18,26 +18,26 @@ from skywright.models.rigid_body import build_body_model, compute_kinematics, po
 
 
 class ForceResolution(NamedTuple):
-    """What the force at the tip comes in. n servos."""
+    """Steps of the force at the tip. n servos."""
 
     servos: tuple[str, ...]
     angles: Array  # (n,) rad, one count of each servo
     steps: Array  # (n,) N, change of the force by one count of each servo
-    sensor_step: float  # N, one count of the force sensor at a light press; NaN without one
+    sensor_step: float  # N, one count of the force sensor at a light press; NaN without a sensor
 
     @property
     def smallest(self) -> float:
-        """Smallest change of force (N) that can be relied on: the coarsest servo's step."""
+        """Smallest force change (N) that is always available: the step of the coarsest servo."""
         return float(np.max(self.steps))
 
     @property
     def rms(self) -> float:
-        """Error of a held force (N rms) when each servo stops at the nearest count."""
+        """Error of a held force (N rms) if each servo stops at the nearest count."""
         return float(np.sqrt(np.sum(self.steps**2) / 12.0))
 
 
 def map_to_servos(robot: Robot, joint_torque: Array) -> Array:
-    """Return the servos' torques (n,) that make the joints' torques: through the belt, J_AM^T."""
+    """Return the servo torques (n,) that produce the joint torques: through the belt, J_AM^T."""
     assert robot.arm is not None
     if robot.arm.belt is not None:
         return np.asarray(np.array(robot.arm.belt).T @ joint_torque)
@@ -46,16 +46,17 @@ def map_to_servos(robot: Robot, joint_torque: Array) -> Array:
 
 
 def compute_servo_count(servo: Servo) -> float:
-    """Return the angle (rad) of one count: of its command where it takes one, else its encoder."""
+    """Return the angle (rad) of one count of the command, or of the encoder if commands are
+    continuous."""
     if servo.resolution_deg > 0.0:
         return math.radians(servo.resolution_deg)
     return 2.0 * math.pi / servo.encoder_counts
 
 
 def compute_force_resolution(robot: Robot, q: Array | None = None) -> ForceResolution | None:
-    """Compute the steps of force along the probe's axis at joints `q` (rad; default: at work).
+    """Compute the force steps along the probe's axis at joints `q` (rad; default: working posture).
 
-    The platform is taken as fixed (docked). None for a robot without a sprung probe or servos.
+    The platform is assumed fixed (docked). None for a robot without a sprung probe or servos.
     """
     if robot.arm is None or robot.probe is None or not robot.arm.servos:
         return None

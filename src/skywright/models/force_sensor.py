@@ -1,9 +1,9 @@
-"""The force sensor of the probe's slider: a count from the travel, a force from the count.
+"""Force sensor of the probe's slider: travel to converter count, count to force.
 
-Calibration of Sanchez-Cuevas et al. 2020, Table 3: two straight pieces over the converter's count,
-force falling with the count. The pieces meet at 7.80 and 7.81 N, less than a count apart. A linear
-potentiometer makes the count, so the two slopes are the spring's: harder to 7.8 N (1205 N/m at a
-stroke of 30 mm), softer beyond (432 N/m).
+Calibration of Sanchez-Cuevas et al. 2020, Table 3: two linear pieces over the converter's count;
+the force falls with the count. The pieces meet at 7.80 and 7.81 N, less than a count apart. A
+linear potentiometer produces the count, so the two slopes are those of the spring: harder to 7.8 N
+(1205 N/m at a stroke of 30 mm), softer beyond (432 N/m).
 """
 
 import math
@@ -21,13 +21,13 @@ from skywright.description.robot.spec import Probe
 class Converter(Record):
     """Parameters of the sensor, readable from compiled code."""
 
-    hard_slope: float  # N a count, below `limit`
+    hard_slope: float  # N per count, below `limit`
     hard_offset: float  # N
-    soft_slope: float  # N a count, from `limit` on
+    soft_slope: float  # N per count, from `limit` on
     soft_offset: float  # N
     limit: float  # count
     zero: float  # count of the slider at its stop
-    per_m: float  # counts a metre of travel
+    per_m: float  # counts per metre of travel
     top: float  # largest count
     noise: float  # counts, 1 sigma
 
@@ -37,7 +37,7 @@ def build_force_sensor(
 ) -> NDArray[Any]:
     """Return the sensor's parameters as a (1,) array of Converter; `preload` (N) of the spring.
 
-    `factor` is a force over what the data sheet makes of a count.
+    `factor` is the true force over the data sheet's force at the same count.
     """
     out = np.zeros(1, Converter.dtype)
     s = out[0]
@@ -52,7 +52,7 @@ def build_force_sensor(
 
 @njit(cache=True, error_model="numpy")
 def compute_force(s: Any, count: float) -> float:
-    """Return the force (N) that a count stands for; a released spring reads 0, never less."""
+    """Return the force (N) of a count; a released spring reads 0, never less."""
     if count < s.limit:
         return s.hard_offset + s.hard_slope * count
     return max(s.soft_offset + s.soft_slope * count, 0.0)
@@ -74,10 +74,10 @@ def compute_travel(s: Any, force: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def convert_travel(s: Any, travel: float, noise: float) -> float:
-    """Return the converter's whole count for a travel (m) of the slider.
+    """Return the converter's integer count for a travel (m) of the slider.
 
-    `noise` is a standard normal number. Beyond its range the converter stays at its end. A travel
-    that is not a number gives the count of a released spring, so that NaN goes no further.
+    `noise` is a standard normal number. Outside its range the converter saturates. A NaN travel
+    returns the count of a released spring, so that NaN does not propagate.
     """
     if math.isnan(travel):
         travel = 0.0
@@ -87,12 +87,13 @@ def convert_travel(s: Any, travel: float, noise: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def measure_travel(s: Any, travel: float, noise: float) -> float:
-    """Return the force (N) that the robot reads at a travel (m): through the converter."""
+    """Return the measured force (N) at a travel (m), through the converter."""
     return compute_force(s, convert_travel(s, travel, noise))
 
 
 def compute_spring_force(probe: Probe, sensor: ForceSensor | None, travel: float) -> float:
-    """Return the force (N) of the slider's spring at a travel (m), with a sensor its two slopes."""
+    """Return the force (N) of the slider's spring at a travel (m); with a sensor, of its two
+    slopes."""
     force = probe.spring_preload_n + probe.spring_n_per_m * travel
     if sensor is None or force <= sensor.knee_n:
         return force

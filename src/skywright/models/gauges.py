@@ -1,7 +1,7 @@
-"""The gauges that measure what a collision does to a platform.
+"""Gauges that measure the loads of a collision on a platform.
 
-The plant has them where the world has gauged parts to hit (models/things/pad.py): force and torque
-sensors where arms or passive link are mounted on the platform, and the net contact force on every
+The plant has them in worlds with gauged parts (models/things/pad.py): force and torque sensors at
+the mounts of arms or passive link on the platform, and a sensor of the net contact force on every
 gauged part.
 """
 
@@ -19,12 +19,12 @@ GAUGE = "gauge "
 
 
 def has_gauges(things: Things) -> bool:
-    """Whether a world has something to hit that measures it."""
+    """Whether a world has a thing with gauges."""
     return any(part.gauged for thing in things.values() for part in thing.list_parts())
 
 
 def add_gauges(spec: mujoco.MjSpec, robot: Robot) -> None:
-    """Add force and torque sensors where the platform carries something that moves."""
+    """Add force and torque sensors at the mounts of the platform's moving parts."""
     spec.body("platform").add_site(name=f"{GAUGE}origin")
     for limb in list_limbs(robot):
         if limb.parent >= 0:
@@ -41,7 +41,8 @@ def add_gauges(spec: mujoco.MjSpec, robot: Robot) -> None:
 
 
 def find_gauges(model: mujoco.MjModel) -> tuple[Ints, int, Ints]:
-    """Return (site, force address, torque address) a row, the platform's site, parts' addresses."""
+    """Return rows of (site, force address, torque address), the platform's site, and parts'
+    addresses."""
     address = {model.sensor(i).name: int(model.sensor_adr[i]) for i in range(model.nsensor)}
     sites = [model.site(i).name for i in range(model.nsite)]
     origin = f"{GAUGE}origin"

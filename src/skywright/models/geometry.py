@@ -1,12 +1,12 @@
-"""Clearance between robot and world, asked of the same MuJoCo model that is simulated.
+"""Clearance between robot and world, computed with the MuJoCo model of the simulation.
 
 `mj_kinematics` and `mj_geomDistance` are called from compiled code; bounding volumes cull the
-pairs, so that one query of the whole robot costs a few microseconds. Distances are exact to the
+pairs, so that one query of the whole robot takes a few microseconds. Distances are exact to the
 tolerance of MuJoCo's convex solver (below a micrometre between the primitives used here; a test
 compares with closed forms).
 
-The shared library is loaded in this module, because cached machine code that runs before the
-library is loaded would end the process.
+This module loads the shared library, because cached machine code that runs before the library is
+loaded would crash the process.
 """
 
 import math
@@ -58,7 +58,7 @@ _geom_distance: Any = types.ExternalFunction(
 
 
 class ClearanceCore(NamedTuple):
-    """What the compiled query reads. The arrays are views into an MjData that it owns alone."""
+    """Data of the compiled query. The arrays are views into an MjData that belongs to it alone."""
 
     model_address: int
     data_address: int
@@ -71,7 +71,7 @@ class ClearanceCore(NamedTuple):
     rbound: Array  # (ngeom,)
     pairs: Ints  # (n, 2) robot geom, world geom; then arm geom, platform geom
     n_world: int  # pairs with the world
-    probe: Array  # (n,) 1 where the pair is probe and pipe
+    probe: Array  # (n,) 1 if the pair is probe and pipe
 
 
 class ClearanceQuery(NamedTuple):
@@ -79,12 +79,12 @@ class ClearanceQuery(NamedTuple):
 
     core: ClearanceCore
     names: tuple[str, ...]  # of all geoms, by id
-    model: mujoco.MjModel  # kept alive here
+    model: mujoco.MjModel  # keeps the model alive
     data: mujoco.MjData
 
 
 class Clearance(NamedTuple):
-    """The smallest distance and the two geoms between which it lies."""
+    """The smallest distance and its two geoms."""
 
     distance: float  # m, at most FAR; negative when they overlap
     robot_geom: int
@@ -94,12 +94,12 @@ class Clearance(NamedTuple):
 def build_clearance(
     scene: Scene, *, with_ground: bool = True, in_air: bool = False, folded: Array | None = None
 ) -> ClearanceQuery:
-    """Build the query on a nominal scene (no flexibility: joints are where the planner says).
+    """Build the query on a nominal scene (no flexibility: the joints are at the planned angles).
 
-    Pairs are every robot geom with every world geom, except landing gear with ground (it stands
-    on it) unless `in_air`, or, without `with_ground`, anything with it; and, asked for separately,
-    the arm's moving links with propellers and gear. Gear that a link is in when `folded`
-    (n_joints,) rad is left out: its shape is generic, and the arm is mounted between it.
+    Pairs are every robot geom with every world geom, except landing gear with ground unless
+    `in_air`, or any geom with the ground without `with_ground`. A separate set of pairs has the
+    arm's moving links with propellers and gear. Gear that a link intersects at `folded` (n_joints,)
+    rad is excluded: its shape is generic, and the arm is mounted inside it.
     """
     model, index = scene.model, scene.places
     data = mujoco.MjData(model)
@@ -180,7 +180,7 @@ def _lower_bound(c: ClearanceCore, a: int, b: int) -> float:
 def _closest(
     c: ClearanceCore, first: int, last: int, probe_slack: float, far: float
 ) -> tuple[float, int]:
-    """Return (distance m, pair) over pairs first..last-1 at the present kinematics."""
+    """Return (distance m, pair) over pairs first..last-1 at the current kinematics."""
     n = last - first
     bound = np.empty(n)
     for i in range(n):
@@ -210,10 +210,11 @@ def _closest(
 def query_clearance(
     c: ClearanceCore, p_WB: Array, R_WB: Array, q: Array, probe_slack: float, far: float
 ) -> tuple[float, int]:
-    """Return (distance to the world m, pair) at a pose; distances from `far` on are not resolved.
+    """Return (distance to the world m, pair) at a pose; distances of `far` and more are not
+    resolved.
 
-    Distances between probe and pipe count `probe_slack` (m) more: 0 in free flight, FAR while the
-    probe touches.
+    `probe_slack` (m) is added to the distances between probe and pipe: 0 in free flight, FAR while
+    the probe touches.
     """
     for i in range(3):
         c.qpos[i] = p_WB[i]
@@ -235,8 +236,8 @@ def compute_clearance(
 ) -> Clearance:
     """Return the smallest distance between robot and world.
 
-    p_WB (3,) m, R_WB (3, 3), q (n_joints,) rad. `exclude_probe` leaves out probe against pipe, as
-    needed while it touches.
+    p_WB (3,) m, R_WB (3, 3), q (n_joints,) rad. `exclude_probe` excludes the pair of probe and
+    pipe, as needed during contact.
     """
     distance, pair = query_clearance(
         query.core, np.asarray(p_WB, dtype=float), np.ascontiguousarray(R_WB, dtype=float),
@@ -248,7 +249,8 @@ def compute_clearance(
 
 
 def leave_out(query: ClearanceQuery, name: str) -> ClearanceCore:
-    """The core in which `probe_slack` counts for all of the robot at the world's geom `name`."""
+    """Return the core in which `probe_slack` applies to the world's geom `name` and all of the
+    robot."""
     names = [query.names[other] for _, other in query.core.pairs]
     return query.core._replace(probe=np.array([float(n == name) for n in names]))
 

@@ -1,9 +1,9 @@
-"""A gripper in the scene: two fingers that one motor moves, and the friction of their pads.
+"""A gripper in the scene: two fingers, one motor, and the friction of the pads.
 
-The hand's body has frame H (z out of the robot, y along the fingers' way). In the plant its joints
-count how far each finger has closed; the motor pulls at both together, and a hold between them is
-the screw that keeps them in step. Fingers that turn have a lever: the motor's force is that of the
-pads while the fingers are parallel.
+The hand's body has frame H (z out of the robot, y along the fingers' travel). In the plant the
+joint positions are the closing travel of each finger; the motor acts on both, and an equality
+constraint between them models the screw that keeps them synchronous. Rotating fingers have a lever:
+the motor's force is the pads' force while the fingers are parallel.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from skywright.description.robot.arm import Hand
 from skywright.models.part_masses import finger_inertia, place_fingers, set_inertia
 
 MOTOR_TIME = 0.005
-"""s in which the unloaded motor gets up to speed, as small gear motors do. What it reflects through
-its screw, some kg a finger, carries a side load without giving way."""
+"""s for the unloaded motor to reach its speed, as for small gear motors. Its inertia reflected
+through the screw, some kg per finger, resists side loads."""
 IN_STEP = (0.004, 1.0)
-"""solref of the hold between the fingers: two steps of 2 ms."""
+"""solref of the constraint between the fingers: two steps of 2 ms."""
 END_STOP = (0.008, 1.0)
 LIMITED = mujoco.mjtLimited.mjLIMITED_TRUE
 
@@ -31,7 +31,7 @@ LIMITED = mujoco.mjtLimited.mjLIMITED_TRUE
 def add_fingers(
     body: mujoco.MjsBody, hand: Hand, mass_factor: float, plant: bool, touch: dict[str, Any]
 ) -> None:
-    """Add fingers to a hand's body, which is in frame H; `touch` is what its pads are made of."""
+    """Add fingers to a hand's body, which is in frame H; `touch` is the contact of its pads."""
     reflected = 2.0 * MOTOR_TIME * hand.grip_force_n / hand.grip_speed_mps * lever(hand) ** 2
     for k, placed in enumerate(place_fingers(hand)):
         name = f"{body.name} finger{k}"
@@ -57,12 +57,13 @@ def add_fingers(
 
 
 def lever(hand: Hand) -> float:
-    """Return the way of a pad over that of its finger's joint: m/rad, or 1."""
+    """Return the ratio of a pad's travel to that of its finger's joint: m/rad, or 1."""
     return hand.length_m if hand.finger == "turn" else 1.0
 
 
 def _add_round_pad(finger: mujoco.MjsBody, hand: Hand, touch: dict[str, Any]) -> None:
-    """A pad that lies along a flat side at every angle of the finger, and the finger's rod."""
+    """Add a pad that stays parallel to a flat side at every angle of the finger, and the finger's
+    rod."""
     r, along = hand.radius_m, hand.length_m
     for part, size, ends in (
         ("pad", r, [-r, 0.0, along, r, 0.0, along]),
@@ -81,7 +82,7 @@ def add_grip_motor(spec: mujoco.MjSpec, name: str, hand: Hand) -> None:
         name=f"{name} screw", type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT,
         name1=fingers[0], name2=fingers[1], solref=IN_STEP,
     )  # fmt: skip
-    step.data = np.eye(12)[1]  # both have closed as far
+    step.data = np.eye(12)[1]  # both close equally far
     tendon = spec.add_tendon(name=f"{name} grip")
     for finger in fingers:
         tendon.wrap_joint(finger, lever(hand))
@@ -94,7 +95,7 @@ def add_grip_motor(spec: mujoco.MjSpec, name: str, hand: Hand) -> None:
 
 
 def find_grippers(model: mujoco.MjModel, n_hands: int) -> dict[int, tuple[int, Array]]:
-    """Return (actuator, qpos of both fingers) of each hand that is a gripper, in a plant."""
+    """Return (actuator, qpos of both fingers) of each hand with a gripper, in a plant."""
     out = {}
     for h in range(n_hands):
         motor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, f"hand{h} grip")

@@ -1,4 +1,4 @@
-"""Can a robot hover, and in which arm posture is it weakest?"""
+"""Checks that a robot can hover, and finds its weakest arm posture."""
 
 import itertools
 import math
@@ -24,10 +24,10 @@ from skywright.models.statics import (
 
 
 def check_can_fly(robot: Robot, gravity: float = 9.81) -> float:
-    """Raise InputError with the numbers when the robot cannot lift or balance itself.
+    """Raise InputError with the numbers if the robot cannot lift or balance itself.
 
-    Checked with the thrust fraction that missions may use, arm folded and arm at work. Returns the
-    largest share of a rotor's thrust_max_n that hovering takes.
+    The check uses the thrust fraction of missions, with the arm folded and in its working posture.
+    Returns the largest share of a rotor's thrust_max_n at hover.
     """
     share = 0.0
     layout = build_layout(build_rotors(robot.rotors), robot.rotors.thrust_fraction)
@@ -42,7 +42,8 @@ def check_can_fly(robot: Robot, gravity: float = 9.81) -> float:
 def check_hover(
     robot: Robot, layout: Layout, mass: float, p_BC: Array, gravity: float, label: str
 ) -> Array:
-    """Return the hover thrusts (n,) N, or raise InputError that names what is missing."""
+    """Return the hover thrusts (n,) N, or raise InputError that states the missing thrust or
+    torque."""
     weight = mass * gravity
     thrust = compute_thrust(layout, wrench_at(weight * UP, p_BC))
     if thrust is not None:
@@ -96,9 +97,9 @@ def find_worst_posture(
 ) -> tuple[Array, float]:
     """Return the posture (rad) with the least lateral force in any direction, and that force.
 
-    The grid spans the joint limits and ignores collisions of the arm with the robot, so the
-    answer is on the safe side. For other than six independent rotors the posture is the one with
-    the largest horizontal offset of the centre of mass.
+    The grid spans the joint limits and ignores collisions of the arm with the robot, so the answer
+    is conservative. For other layouts than six independent rotors the posture is the one with the
+    largest horizontal offset of the centre of mass.
     """
     n = int(model[0]["n_joints"])
     lo, hi = model[0]["q_min"][:n], model[0]["q_max"][:n]

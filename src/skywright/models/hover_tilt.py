@@ -1,4 +1,4 @@
-"""How far a robot can tilt while it hovers in place, whichever way, in calm air or in a wind."""
+"""Largest tilt of a robot that hovers in place, in every direction, in calm air or wind."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -11,7 +11,7 @@ from skywright.models.statics import Layout, build_layout, compute_tilt_limit
 from skywright.models.wind import DragBody, compute_drag, compute_largest
 
 AXES = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0]])
-TILT_CEILING = 0.8  # rad; the search in a wind ends here
+TILT_CEILING = 0.8  # rad; upper bound of the search in wind
 
 
 def compute_hover_tilt(
@@ -20,9 +20,9 @@ def compute_hover_tilt(
     """Return the least hover tilt (rad) of roll and pitch to either side, joints at q (rad).
 
     Rotors up to the robot's `thrust_fraction`; 0 for a robot without lateral force. `wind` (3,) or
-    (k, 3) m/s: velocity of the air, seen along the level robot's axes; the drag of body and rotors
-    then takes part of the lateral force. The least in all of the winds; NaN where the robot does
-    not even hold level in one.
+    (k, 3) m/s: velocity of the air along the axes of the level robot; the drag of body and rotors
+    then reduces the lateral force. Returns the least over all winds, or NaN if the robot does not
+    hold even level in one of them.
     """
     layout = build_layout(build_rotors(robot.rotors), robot.rotors.thrust_fraction)
     mass, p_BC, _ = compute_body(build_body_model(robot, gravity), q)
@@ -43,10 +43,10 @@ def compute_hover_tilt(
 
 
 def _compute_thrust(layout: Layout, body: DragBody, wind: Array, turn: Array) -> Array:
-    """Return thrusts (m, n) N that hold position in the winds (m, 3) m/s, turned by `turn` (m, 3)
-    rad; limits not looked at.
+    """Return thrusts (m, n) N that hold position in the winds (m, 3) m/s at rotations `turn` (m, 3)
+    rad; limits are ignored.
 
-    Drag follows from the rotors' speeds and these from the thrusts: iterated.
+    Drag depends on the rotor speeds and these on the thrusts, so both are iterated.
     """
     R = Rotation.from_rotvec(turn).as_matrix()
     weight_B = body.mass * body.gravity * R[:, 2, :]

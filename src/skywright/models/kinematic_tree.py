@@ -1,9 +1,9 @@
 """The nominal scene as a kinematic tree with collision shapes, for planners.
 
-The scene that is simulated is the only source: bodies, joints, masses and shapes are read from
-the compiled model. Robot and obstacles become capsules and boxes that enclose the scene's geoms:
-a sphere or capsule exactly, a cylinder as the capsule of its axis and radius (rounder ends, so
-never smaller), the platform's parts together as one box in B.
+The simulated scene is the only source: bodies, joints, masses and shapes are read from the compiled
+model. Capsules and boxes enclose the geoms of robot and obstacles: a sphere or capsule exactly, a
+cylinder as the capsule of its axis and radius (rounder ends, so never smaller), the platform's
+parts together as one box in B.
 """
 
 import math
@@ -29,7 +29,7 @@ _GEOM = mujoco.mjtGeom
 class Shapes(NamedTuple):
     """Capsules (p0 to p1, radius) and boxes (centre p0, axes in `rot`, half sizes)."""
 
-    body: Ints  # (n,) that carries it; -1 in the world
+    body: Ints  # (n,) body that carries the shape; -1: the world
     kind: Ints  # (n,) CAPSULE or BOX
     p0: Array  # (n, 3) m, in the body's frame
     p1: Array  # (n, 3) m; of a box: its centre again
@@ -52,7 +52,7 @@ class Tree(NamedTuple):
 
 
 class PlanningScene(NamedTuple):
-    """What a motion planner knows of robot and world."""
+    """Robot and world for a motion planner."""
 
     tree: Tree
     robot: Shapes
@@ -181,7 +181,7 @@ def _extent(model: mujoco.MjModel, data: mujoco.MjData, g: int, body: int) -> tu
 def _world_shapes(
     model: mujoco.MjModel, data: mujoco.MjData, scene: Scene
 ) -> tuple[Shapes, tuple[str, ...]]:
-    """Shapes in W; things that stand in the world, as a tool, are bodies of their own."""
+    """Return shapes in W; free-standing things such as a tool are separate bodies."""
     solid = [
         g for g in scene.places.world_geoms.tolist() if model.geom_type[g] != _GEOM.mjGEOM_PLANE
     ]

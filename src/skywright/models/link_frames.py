@@ -1,7 +1,7 @@
-"""Where every link of a robot is, as ROS tells it: transforms between the frames of its URDF.
+"""Poses of a robot's links for ROS: transforms between the frames of its URDF.
 
-The tree is read from the URDF itself, so that frames and links are the same. Links that move go
-to the topic /tf, all others once to /tf_static.
+The tree is read from the URDF itself, so that frames and links agree. Moving links are published on
+the topic /tf, all others once on /tf_static.
 """
 
 import xml.etree.ElementTree as ET
@@ -17,21 +17,22 @@ from skywright.recordings.columns import Column, Stream, Topic, build_dtype, has
 
 MAP = "map"
 POINTS = {"contact": "p_WT", "left_contact": "left_p_WH", "right_contact": "right_p_WH"}
-"""Frames with the axes of `map` at places where forces act -> the column of the place."""
+"""Frames with the axes of `map` at points of contact force -> the column of the point."""
 _ONE = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 class Frame(NamedTuple):
-    """A link in the frame of its parent: its joint's zero, and how the joint moves it.
+    """A link in the frame of its parent: pose at joint zero, and motion of the joint.
 
-    Turned by an angle, its quaternion is cos(angle / 2) `quaternion` + sin(angle / 2) `change`.
+    After a rotation by an angle, its quaternion is cos(angle / 2) `quaternion` + sin(angle / 2)
+    `change`.
     """
 
     parent: str
     name: str
     position: Array  # (3,) m
-    quaternion: Array  # (4,) wxyz
-    change: Array  # what the motion adds: (3,) a metre of sliding; (4,) of turning, see below
+    quaternion: Array  # derivative by the joint: (3,) of a slide; (4,) of a rotation, see above
+    change: Array  # motion per unit: (3,) of a slide; (4,) of a rotation, see below
     motion: str  # "free", "fixed", "turn", "slide" by a joint, "spring" by the probe's spring
     joint: int  # index in q
 
@@ -60,7 +61,7 @@ def _read(element: ET.Element, joints: list[str]) -> Frame:
         axis = np.array([float(v) for v in _get(element, "axis", "xyz").split()])
         motion = "slide" if kind == "prismatic" else "turn"
         joint = joints.index(element.attrib["name"])
-    elif name == "slider":  # rigid in the nominal model; a recording tells its compression
+    elif name == "slider":  # rigid in the nominal model; a recording contains its compression
         motion = "spring"
     place = np.array([float(v) for v in _get(element, "origin", "xyz").split()])
     turn = quat_from_rot(rot_z(z) @ rot_y(y) @ rot_x(x))
@@ -72,7 +73,7 @@ def _read(element: ET.Element, joints: list[str]) -> Frame:
 
 
 class LinkFrames:
-    """The transforms of a robot over samples of these columns."""
+    """Transforms of a robot, computed from these columns of samples."""
 
     def __init__(self, urdf: str, joints: list[str], columns: tuple[Column, ...]) -> None:
         frames = list_frames(urdf, joints)
@@ -102,11 +103,11 @@ class LinkFrames:
         }
 
     def compute(self, samples: NDArray[Any]) -> NDArray[Any]:
-        """Return the rows of `stream` at these samples (n,)."""
+        """Return the rows of `stream` for these samples (n,)."""
         rows = np.zeros(len(samples), build_dtype(self.stream.columns))
         rows["t"] = samples["t"]
         q = samples["q"] if has_columns(samples, "q") else np.zeros((len(samples), 0))
-        with np.errstate(invalid="ignore"):  # a diverged flight ends with numbers that are none
+        with np.errstate(invalid="ignore"):  # a diverged flight ends with NaN or infinity
             cosine, sine = np.cos(0.5 * q), np.sin(0.5 * q)
         for frame in self.moving:
             place, turn = frame.position, frame.quaternion
@@ -125,7 +126,7 @@ class LinkFrames:
 
 
 def _build_topic(name: str, pairs: list[tuple[str, str]]) -> Topic:
-    """A message of transforms from parents to children."""
+    """Build a message of transforms from parents to children."""
     texts = {}
     for i, (parent, child) in enumerate(pairs):
         texts[f"transforms[{i}].header.frame_id"] = parent

@@ -1,6 +1,6 @@
-"""Motion of the links and the joint torques for it: recursive Newton-Euler on the link tree.
+"""Motion of the links and its joint torques: recursive Newton-Euler on the link tree.
 
-Everything is expressed in the axes of B; accelerations are inertial. (Featherstone, Rigid Body
+All quantities are expressed in the axes of B; accelerations are inertial. (Featherstone, Rigid Body
 Dynamics Algorithms, 2008, section 5.3, in its classical form.) A test compares with MuJoCo's
 inverse dynamics.
 """
@@ -45,8 +45,8 @@ def fill_motion(
 ) -> None:
     """Fill angular velocity, angular and linear acceleration of every link frame.
 
-    w_B, wd_B (3,) rad/s, rad/s^2 and a_B (3,) m/s^2 of the platform, all in the axes of B;
-    `k` holds the kinematics at the same joints.
+    w_B, wd_B (3,) rad/s, rad/s^2 and a_B (3,) m/s^2 of the platform, all in the axes of B; `k`
+    contains the kinematics at the same joints.
     """
     r = local(3)
     c1 = local(3)
@@ -87,11 +87,12 @@ def fill_motion(
 def fill_joint_torque(
     m: BodyModel, k: Kinematics, motion: Motion, g_B: Array, f_tip_B: Array, torque: Array
 ) -> None:
-    """Fill torque (MAX_JOINTS,) N m (slides: N) that makes `motion`: the joints' inverse dynamics.
+    """Fill torque (MAX_JOINTS,) N m (slides: N) that produces `motion`: the joints' inverse
+    dynamics.
 
     `motion` comes from `fill_motion`, so mass matrix, Coriolis and centrifugal terms and the
-    platform's motion are in it. g_B (3,) m/s^2 is gravity, f_tip_B (3,) N the force that acts on
-    the robot at the tip, both in B. The rotors of the servos are not among the links.
+    platform's motion are included. g_B (3,) m/s^2 is gravity, f_tip_B (3,) N the force on the robot
+    at the tip, both in B. The servos' rotors are not included.
     """
     c, c1, c2 = local(3), local(3), local(3)
     f, t, h, turn = local(3), local(3), local(3), local(3)
@@ -130,7 +131,7 @@ def fill_joint_torque(
 
 
 def compute_joint_inertia(model: NDArray[Any], q: Array) -> Array:
-    """Return the mass matrix (n, n) of the joints at q (n,), platform held; no servos' rotors.
+    """Return the mass matrix (n, n) of the joints at q (n,), platform held, without servo rotors.
 
     `model` is a (1,) array of `BodyModel`.
     """

@@ -1,4 +1,4 @@
-"""What follows from robot and world alone, computed once: rotors, rigid body, surfaces."""
+"""Quantities that depend on robot and world alone, computed once: rotors, rigid body, surfaces."""
 
 from functools import cached_property
 from typing import Any
@@ -15,7 +15,7 @@ from skywright.models.rotors import RotorSet, build_rotors
 
 
 class Nominal:
-    """A robot in a world as controllers and planners believe it; built when first asked for."""
+    """The nominal model of a robot in a world; its parts are built at first use."""
 
     def __init__(self, robot: Robot, world: World) -> None:
         self.robot, self.world = robot, world
@@ -32,15 +32,15 @@ class Nominal:
 
     @cached_property
     def allocator(self) -> Allocator:
-        """From wrenches to thrusts of the rotors."""
+        """The allocation from wrenches to rotor thrusts."""
         return build_allocator(self.rotors)
 
     @cached_property
     def cylinder(self) -> Cylinder | None:
-        """The pipe's surface, in a world that has one."""
+        """The pipe's surface, if the world has a pipe."""
         return None if self.world.pipe is None else build_cylinder(self.world.pipe)
 
     @cached_property
     def surface(self) -> Surface | None:
-        """The structure's surface, in a world that has one."""
+        """The structure's surface, if the world has a structure."""
         return None if self.world.structure is None else build_surface(self.world.structure)

@@ -1,4 +1,4 @@
-"""Things of a world that are inside one another before anything moves."""
+"""Things of a world that overlap at the start."""
 
 from __future__ import annotations
 
@@ -8,18 +8,19 @@ import numpy as np
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.models.arm_body import Deviation
+from skywright.models.fixed_body import FIXED
 from skywright.models.scene import build_scene
 from skywright.models.things._build import OBJECT
 
 TOLERATED = 0.003
-"""m: soft contacts sink in by less under the weight of what lies on them."""
+"""m: soft contacts sink in by less under the weight of things on them."""
 
 
 def find_overlaps(robot: Robot, world: World) -> list[tuple[str, str, float]]:
-    """Return the pairs of things that overlap at the start, and how deep (m).
+    """Return the pairs of things that overlap at the start, and the depth (m).
 
-    Only pairs of which one can move: they push each other away at the first step of the
-    simulation. Fixed things may stand in one another, as a post stands in its pipe.
+    Only pairs with a movable thing count: their contact forces separate them at the first step of
+    the simulation. Fixed things may overlap, such as a post and its pipe.
     """
     scene = build_scene(robot, world, Deviation())
     model, data = scene.model, mujoco.MjData(scene.model)
@@ -37,6 +38,8 @@ def find_overlaps(robot: Robot, world: World) -> list[tuple[str, str, float]]:
 
 
 def _name(model: mujoco.MjModel, geom: int) -> str:
-    """The thing that a shape belongs to: its body, or the shape's own name in the world."""
+    """Return the thing of a shape: its body, or the shape's own name in the world."""
     body = int(model.geom_bodyid[geom])
-    return str(model.body(body).name.removeprefix(OBJECT) if body else model.geom(geom).name)
+    if not body:
+        return str(model.geom(geom).name)
+    return str(model.body(body).name).removeprefix(OBJECT).removeprefix(FIXED)

@@ -1,4 +1,4 @@
-"""Masses and inertias of a robot's parts, as model, scene and exported files take them."""
+"""Masses and inertias of a robot's parts, for model, scene and exported files."""
 
 import math
 from typing import Any, NamedTuple
@@ -14,11 +14,11 @@ from skywright.description.robot.limbs import end_of
 from skywright.description.robot.spec import Platform, Probe
 
 SLIDER_INERTIA = 1e-6
-"""kg m^2 of the probe's sprung part about its own centre: small, but MuJoCo wants it above zero."""
+"""kg m^2 of the probe's sprung part about its own centre: MuJoCo requires a value above zero."""
 
 
 class ProbeParts(NamedTuple):
-    """How the probe's mass is laid out along its axis (from the link's end to the tip)."""
+    """Distribution of the probe's mass along its axis (from the link's end to the tip)."""
 
     holder_mass: float
     holder_length: float
@@ -47,7 +47,8 @@ def rod_inertia(mass: float, length: float, radius: float) -> Array:
 def build_docking_parts(docking: Docking) -> tuple[float, Array, Array]:
     """Return mass (kg), centre of mass (3,) m in B and inertia (3, 3) kg m^2 about it.
 
-    Thin legs from the hub to the feet and a ring through the feet, half of the mass each.
+    The gear is thin legs from the hub to the feet and a ring through the feet, half of the mass
+    each.
     """
     m, h, r = docking.mass_kg, docking.height_m, docking.radius_m
     com = np.array([0.0, 0.0, 0.75 * h])  # ring at h, legs' middle at h / 2
@@ -66,7 +67,7 @@ def link_direction(link: Link) -> Array:
 def link_inertia(link: Link) -> Array:
     """Return the (3, 3) inertia of a link about its centre, in its frame.
 
-    The file's, or without it that of a solid cylinder.
+    It is the file's, or by default that of a solid cylinder.
     """
     xx, yy, zz = link.inertia_xx_kgm2, link.inertia_yy_kgm2, link.inertia_zz_kgm2
     if xx is not None and yy is not None and zz is not None:
@@ -93,7 +94,7 @@ def link_com(link: Link) -> Array:
 
 
 def set_inertia(body: Any, inertia: Array) -> None:
-    """Give a body of an MjSpec this inertia (3, 3) kg m^2 about its centre of mass."""
+    """Set the inertia (3, 3) kg m^2 of a body of an MjSpec about its centre of mass."""
     off = (inertia[0, 1], inertia[0, 2], inertia[1, 2])
     if any(off):
         body.fullinertia = [*np.diag(inertia), *off]
@@ -110,7 +111,7 @@ def platform_inertia(platform: Platform) -> Array:
 def build_hand_body(hand: Hand) -> tuple[Array, Array]:
     """Return centre of mass (3,) m and inertia (3, 3) kg m^2 about it, both in frame H.
 
-    Of a solid ball at the tip, or of a gripper's open fingers.
+    The hand is a solid ball at the tip, or a gripper with open fingers.
     """
     if hand.kind != "gripper":
         return np.zeros(3), 0.4 * hand.mass_kg * hand.radius_m**2 * np.eye(3)
@@ -123,10 +124,10 @@ def build_hand_body(hand: Hand) -> tuple[Array, Array]:
 
 
 class Finger(NamedTuple):
-    """The body of a gripper's open finger in frame H; its z is along the finger."""
+    """The body of a gripper's open finger in frame H; its z axis is along the finger."""
 
     sign: float  # side: of y, or of -y
-    p: Array  # (3,) m: the finger's centre, or the pivot of one that turns
+    p: Array  # (3,) m: the finger's centre, or the pivot of a rotating one
     R: Array  # (3, 3)
     com: Array  # (3,) m, in its frame
 

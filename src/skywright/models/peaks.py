@@ -4,9 +4,10 @@ from skywright.core.arrays import Array
 
 
 def find_vertex(x: Array, i: int) -> float:
-    """Return where the parabola through samples i - 1 to i + 1 of `x` (n,) is highest.
+    """Return the maximum of the parabola through samples i - 1 to i + 1 of `x` (n,).
 
-    The offset from i lies in -0.5 to 0.5 samples; 0 at an end, or without a bend down.
+    The offset from i lies in -0.5 to 0.5 samples; it is 0 at an end, or if the parabola has no
+    maximum.
     """
     if not 0 < i < x.size - 1:
         return 0.0

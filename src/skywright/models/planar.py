@@ -32,18 +32,18 @@ TURNS = np.array([
     [1, 0, 0, 0, 0, 0], [1, 1, 0, 0, 0, 0], [1, 1, 1, 0, 0, 0],
     [1, 1, 1, 1, 0, 0], [1, 1, 0, 0, 1, 0], [1, 1, 0, 0, 1, 1],
 ])  # fmt: skip
-"""Whether (q5, q0, q7R, q8R, q7L, q8L) turn platform, link, and each upper arm and forearm."""
+"""Whether (q5, q0, q7R, q8R, q7L, q8L) rotate platform, link, and each upper arm and forearm."""
 PAIRS = np.array([[0, 1], [0, 2], [0, 3], [0, 4], [0, 5], [1, 2], [1, 3], [1, 4], [1, 5], [2, 3],
                   [4, 5]])  # fmt: skip
-"""Of those angles, whose rates' products occur."""
+"""Pairs of those angles whose rates occur as products."""
 
 
 class PlanarLrm(NamedTuple):
     """Masses (kg), inertias about the centres of mass (kg m^2) and lengths (m).
 
-    a platform, b long link, u upper arm, f forearm with hand; `d` is from the platform's centre
-    of mass down to the passive joint, `l_` the length of a link, `c_` from its joint to its
-    centre of mass. Both arms are alike.
+    a platform, b long link, u upper arm, f forearm with hand; `d` is the distance from the
+    platform's centre of mass down to the passive joint, `l_` the length of a link, `c_` from its
+    joint to its centre of mass. Both arms are equal.
     """
 
     m_a: float
@@ -65,8 +65,8 @@ class PlanarLrm(NamedTuple):
 def build_planar_lrm(scene: Scene, robot: Robot) -> PlanarLrm:
     """Read the planar model's parameters.
 
-    Raises InputError when the robot is not a platform with a passive link and two arms of two
-    pitch joints, or its masses lie off the plane's lines.
+    Raises InputError unless the robot is a platform with a passive link and two arms of two pitch
+    joints, with joints and centres of mass on lines along z.
     """
     joints = list_joints(robot)
     shape = [(j.side, j.link.axis, j.link.passive) for j in joints]
@@ -97,7 +97,7 @@ def build_planar_lrm(scene: Scene, robot: Robot) -> PlanarLrm:
 
 
 def _composite(model: mujoco.MjModel, name: str) -> tuple[float, Array, float]:
-    """Mass, centre of mass (3,) and inertia about its y axis of a body with what is fixed to it."""
+    """Return mass, centre of mass (3,) and inertia about y of a body with the parts fixed to it."""
     root = model.body(name).id
     parts: list[tuple[float, Array, float]] = []
     pending = [(root, np.zeros(3), np.eye(3))]
@@ -123,10 +123,10 @@ def _composite(model: mujoco.MjModel, name: str) -> tuple[float, Array, float]:
 
 @njit(cache=True, error_model="numpy")
 def fill_equations(p: PlanarLrm, q: Array, M: Array, rhs: Array) -> None:
-    """Fill M (8, 8) and what multiplies (f, squares, products, g) (8, 24)."""
+    """Fill M (8, 8) and the matrix (8, 24) that multiplies (f, squares, products, g)."""
     mass = (p.m_a, p.m_b, p.m_u, p.m_f, p.m_u, p.m_f)
     inertia = (p.i_a, p.i_b, p.i_u, p.i_f, p.i_u, p.i_f)
-    lengths = np.zeros((6, 6))  # of each part on the way to each centre of mass
+    lengths = np.zeros((6, 6))  # of each part between the origin and each centre of mass
     lengths[1:, 0], lengths[1, 1], lengths[2:, 1] = p.d, p.c_b, p.l_b
     for arm in (2, 4):
         lengths[arm, arm], lengths[arm + 1, arm], lengths[arm + 1, arm + 1] = p.c_u, p.l_u, p.c_f
@@ -162,7 +162,7 @@ def fill_equations(p: PlanarLrm, q: Array, M: Array, rhs: Array) -> None:
 
 @njit(cache=True, error_model="numpy")
 def fill_terms(u: Array, f: Array, g: float, s: Array) -> None:
-    """Fill s (24,) with (f, squares, products, g), what the right-hand side multiplies."""
+    """Fill s (24,) with (f, squares, products, g), the factors of the right-hand side."""
     s[:6], s[23] = f, g
     s[6:12] = u[2:] * u[2:]
     for n, (i, j) in enumerate(PAIRS):

@@ -1,6 +1,6 @@
 """The laser range finder: one distance along its beam, in steps of its resolution.
 
-Of the class of a LightWare SF11/C (Sanchez-Cuevas 2020, section 2).
+The class of a LightWare SF11/C (Sanchez-Cuevas 2020, section 2).
 """
 
 from typing import Annotated, Any, NamedTuple
@@ -16,7 +16,7 @@ RANGE_BLOCK = 512
 
 
 class Finder(Record):
-    """A range finder: what it is and what it is doing."""
+    """Parameters and state of a range finder."""
 
     period: float  # s
     range_min: float  # m
@@ -27,7 +27,7 @@ class Finder(Record):
     next_t: float  # s
     index: int
     unit: Annotated[Array, RANGE_BLOCK]
-    # its sample in this step
+    # the sample of this step
     fresh: float
     valid: float  # 0: nothing within range
     stamp: float  # s
@@ -35,7 +35,7 @@ class Finder(Record):
 
 
 class RangePrecision(NamedTuple):
-    """What a range finder can do; the defaults are the SF11/C's data sheet."""
+    """Precision of a range finder; the defaults are from the SF11/C's data sheet."""
 
     rate_hz: float = 20.0
     range_min_m: float = 0.2
@@ -60,14 +60,14 @@ def build_range_finder(
 
 
 def draw_range_finder(rf: Any, stream: np.random.Generator) -> None:
-    """Fill the block of noise; call it whenever `index` nears RANGE_BLOCK."""
+    """Fill the block of noise; call it before `index` reaches RANGE_BLOCK."""
     rf["unit"] = stream.standard_normal(RANGE_BLOCK)
     rf["index"] = 0
 
 
 @njit(cache=True, error_model="numpy")
 def step_range_finder(rf: Any, t: float, distance: float) -> None:
-    """Take a sample if it is time to; `distance` (m) is the true one along the beam, inf: none."""
+    """Take a sample if one is due; `distance` (m) is the true one along the beam, inf: none."""
     rf.fresh = 0.0
     if t < rf.next_t - 1e-9:
         return

@@ -1,9 +1,9 @@
-"""Where around a pipe a robot's hand can be, with everything else kept clear.
+"""Positions around a pipe that a robot's hand reaches while the rest of the robot keeps clear.
 
-Postures of the left arm are sampled (the right arm is held as the left); for each, the platform is
-placed so that the hand is at the point in question, and the distances are asked for. Any arm works,
-and a passive link hangs where the posture's weight lets it. The platform is level and faces the
-pipe squarely.
+Postures of the left arm are sampled (the right arm mirrors the left). For each posture the platform
+is placed so that the hand is at the point in question, and the distances are computed. This works
+for any arm, and a passive link is at the rest angle of the posture's weight. The platform is level
+and faces the pipe squarely.
 """
 
 import itertools
@@ -31,11 +31,11 @@ from skywright.models.geometry import (
 from skywright.models.rigid_body import build_body_model, posture
 from skywright.models.scene import build_scene
 
-POSTURES = 320  # about so many are tried
+POSTURES = 320  # approximate number of sampled postures
 PLATFORM_MARGIN = 0.1  # m, kept between platform and world
-ARM_MARGIN = 0.02  # m, kept by what carries the hand
+ARM_MARGIN = 0.02  # m, kept by the links that carry the hand
 PLATFORM = ("hub", "propeller", "boom", "leg", "foot", "docking")
-"""Beginnings of the names of what belongs to the platform."""
+"""Name prefixes of the platform's geoms."""
 
 
 class ReachMap(NamedTuple):
@@ -45,7 +45,7 @@ class ReachMap(NamedTuple):
     z: Array  # (m,) m
     reached: Mask  # (m, n) by a robot that faces +x
     inside: Mask  # (m, n) within the pipe
-    angle: Array  # (k,) rad, places on the surface, from the side that faces the robot to the top
+    angle: Array  # (k,) rad, points on the surface, from the side that faces the robot to the top
     touched: Mask  # (k,) from this side
     radius: float
 
@@ -68,7 +68,7 @@ class ReachMap(NamedTuple):
 
 
 def _mirror(angle: Array) -> Ints:
-    """Index (k,) of the place on the other side of the pipe."""
+    """Return the index (k,) of the point on the other side of the pipe."""
     other = (math.pi - angle) % (2.0 * math.pi)
     return np.array([int(np.argmin(np.abs(angle - a))) for a in other], dtype=np.int64)
 
@@ -113,7 +113,7 @@ def _ball(robot: Robot) -> float:
 def sample_postures(robot: Robot, query: ClearanceQuery) -> Array:
     """Return postures (n, n_joints) rad that keep clear of propellers and gear, link at rest.
 
-    The joints of an arm that turn about y are sampled on a grid; the others stay as at work.
+    Arm joints that turn about y are sampled on a grid; the others keep their working angles.
     """
     joints = list_joints(robot)
     model = build_body_model(robot)
@@ -137,16 +137,17 @@ def sample_postures(robot: Robot, query: ClearanceQuery) -> Array:
 
 
 def _find_partner(robot: Robot, j: int) -> int:
-    """Index of the right arm's joint that mirrors joint `j` of the left; -1 without."""
+    """Return the right arm's joint that mirrors joint `j` of the left; -1: none."""
     names = [x.name for x in list_joints(robot)]
     other = names[j].replace("left_", "right_", 1)
     return names.index(other) if other != names[j] and other in names else -1
 
 
 def split_query(robot: Robot, query: ClearanceQuery) -> tuple[Any, Any, Any]:
-    """Return the queries of platform, of what carries the hands, and of the last links alone.
+    """Return the queries of the platform, of the links that carry the hands, and of the last links
+    alone.
 
-    Hands may touch, and are in none.
+    Hands may touch and are in no query.
     """
     ends = ("tip", "pen", "holder", "hand")
     last = {
@@ -176,7 +177,7 @@ def _try_goals(
     platform: ClearanceCore, carrier: ClearanceCore, last: ClearanceCore, margins: Array,
     goals: Array, R: Array, q: Array, hands: Array, out: Any,
 ) -> None:  # fmt: skip
-    """Mark the goals (n, 3) m that some posture reaches with all margins kept."""
+    """Mark the goals (n, 3) m that a posture reaches with all margins kept."""
     p = np.empty(3)
     for g in range(goals.shape[0]):
         for k in range(q.shape[0]):

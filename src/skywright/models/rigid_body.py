@@ -1,11 +1,11 @@
-"""The nominal rigid body: platform and arm as the controllers and planners believe them.
+"""The nominal rigid body: platform and arm for controllers and planners.
 
-One record (`BodyModel`) describes the link tree; `fill_kinematics` and `fill_body` turn joint
-angles into the tip pose, the tip Jacobian and the composite mass, centre of mass and inertia.
-A test holds all of it against MuJoCo's own mass matrix and Jacobians.
+One record (`BodyModel`) describes the link tree; `fill_kinematics` and `fill_body` compute from
+joint angles the tip pose, the tip Jacobian and the composite mass, centre of mass and inertia. A
+test compares all of them with MuJoCo's mass matrix and Jacobians.
 
-Frames: B body (FLU), link frames at the joints with the link along x or -z, T tip with z out of
-the robot along the probe and y along the link's y, H hands likewise.
+Frames: B body (FLU), link frames at the joints with the link along x or -z, T tip with z out of the
+robot along the probe and y along the link's y, H hands likewise.
 """
 
 from typing import Any
@@ -47,7 +47,7 @@ from skywright.models.part_masses import (
 
 
 def joint_names(robot: Robot) -> list[str]:
-    """Names of the joints that move, passive ones included, in the order of q."""
+    """Return the names of the moving joints, passive ones included, in the order of q."""
     return [limb.name for limb in list_joints(robot)]
 
 
@@ -61,8 +61,8 @@ def find_tip(robot: Robot, limbs: list[Limb]) -> int:
 def posture(robot: Robot, which: str) -> Array:
     """Return q (n_joints,) of the `folded`, `working` or `landed` posture.
 
-    Landed is folded on the ground; only there a passive link has an angle of its own (its
-    `folded_deg`), in flight it hangs straight down.
+    `landed` is folded on the ground. Only there a passive link has a set angle (its `folded_deg`);
+    in flight it hangs straight down.
     """
     key = "folded" if which == "landed" else which
     q = [limb.link.rest(key) for limb in list_joints(robot)]
@@ -113,7 +113,7 @@ def build_body_model(robot: Robot, gravity: float = 9.81) -> NDArray[Any]:
     link = limbs[tip].link
     if robot.probe is not None:
         _add_probe(m, tip, link, robot.probe)
-        if limbs[tip].side >= 0:  # the probe is what this arm ends in
+        if limbs[tip].side >= 0:  # the probe is at the end of this arm
             m["hand_link"][limbs[tip].side] = tip
             m["hand_offset"][limbs[tip].side] = m["tip_offset"]
             m["hand_rot"][limbs[tip].side] = m["tip_rot"]
@@ -124,7 +124,7 @@ def build_body_model(robot: Robot, gravity: float = 9.81) -> NDArray[Any]:
 
 
 def _set_hands(m: Any, robot: Robot, limbs: list[Limb]) -> None:
-    """Hands at the ends of the arms, their mass welded onto the last links."""
+    """Set the hands at the ends of the arms; their mass is welded onto the last links."""
     assert robot.arm is not None
     hand = robot.arm.hand
     m["n_hands"] = robot.arm.sides
@@ -268,10 +268,10 @@ def fill_point_jacobian(m: BodyModel, k: Kinematics, link: int, p_B: Array, J: A
 
 @njit(cache=True, error_model="numpy")
 def fill_gravity_torque(m: BodyModel, k: Kinematics, g_B: Array, torque: Array) -> None:
-    """Fill `torque` (MAX_JOINTS,) N m (slides: N): what holds the arm at rest against gravity.
+    """Fill `torque` (MAX_JOINTS,) N m (slides: N) that holds the arm at rest against gravity.
 
-    g_B (3,) m/s^2 is gravity in B (pointing down). Equals the gravity part of the mass matrix'
-    companion, MuJoCo's `qfrc_bias` at rest, for the joints.
+    g_B (3,) m/s^2 is gravity in B (pointing down). It equals MuJoCo's `qfrc_bias` at rest for the
+    joints.
     """
     c = local(3)
     for j in range(MAX_JOINTS):
@@ -353,7 +353,7 @@ def compute_kinematics(model: NDArray[Any], q: Array) -> Any:
 
 @njit(cache=True, error_model="numpy")
 def _fill_all(m: BodyModel, q: Array, k: Kinematics) -> None:
-    fill_kinematics(m, q, k)  # one call: finding the types of the arguments takes longer
+    fill_kinematics(m, q, k)  # one call: the dispatch on argument types takes longer
     fill_hands(m, k)
 
 

@@ -1,20 +1,20 @@
-"""Flying on after a rotor was lost: which platforms can, and how their other rotors are told.
+"""Flight after the loss of a rotor: feasible platforms, and the allocation to the remaining rotors.
 
 A platform with parallel rotors needs vertical force, roll and pitch torque to stay in the air, and
-can give up yaw: with five rotors of a hexarotor left, the one opposite to the lost one must nearly
-stand still for the yaw torques to cancel, and then it can no longer help to control roll or pitch.
-So yaw is not commanded any more, and the thrusts are those of least sum of squares that leave the
+can give up yaw. With five rotors of a hexarotor left, the yaw torques cancel only if the rotor
+opposite to the lost one nearly stops, and then it no longer helps to control roll or pitch. Yaw is
+therefore no longer commanded, and the thrusts are those of weighted least squares that leave the
 opposite rotor little.
 
-A platform whose law commands force and torque in any direction needs seven rotors or more that are
-left, because thrusts are positive: six rotors with limits T >= T_min > 0 make a wrench and all its
-neighbours only where none of them is at its limit. With six tilted rotors each loss takes a
-direction of the wrench away; that law cannot fly on. With eight, the seven that are left make all
-six components, B T = w, T = P w + s N with the one null vector N. Where N has zeros, the thrusts of
-these rotors follow from the wrench alone, and level hover may ask for less than T_min of one. Then
-the platform may hover leaned: the least lean with a reserve at all limits is a linear programme
-in the thrusts and the horizontal force (the weight seen from B), solved again for the cosine of
-the lean.
+A platform whose law commands force and torque in any direction needs at least seven remaining
+rotors, because thrusts are positive: six rotors with limits T >= T_min > 0 produce a wrench and all
+its neighbours only if none of them is at its limit. With six tilted rotors each loss removes a
+direction of the wrench, and that law cannot continue. With eight, the remaining seven produce all
+six components, B T = w, T = P w + s N with one null vector N. Where N has zeros, the thrusts of
+these rotors follow from the wrench alone, and level hover may require less than T_min from one of
+them. The platform may then hover with a lean. The least lean with a reserve at all limits is a
+linear programme in the thrusts and the horizontal force (the weight in B), solved repeatedly for
+the cosine of the lean.
 """
 
 from __future__ import annotations
@@ -31,25 +31,26 @@ from skywright.models.allocation import Allocator, build_allocator
 from skywright.models.rotors import RotorSet
 
 WEIGHTS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
-"""Of the rotor that has the least to do, in the sum of squares; the largest that leaves it some."""
+"""Weights of the least loaded rotor in the sum of squares; the largest that leaves it some thrust
+is used."""
 SPARE = 0.1
-"""Share of a rotor's range that is left for control at hover."""
+"""Share of a rotor's range that is reserved for control at hover."""
 LEAST = 0.03
 """Share of the mean thrust that the least loaded rotor keeps above its lower limit."""
 SIDES = 32
-"""Of the polygon that stands for the circle of equal lean."""
+"""Sides of the polygon that approximates the circle of equal lean."""
 ROUNDS = 12
-"""Of the programme, each with the cosine of the lean before."""
+"""Iterations of the programme, each with the cosine of the previous lean."""
 
 
 class RotorsLeft(NamedTuple):
-    """How the rotors that are left are told; rows of the lost one are zero."""
+    """Allocation to the remaining rotors; rows of the lost one are zero."""
 
     P: Array  # (n, 6) thrust (N) per wrench
-    preload: Array  # (n,) N, of thrusts that add up to no wrench
+    preload: Array  # (n,) N, zero net wrench
     t_min: Array  # (n,) N, less the preload
     t_max: Array  # (n,) N, less the preload
-    R_WB: Array  # (3, 3) attitude, but for its heading, at which they hold the robot
+    R_WB: Array  # (3, 3) attitude, except for its heading, at which they hold the robot
     holds_heading: bool
 
     @property
@@ -61,12 +62,12 @@ class RotorsLeft(NamedTuple):
 def compute_rotors_left(
     allocator: Allocator, lost: int, weight: float, p_BC: Array, tilt_max: float
 ) -> RotorsLeft | None:
-    """Return how the others hold `weight` (N) at p_BC (3,) m without rotor `lost`, or None.
+    """Return the allocation that holds `weight` (N) at p_BC (3,) m without rotor `lost`, or None.
 
-    `tilt_max` (rad): lean that a law which commands six components may be asked for; 0 for a law
-    that does not follow a commanded attitude.
+    `tilt_max` (rad): largest lean for a law that commands six components; 0 for a law that does not
+    track a commanded attitude.
     """
-    if float(np.min(allocator.t_max - allocator.t_min)) <= 0.0:  # another one is lost already
+    if float(np.min(allocator.t_max - allocator.t_min)) <= 0.0:  # another rotor is already lost
         return None
     found = (
         _lean(allocator, lost, weight, p_BC, tilt_max)
@@ -85,7 +86,7 @@ def compute_rotors_left(
 def _give_up_yaw(
     allocator: Allocator, lost: int, weight: float, p_BC: Array
 ) -> tuple[Array, Array, Array] | None:
-    """Return P, no preload and up. The columns of lateral force and of yaw torque are zero."""
+    """Return P, a zero preload and up. The columns of lateral force and of yaw torque are zero."""
     n = allocator.P.shape[0]
     left = [i for i in range(n) if i != lost]
     if len(left) < 5:
@@ -118,8 +119,8 @@ def _lean(
 ) -> tuple[Array, Array, Array] | None:
     """Return P, preload and up (3,) in B of the least lean with a reserve at all limits.
 
-    The search begins at level: a lean at which the rotors cannot make the weight over its cosine is
-    not found. A robot falls before it gets there.
+    The search starts at level, so a lean beyond one at which the rotors cannot produce the weight
+    over its cosine is not found. A robot would fall before it reached such a lean.
     """
     n = allocator.P.shape[0]
     left = [i for i in range(n) if i != lost]
@@ -133,7 +134,8 @@ def _lean(
     turn = np.array([[0.0, -p_BC[2], p_BC[1]], [p_BC[2], 0.0, -p_BC[0]], [-p_BC[1], p_BC[0], 0.0]])
     at_com = weight * np.vstack([np.eye(3), turn])  # wrench of weights along x, y and z
     angle = 2.0 * math.pi * np.arange(SIDES) / SIDES
-    # variables: thrusts, horizontal parts of up over its vertical one, and their size, the least
+    # variables: thrusts, horizontal parts of up over its vertical one, and their norm, which is
+    # minimised
     size = np.hstack([
         np.zeros((SIDES, len(left))), np.cos(angle)[:, None], np.sin(angle)[:, None],
         -np.ones((SIDES, 1)),
@@ -155,7 +157,7 @@ def _lean(
     if math.acos(up[2]) > tilt_max + 1e-6:
         return None
     hover = at_com @ up
-    # of the thrusts for it, those that are farthest from their limits
+    # among the thrusts of this lean, maximise the distance to their limits
     room = np.vstack(
         [
             np.hstack([-np.eye(len(left)), np.ones((len(left), 1))]),
@@ -184,7 +186,8 @@ def _stand_up(up: Array) -> Array:
 def list_rotors_left(
     rotors: RotorSet, weight: float, p_BC: Array, tilt_max: float
 ) -> dict[int, RotorsLeft]:
-    """Return, by number from 1, the rotors without each of which `weight` (N) is held, and how."""
+    """Return the rotors, numbered from 1, whose single loss leaves `weight` held, and the
+    allocations."""
     allocator = build_allocator(rotors)
     found = {
         i + 1: compute_rotors_left(allocator, i, weight, p_BC, tilt_max)

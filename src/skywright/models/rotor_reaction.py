@@ -1,12 +1,14 @@
-"""What the rotors' inertia does to a commanded torque, and the attitude loop that it allows.
+"""Effect of the rotors' inertia on a commanded torque, and the resulting limit of the attitude
+loop.
 
-A rotor that speeds up turns the platform the other way (vehicle/effects/rotor_momentum.py). In
-hover that makes of a commanded torque t, beside the rotors' lag, (1 + T s) t, T diagonal about the
-axes of B to good approximation: T = D B^+ with the torque D dT/dt of changing thrusts and B^+ the
-allocation. Coplanar rotors have T = J w / (2 k_m T) = 0.4 s about z: the push of the spin-up is an
-order above the drag torque that stays. Tilted ones have less, of either sign: where the tilt's
-torque about z opposes the drag torque (the F550's, by the printed matrices) T is negative, a zero
-in the right half plane, which no controller can cancel: it limits the bandwidth.
+A rotor that accelerates turns the platform the other way (vehicle/effects/rotor_momentum.py). In
+hover, in addition to the rotors' lag, a commanded torque t becomes (1 + T s) t, with T diagonal
+about the axes of B to good approximation: T = D B^+ with the torque D dT/dt of changing thrusts and
+B^+ the allocation. Coplanar rotors have T = J w / (2 k_m T) = 0.4 s about z: the torque of the
+spin-up is an order of magnitude above the steady drag torque. Tilted rotors have less, of either
+sign. If the tilt's torque about z opposes the drag torque (the F550's, by the printed matrices), T
+is negative: a zero in the right half plane, which no controller can cancel and which limits the
+bandwidth.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from skywright.models.allocation import Allocator
 from skywright.models.rotors import RotorSet
 
 MARGIN = math.radians(30.0)
-"""rad, phase margin that an attitude loop keeps in spite of a negative reaction time."""
+"""rad, phase margin that an attitude loop keeps despite a negative reaction time."""
 
 
 def compute_reaction_times(rotors: RotorSet, allocator: Allocator, weight: float) -> Array:
@@ -37,8 +39,8 @@ def limit_bandwidth(
 ) -> float:
     """Return the bandwidth (rad/s), at most `wanted`, of an attitude loop that keeps MARGIN.
 
-    The loop is (w^2 + 2 zeta w s) / s^2, the rotors (1 + T s) / (1 + lag s) exp(-delay s). Where T
-    is not negative it takes no phase, and nothing changes.
+    The loop is (w^2 + 2 zeta w s) / s^2, the rotors (1 + T s) / (1 + lag s) exp(-delay s). A T that
+    is not negative reduces no phase, and `wanted` is returned.
     """
     if reaction >= 0.0 or _find_margin(wanted, damping, reaction, lag, delay) >= MARGIN:
         return wanted
@@ -51,7 +53,7 @@ def limit_bandwidth(
 
 
 def _find_margin(w: float, damping: float, reaction: float, lag: float, delay: float) -> float:
-    """Phase margin (rad) at the highest frequency where the loop's gain is 1; -pi: there is none.
+    """Return the phase margin (rad) at the highest frequency of loop gain 1; -pi if there is none.
 
     With |T| above the lag the gain may never fall below 1.
     """

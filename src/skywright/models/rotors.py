@@ -28,7 +28,7 @@ class RotorSet(NamedTuple):
     k_f: float  # N/(rad/s)^2
     torque_per_thrust: float  # m
     time_constant: float  # s, of the rotor speed
-    inertia: float  # kg m^2, of what turns in one rotor, about its axis
+    inertia: float  # kg m^2, rotating parts of one rotor, about its axis
     drag_coefficient: float  # N/(rad/s)/(m/s), in the disc plane
     propeller_radius: float  # m
     figure_of_merit: float
@@ -139,9 +139,9 @@ def compute_rotor_drag(
 ) -> None:
     """Write the rotors' in-plane drag: force (3,) N and torque about B's origin (3,) N m, in B.
 
-    Each hub feels -c w_i v_perp, v_perp the part of its velocity through the air that is normal
-    to the rotor's axis (Faessler et al. 2018, RA-L 3(2), section III). `v_air_B` is the velocity
-    of B's origin relative to the air (m/s, in B), `w_WB_B` the body rate (rad/s).
+    The drag at each hub is -c w_i v_perp, with v_perp the part of its velocity through the air that
+    is normal to the rotor's axis (Faessler et al. 2018, RA-L 3(2), section III). `v_air_B` is the
+    velocity of B's origin relative to the air (m/s, in B), `w_WB_B` the body rate (rad/s).
     """
     for r in range(3):
         f_out[r] = 0.0

@@ -1,9 +1,9 @@
-"""The scene: one MjSpec from robot and world, compiled as belief or as truth.
+"""The scene: one MjSpec from robot and world, compiled as nominal model or as plant.
 
 `build_scene(robot, world)` is the nominal model: rigid arm, released probe spring, no contacts;
-planners take its geometry and distances. `build_scene(robot, world, deviation)` is the plant:
-structural flexibility, sprung probe, servos, contacts, and every error of the root `plant`.
-Both come from the same code, so geometry has one source.
+planners use its geometry and distances. `build_scene(robot, world, deviation)` is the plant:
+structural flexibility, sprung probe, servos, contacts, and every error of the root `plant`. Both
+come from the same code, so geometry has one source.
 """
 
 import math
@@ -39,27 +39,27 @@ from skywright.models.things._build import OBJECT, add_things, find_offsets
 from skywright.models.timestep import find_stiff_contact
 
 TIMESTEP = 0.001
-"""s, a physics step unless `mission.timestep_ms` says otherwise."""
+"""s, the default physics step (`mission.timestep_ms`)."""
 SUPPORT_RADIUS = 0.03
 SUPPORT_INSET = 0.05  # m, from the pipe's end to the support's axis
 
 
 class SceneIndex(NamedTuple):
-    """Where things sit in the compiled model's arrays."""
+    """Indices into the arrays of the compiled model."""
 
     joint_qpos: Ints  # (n_joints,)
     joint_dof: Ints
-    flex_qpos: Ints  # -1 where a joint has no flexibility
+    flex_qpos: Ints  # -1 for a joint without flexibility
     slider_qpos: int  # -1 without a probe
     platform_body: int
     tip_site: int  # -1 without an arm
     robot_geoms: Ints
     world_geoms: Ints
-    probe_geoms: Ints  # those that may be near the pipe while scanning
+    probe_geoms: Ints  # geoms that may be near the pipe while scanning
     feet_geoms: Ints
     object_qpos: Ints  # of each movable thing, in the order of the world file
     hand_sites: Ints  # (n_hands,)
-    hand_bodies: Ints  # (n_hands,), -1 where a hand is no body of its own
+    hand_bodies: Ints  # (n_hands,), -1 if a hand is no separate body
     sensor_tip_force: int  # address of the tip's net contact force, -1 without
     sensor_hand_force: Ints  # (n_hands,) likewise of each hand
     sensor_collision: Ints  # addresses of net contact forces that must be zero
@@ -85,9 +85,10 @@ def build_scene(
 ) -> Scene:
     """Compile the nominal model, or with `deviation` the plant.
 
-    `extend` are called with what is to be compiled, to add to it. `error` (6,) m, rad, places
-    tracked things in a nominal model as `Deviation.socket_error` would. `nominal` is what has been
-    built of robot and world. Raises InputError where a contact is too stiff for `timestep` (s).
+    The functions `extend` receive the MjSpec before compilation and may add to it. `error` (6,) m,
+    rad, moves tracked things in a nominal model as `Deviation.socket_error` does. `nominal` avoids
+    a second computation of rotors, rigid body and surfaces. Raises InputError if a contact is too
+    stiff for `timestep` (s).
     """
     spec = build_spec(robot, world, deviation, error, nominal)
     spec.option.timestep = timestep
@@ -95,7 +96,7 @@ def build_scene(
         add(spec)
     try:
         model = spec.compile()
-    except ValueError as error:  # sizes that no other check knows, in MuJoCo's words
+    except ValueError as error:  # sizes that no earlier check covers, in MuJoCo's words
         what = " ".join(str(error).split())
         raise InputError(f"robot {robot.name!r} in world {world.name!r}: {what}") from None
     if robot.docking is not None:
@@ -116,7 +117,7 @@ def build_spec(
     error: Array | None = None,
     nominal: Nominal | None = None,
 ) -> mujoco.MjSpec:
-    """Describe what `build_scene` compiles; the stiffness of docking feet is set after that."""
+    """Build the MjSpec of `build_scene`; the stiffness of docking feet is set after compilation."""
     nominal = nominal or Nominal(robot, world)
     spec = mujoco.MjSpec()
     spec.modelname = robot.name
@@ -125,9 +126,10 @@ def build_spec(
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE  # 4.0.0's sparse factorisation is faulty
     spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    # with a handful of contacts finding their islands costs more than it saves
+    # with a handful of contacts, finding their islands takes longer than it saves
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
-    # trees of boxes pay only beside a structure's long boxes, whose spheres meet everything
+    # bounding-volume trees help only with a structure's long boxes, whose spheres overlap
+    # everything
     if world.structure is None:
         spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
     spec.option.gravity = [0.0, 0.0, -world.gravity_mps2]
@@ -149,7 +151,7 @@ def build_spec(
 
 
 def _add_world(spec: mujoco.MjSpec, world: World, nominal: Nominal, plant: bool) -> None:
-    # the pipe itself is met by the probe's tip only, through an explicit pair
+    # the pipe itself collides with the probe's tip only, through an explicit pair
     pipe: dict[str, Any] = {"contype": WORLD, "conaffinity": ROBOT | FEET, "mass": 0.0}
     kwargs: dict[str, Any] = {**pipe, "conaffinity": ROBOT | FEET | PEN}
     spec.worldbody.add_geom(
@@ -185,11 +187,11 @@ def _add_world(spec: mujoco.MjSpec, world: World, nominal: Nominal, plant: bool)
 
 
 def support_posts(world: World, cyl: Cylinder | None = None) -> list[Array]:
-    """Top ends (3,) of the posts that carry the pipe `cyl`: near its ends, up to its axis."""
+    """Return the upper ends (3,) of the pipe's posts: near the ends of `cyl`, up to its axis."""
     assert world.pipe is not None
     cyl = cyl or build_cylinder(world.pipe)
     reach = max(cyl.half_length - SUPPORT_INSET, 0.0)
-    if abs(world.pipe.inclination_deg) > 75.0:  # an upright pipe stands on one post below it
+    if abs(world.pipe.inclination_deg) > 75.0:  # an upright pipe has one post below it
         lower = cyl.p_WP - math.copysign(cyl.half_length, cyl.R_WP[2, 1]) * cyl.R_WP[:, 1]
         return [lower] if lower[2] > 0.02 else []
     posts = [cyl.p_WP + sign * reach * cyl.R_WP[:, 1] for sign in (-1.0, 1.0)]
@@ -260,7 +262,7 @@ def _add_robot(
         feet = {"contype": FEET, "conaffinity": WORLD}
         add_docking(base, gear, 0.7 * p.body_radius_m, kwargs, feet)
     if robot.arm is not None:
-        if robot.arm.hand.mass_kg > 0.0:  # a hand that friction holds does not creep, as a soft one
+        if robot.arm.hand.mass_kg > 0.0:  # a hand held by friction must not creep
             spec.option.noslip_iterations = NOSLIP_ITERATIONS
         add_arm(spec, base, robot, dev, plant)
         if robot.arm.bar is not None:
@@ -273,7 +275,7 @@ def _add_contacts(spec: mujoco.MjSpec, robot: Robot, world: World) -> None:
         mu = max(world.pipe.friction, 1e-4)
         pair = spec.add_pair(name="touch", geomname1="tip", geomname2="pipe", condim=3)
         pair.friction = [mu, mu, 0.005, 0.0001, 0.0001]
-        # soft enough that sliding does not chatter (about 70 Hz with the stiff default)
+        # soft enough for sliding without chatter (about 70 Hz at the default stiffness)
         pair.solref = [0.008, 0.5]
         pair.solimp = [0.9, 0.9, 0.001, 0.5, 2.0]
         _add_contact_sensor(spec, "touch force", "tip", mujoco.mjtObj.mjOBJ_GEOM)
@@ -284,7 +286,7 @@ def _add_contacts(spec: mujoco.MjSpec, robot: Robot, world: World) -> None:
             pair.friction = [mu, mu, 0.005, 0.0001, 0.0001]
             pair.solref, pair.solimp = [0.008, 0.5], [0.9, 0.9, 0.001, 0.5, 2.0]
         _add_contact_sensor(spec, "touch force", "tip", mujoco.mjtObj.mjOBJ_GEOM)
-    # contact sensors of whole bodies; the gear has its own body, so landing is no collision
+    # contact sensors of whole bodies; the gear is a separate body, so landing is no collision
     for body in [
         "platform",
         *(limb.name for limb in list_limbs(robot)),

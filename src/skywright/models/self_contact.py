@@ -1,9 +1,9 @@
 """Contacts between parts of the robot.
 
-Arms, what they hold and propellers collide with each other; hub, booms and legs do not, coarse
-shapes between which arms are mounted. Links are capsules with round ends: parts whose shapes touch
-in a posture that the robot takes every day (folded, landed, working) are neighbours by design, and
-their contact would be an artefact. All others collide.
+Arms, the things that they hold and propellers collide with each other; hub, booms and legs do not,
+because their coarse shapes surround the arms' mounts. Links are capsules with round ends. Parts
+whose shapes touch in a regular posture (folded, landed, working) are neighbours by design, and
+their contact would be an artefact. All other pairs collide.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from skywright.models.rigid_body import joint_names, posture
 if TYPE_CHECKING:
     from skywright.models.geometry import ClearanceQuery
 
-TOUCH_Q = 0.05  # rad between looks of parts of the robot that might meet
+TOUCH_Q = 0.05  # rad between the postures checked for contact of the robot's parts
 POSTURES = ("folded", "landed", "working")
 
 
@@ -47,7 +47,7 @@ def exclude_neighbours(spec: mujoco.MjSpec, robot: Robot) -> None:
         for g, h in product(np.flatnonzero(body == a), np.flatnonzero(body == b)):
             names = model.geom(g).name, model.geom(h).name
             collide = model.geom_contype[g] & model.geom_contype[h] & OWN
-            # shapes of the two that do not touch still may
+            # other shapes of the two bodies may still collide
             if collide and (int(g), int(h)) not in touching:
                 spec.add_pair(geomname1=names[0], geomname2=names[1])
 
@@ -55,7 +55,7 @@ def exclude_neighbours(spec: mujoco.MjSpec, robot: Robot) -> None:
 def is_apart(query: ClearanceQuery | None, a: Array, b: Array) -> bool:
     """Whether parts that are apart in posture a stay apart on the path to posture b.
 
-    Both (n_joints,) rad, in the nominal scene. Returns False without a scene.
+    Both are (n_joints,) rad, in the nominal scene. Returns False without a query.
     """
     if query is None:
         return False
@@ -64,7 +64,7 @@ def is_apart(query: ClearanceQuery | None, a: Array, b: Array) -> bool:
     met = set[tuple[int, int]]()
     n = max(math.ceil(float(np.max(np.abs(b - a), initial=0.0)) / TOUCH_Q), 1)
     for i in range(n + 1):
-        data.qpos[:3] = 0.0, 0.0, 100.0  # far from everything
+        data.qpos[:3] = 0.0, 0.0, 100.0  # far from the world
         data.qpos[query.core.joint_qpos] = a + i / n * (b - a)
         mujoco.mj_kinematics(model, data)
         mujoco.mj_collision(model, data)

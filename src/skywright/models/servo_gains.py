@@ -1,4 +1,4 @@
-"""What an arm's servos turn, and the gains with which they do."""
+"""Inertia that an arm's servos drive, and their gains."""
 
 import numpy as np
 
@@ -13,9 +13,9 @@ STIFF_SERVO = 10.0
 
 
 def compute_inertia_beyond(robot: Robot, index: int) -> float:
-    """Inertia (kg m^2) about the joint of link `index` of all that hangs on it, arms stretched.
+    """Return the inertia (kg m^2) beyond link `index` about its joint, arms stretched.
 
-    Of a slide: the mass (kg) that it moves.
+    For a slide, return the mass (kg) that it moves.
     """
     limbs = list_limbs(robot)
     assert robot.arm is not None
@@ -53,11 +53,12 @@ def compute_servo_gains(
 ) -> tuple[float, float]:
     """Return (kp N m/rad, kv N m s/rad) of servo `index`: a PD around the commanded angle.
 
-    `servo` is what the plant has in the place of the robot file's.
+    `servo` replaces the servo of the robot file, as in the plant.
 
-    Critically damped for the inertia that the motor turns: alone where a spring carries the link.
-    Velocity servos: at the bandwidth 1/T, around the integrated command (torque servos: where they
-    are stuck). Position servos: ten times faster than T_s, around the command with the rest of it.
+    The PD is critically damped for the inertia that the motor drives, which is its own if a spring
+    carries the link. Velocity servos: bandwidth 1/T, around the integrated command (torque servos:
+    while they are stuck). Position servos: ten times faster than T_s; a lag of the rest of T_s
+    precedes the command.
     """
     limbs = list_limbs(robot)
     at = next(i for i, limb in enumerate(limbs) if limb.servo == index)
@@ -74,5 +75,6 @@ def compute_servo_gains(
 
 
 def compute_servo_lag(servo: Servo) -> float:
-    """Lag (s) before a position servo's inner loop, whose own is 2 / bandwidth: T_s together."""
+    """Return the lag (s) before a position servo's inner loop, whose own lag is 2 / bandwidth;
+    their sum is T_s."""
     return servo.position_time_constant_s * (1.0 - 2.0 / STIFF_SERVO)

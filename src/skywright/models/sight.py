@@ -1,4 +1,4 @@
-"""Rays through a scene: past the robot, against everything else."""
+"""Ray casts through a scene that ignore the robot."""
 
 import math
 
@@ -10,7 +10,7 @@ from skywright.models.scene import Scene
 
 
 class Sight:
-    """Casts rays in the present state of a simulation."""
+    """Casts rays in the current state of a simulation."""
 
     def __init__(self, scene: Scene, data: mujoco.MjData) -> None:
         self._model, self._data = scene.model, data
@@ -19,9 +19,10 @@ class Sight:
         self._geom = np.zeros(1, np.int32)
 
     def measure(self, start: Array, direction: Array) -> float:
-        """Distance (m) from `start` (3,) along a unit vector to the first thing; inf: none."""
+        """Return the distance (m) from `start` (3,) along a unit vector to the first thing; inf:
+        none."""
         gone = 0.0
-        for _ in range(32):  # each part of the robot on the way
+        for _ in range(32):  # skip each part of the robot on the ray
             far = mujoco.mj_ray(
                 self._model, self._data, start + gone * direction, direction, None, 1, -1,
                 self._geom,
@@ -35,7 +36,7 @@ class Sight:
         return math.inf
 
     def sees(self, a: Array, b: Array) -> bool:
-        """Whether nothing but the robot stands between two points (3,) m."""
+        """Return whether the line between two points (3,) m is free, except for the robot."""
         way = b - a
         far = float(np.linalg.norm(way))
         return far < 1e-6 or self.measure(a, way / far) >= far

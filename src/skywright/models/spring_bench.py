@@ -1,9 +1,10 @@
-"""Springs of compliant joints and of the probe's force sensor, calibrated with known loads.
+"""Calibration of the springs of compliant joints and of the probe's force sensor with known loads.
 
-What a laboratory does before a flight, with the joint clamped on a bench: weights at a lever turn
-the joint's output link both ways, through its linear range and half of it beyond, and a dial reads
-the deflection; weights on the probe's tip compress its spring, and the sensor reads them. The
-springs are those of the plant's scene, so their errors, play and hardening are in the readings.
+It simulates a laboratory calibration before a flight, with the joint clamped on a bench. Weights at
+a lever turn the joint's output link both ways, through its linear range and half of it beyond, and
+a dial reads the deflection. Weights on the probe's tip compress its spring, and the sensor reads
+them. The springs are those of the plant's scene, so their errors, play and hardening are in the
+readings.
 """
 
 from __future__ import annotations
@@ -24,27 +25,27 @@ from skywright.models.scene import Scene
 from skywright.models.springs import spring_deflection
 
 LOAD_ERROR = 0.004
-"""1 sigma of a known load: a lever of 25 cm is known to 1 mm, a weight to 1 g."""
+"""1 sigma of a known load, relative: a lever of 25 cm is known to 1 mm, a weight to 1 g."""
 DIAL = math.radians(0.05)
-"""rad, 1 sigma of a reading of a deflection: 0.2 mm at that lever."""
+"""rad, 1 sigma of a deflection reading: 0.2 mm at that lever."""
 TURN = 1.0
-"""rad, to which the curves of joints' springs go."""
+"""rad, end of the computed curves of joints' springs."""
 BEYOND = 1.5
 """Largest deflection on the bench, over the linear range."""
 LOADS = np.array([0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0])
 
 
 class Springs(NamedTuple):
-    """What the robot's side believes of its springs; arrays of one number a joint."""
+    """Spring parameters for controllers; arrays have one number per joint."""
 
     stiffness: Array  # N m/rad; 0: none
     hardening: Array  # stiffness beyond the linear range over that within
     slack: Array  # rad, half of the gear's play
-    sensor: float = 1.0  # a force over what the sensor's data sheet makes of its reading
+    sensor: float = 1.0  # true force over the force of the sensor's data sheet
 
 
 def find_springs(robot: Robot, plant: Scene | None, seed: int) -> Springs:
-    """Return the springs as the bench finds those of `plant`; without one the file's."""
+    """Return the bench's springs of `plant`, or without a plant those of the robot file."""
     return believe_springs(robot) if plant is None else calibrate_springs(robot, plant, seed)
 
 
@@ -60,10 +61,10 @@ def believe_springs(robot: Robot) -> Springs:
 
 
 def calibrate_springs(robot: Robot, plant: Scene, seed: int) -> Springs:
-    """Return the springs as the bench finds them; `plant` has the true ones.
+    """Return the springs that the bench measures; `plant` has the true ones.
 
-    Springs without a stated linear range (structural ones, of which no law makes a force) stay at
-    the file's.
+    Springs without a stated linear range (structural ones, from which no law computes a force) keep
+    the file's values.
     """
     rng = build_stream(seed, "springs")
     springs = believe_springs(robot)
@@ -85,9 +86,9 @@ def calibrate_springs(robot: Robot, plant: Scene, seed: int) -> Springs:
 def _load_joint(
     curve: tuple[Array, Array], end: float, stall: float, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Return torques (N m) that the bench believes to apply, and the deflections (rad) it reads.
+    """Return the nominal torques (N m) of the bench, and the deflections (rad) that it reads.
 
-    Weights are added until the dial reads `end` (rad) or the servo would yield.
+    Weights are added until the dial reads `end` (rad) or the servo would stall.
     """
     deflection, torque = curve
     most = min(float(np.interp(end, deflection, torque)), stall)
@@ -99,7 +100,7 @@ def _load_joint(
 def _find_curves(
     plant: Scene, names: list[str], low: float, high: float
 ) -> dict[str, tuple[Array, Array]]:
-    """Return each joint's deflections and the torques (or forces) of its springs there."""
+    """Return each joint's deflections and its springs' torques (or forces) there."""
     model, data = plant.model, mujoco.MjData(plant.model)
     joints = [model.joint(name) for name in names]
     at = [int(joint.qposadr[0]) for joint in joints]
@@ -117,18 +118,18 @@ def _find_curves(
 def _fit(
     loads: Array, seen: Array, linear: float, hardens: bool, springs: Springs, j: int
 ) -> tuple[float, float, float]:
-    """Return stiffness, hardening and slack that explain the readings best."""
+    """Return stiffness, hardening and slack of the best fit to the readings."""
     from scipy.optimize import least_squares
 
     k0, slack0 = float(springs.stiffness[j]), float(springs.slack[j])
     hard0 = float(springs.hardening[j])
-    within = np.abs(loads) < 0.8 * k0 * linear  # a stop says nothing of the spring
+    within = np.abs(loads) < 0.8 * k0 * linear  # stop: no information on the spring
     tau, delta = (loads, seen) if hardens else (loads[within], seen[within])
 
     def residual(x: Array) -> Array:
         k, hard, slack = k0 * x[0], max(hard0 * x[1], 1.0), slack0 * x[2]
         model = [math.copysign(slack, t) + spring_deflection(k, linear, hard, t) for t in tau]
-        # what is not seen (a hardening not reached, no play) stays at the file's
+        # parameters without information (a hardening not reached, no play) keep the file's value
         prior = np.array([0.0, x[1] - 1.0, x[2] - 1.0]) / np.array([1.0, 0.5, 0.3])
         return np.concatenate([(np.array(model) - delta) / DIAL, prior])
 
@@ -137,7 +138,7 @@ def _fit(
 
 
 def _load_sensor(robot: Robot, plant: Scene, rng: np.random.Generator) -> float:
-    """Return a true force over what the sensor's data sheet says, from known weights; 1 without."""
+    """Return the ratio of true to data-sheet force, from known weights; 1 without a sensor."""
     probe, sensor = robot.probe, robot.force_sensor
     if probe is None or sensor is None:
         return 1.0

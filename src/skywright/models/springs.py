@@ -1,6 +1,6 @@
-"""Springs in joints: (15) of Suarez 2020, with their ends and the play of the servos' gears.
+"""Joint springs: (15) of Suarez 2020, with their hardening and the play of the servos' gears.
 
-Functions of a joint take the arms as the controller believes them (ArmModel).
+Functions of a joint take the nominal arms (ArmModel).
 """
 
 import math
@@ -12,7 +12,7 @@ from skywright.core.user_code import njit
 
 @njit(cache=True, error_model="numpy")
 def spring_torque(k: float, linear: float, hardening: float, deflection: float) -> float:
-    """Return the torque (N m) of a joint's spring: k within +-linear, harder beyond."""
+    """Return the torque (N m) of a joint's spring: stiffness k within +-linear, harder beyond."""
     over = abs(deflection) - linear
     torque = k * deflection
     if linear > 0.0 and over > 0.0:
@@ -41,7 +41,8 @@ def joint_torque(arm: Any, j: int, deflection: float) -> float:
 def joint_deflection(arm: Any, j: int, torque: float) -> float:
     """Return the deflection (rad) of joint j under a torque (N m): inverse of `joint_torque`.
 
-    Near no torque, where the play may rest on either side, it is crossed in proportion.
+    Near zero torque, where the play may rest on either side, the deflection is interpolated
+    linearly.
     """
     play = arm.slack[j]
     if play > 0.0:

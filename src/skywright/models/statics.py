@@ -1,9 +1,9 @@
-"""Static limits of a rotor set: how far a wrench can grow before a rotor meets its limit.
+"""Static limits of a rotor set: largest wrench along a ray before a rotor reaches its limit.
 
-Six independent rotors, and more with a preload, have one thrust vector a wrench, so the limit along
-a ray of wrenches is a closed form (the ray against the box of thrust limits). Any other layout is a
-linear programme.
-The closed form is tested against the linear programme. Frame B, SI units, torques about B's origin.
+Six independent rotors, and more with a preload, have one thrust vector per wrench, so the limit
+along a ray of wrenches is a closed form (the ray against the box of thrust limits). Any other
+layout is a linear programme. A test compares the closed form with the linear programme. Frame B, SI
+units, torques about B's origin.
 """
 
 import math
@@ -20,7 +20,7 @@ from skywright.models.rotors import RotorSet
 UP = np.array([0.0, 0.0, 1.0])
 
 TOLERANCE = 1e-9
-"""Newtons by which a thrust may pass a limit before it counts (round-off)."""
+"""Newtons by which round-off may exceed a thrust limit."""
 
 
 class Layout(NamedTuple):
@@ -32,7 +32,7 @@ class Layout(NamedTuple):
     t_min: Array  # (n,) N, less the preload
     t_max: Array  # (n,) N, after the thrust fraction, less the preload
     full: bool  # six independent components
-    exact: bool  # one thrust vector a wrench: six rotors, or a preload, and `full`
+    exact: bool  # one thrust vector per wrench: six rotors, or a preload, and `full`
     preload: Array  # (n,) N, of the allocation
 
 
@@ -57,14 +57,14 @@ def build_layout(
 
 
 def wrench_at(force: Array, point: Array) -> Array:
-    """Return the wrench (6,) about B's origin of a force (3,) N that acts at a point (3,) m."""
+    """Return the wrench (6,) about B's origin of a force (3,) N at a point (3,) m."""
     return np.concatenate([force, np.cross(point, force)])
 
 
 def compute_ray(layout: Layout, w0: Array, w1: Array) -> Interval:
-    """Return the range of s for which the rotors can make the wrench w0 + s w1.
+    """Return the range of s for which the rotors can produce the wrench w0 + s w1.
 
-    Closed form when `layout.exact`, else the linear programme.
+    It is a closed form if `layout.exact`, else the linear programme.
     """
     if not layout.exact:
         return compute_ray_lp(layout, w0, w1)
@@ -73,7 +73,7 @@ def compute_ray(layout: Layout, w0: Array, w1: Array) -> Interval:
 
 
 def compute_rays(layout: Layout, w0: Array, w1: Array) -> tuple[Array, Array]:
-    """Closed form of `compute_ray` for many rays (m, 6); NaN where a ray misses the box."""
+    """Closed form of `compute_ray` for many rays (m, 6); NaN for a ray that misses the box."""
     base, ray = w0 @ layout.P.T, w1 @ layout.P.T
     flat = np.abs(ray) < 1e-12
     safe = np.where(flat, 1.0, ray)
@@ -106,9 +106,10 @@ def compute_ray_lp(layout: Layout, w0: Array, w1: Array) -> Interval:
 
 
 def compute_thrust(layout: Layout, w: Array) -> Array | None:
-    """Return thrusts (n,) N of the rotors that make the wrench within the limits, or None.
+    """Return thrusts (n,) N of the rotors that produce the wrench within the limits, or None.
 
-    Least squares where they fit; else (redundant rotors) those with the lowest peak load.
+    They are the least-squares solution if it is feasible, else (redundant rotors) that of lowest
+    peak load.
     """
     thrust = layout.P @ w
     made = np.allclose(layout.B @ thrust, w, atol=1e-6)
@@ -136,8 +137,8 @@ def compute_thrust(layout: Layout, w: Array) -> Array | None:
 def compute_lateral_forces(layout: Layout, weight: float, p_BC: Array, directions: Array) -> Array:
     """Return the largest force (m,) N toward each direction (m,) rad at level attitude.
 
-    The rotors carry the weight, and the force makes no torque about the centre of mass
-    (Sanchez-Cuevas et al. 2020, section III). NaN when hover itself is infeasible.
+    The rotors carry the weight, and the force has no torque about the centre of mass
+    (Sanchez-Cuevas et al. 2020, section III). NaN if hover itself is infeasible.
     """
     level = wrench_at(weight * UP, p_BC)
     flat = np.column_stack([np.cos(directions), np.sin(directions), np.zeros(len(directions))])
@@ -154,10 +155,10 @@ def compute_lateral_forces(layout: Layout, weight: float, p_BC: Array, direction
 
 def compute_tilt_limit(layout: Layout, weight: float, p_BC: Array, axis_B: Array) -> float:
     """Return the largest tilt (rad, at most pi/2) about the horizontal `axis_B` at which the robot
-    holds its position: the whole rotor force vertical, no torque about the centre of mass.
+    holds its position: total rotor force vertical, no torque about the centre of mass.
 
-    For six independent rotors each thrust is A cos(tilt) + C sin(tilt), so each limit is met in
-    closed form. Zero for robots that cannot make a lateral force; NaN when hover is infeasible.
+    For six independent rotors each thrust is A cos(tilt) + C sin(tilt), so each limit is a closed
+    form. Zero for robots without lateral force; NaN if hover is infeasible.
     """
     side = -np.cross(axis_B, UP)  # R^T z = z cos + side sin for R = rot(axis, tilt)
     level = wrench_at(weight * UP, p_BC)
@@ -176,7 +177,7 @@ def compute_tilt_limit(layout: Layout, weight: float, p_BC: Array, axis_B: Array
         for i in np.flatnonzero(np.abs(ratio) <= 1.0):
             turn = math.acos(ratio[i])
             for theta in ((phase[i] + turn) % (2 * math.pi), (phase[i] - turn) % (2 * math.pi)):
-                # a touching limit at level counts only when the thrust moves beyond it
+                # a limit reached at level counts only if the thrust moves beyond it
                 slope = -radius[i] * math.sin(theta - phase[i])
                 leaves = slope < 0 if limit is layout.t_min else slope > 0
                 if leaves:
@@ -196,10 +197,10 @@ def _bisect_tilt(layout: Layout, level: Array, lean: Array) -> float:
 
 
 def compute_polytope(layout: Layout, w0: Array, map_: Array) -> Array:
-    """Return vertices (v, 3) of {x: the rotors can make w0 + map_ x} with map_ (6, 3).
+    """Return vertices (v, 3) of {x: the rotors can produce w0 + map_ x} with map_ (6, 3).
 
-    Six independent rotors: the 12 half-spaces of the thrust limits. Otherwise the support points
-    of 48 directions by linear programme (an inner approximation; flat sets come out flat).
+    Six independent rotors: the 12 half-spaces of the thrust limits. Otherwise: the support points
+    of 48 directions by linear programme (an inner approximation; flat sets stay flat).
     """
     if layout.exact:
         base, slope = layout.P @ w0, layout.P @ map_
@@ -234,7 +235,7 @@ def compute_polytope(layout: Layout, w0: Array, map_: Array) -> Array:
 
 
 def _chebyshev_centre(layout: Layout, base: Array, slope: Array) -> Array | None:
-    """Return a point well inside the polytope (largest inscribed ball), or None if it is empty."""
+    """Return an interior point of the polytope (largest inscribed ball), or None if it is empty."""
     norm = np.linalg.norm(slope, axis=1)[:, None]
     found = linprog(
         np.array([0.0, 0.0, 0.0, -1.0]),

@@ -14,7 +14,7 @@ from skywright.models.fixed_body import add_fixed
 STRUCTURE = "structure"
 """Names of the structure's geometries begin with it."""
 STAVE = math.radians(5.0)
-"""Angle of a stave: MuJoCo knows no hollow cylinder. At 3 m radius its edges stand 3 mm back."""
+"""Angle of a stave: MuJoCo has no hollow cylinder. At 3 m radius its edges deviate by 3 mm."""
 SPAN = math.radians(75.0)  # of the arch, to each side
 COLOUR = [0.62, 0.63, 0.62, 1]
 

@@ -50,7 +50,7 @@ def measure_surface(s: Any, p: Array, normal: Array) -> float:
 
 @helper
 def is_below(s: Any, p: Array) -> bool:
-    """Whether the edge of a plane or pillar does not pass beside the point."""
+    """Whether the point projects onto the surface, within the edges of a plane or pillar."""
     if s.shape == ARCH:
         return True
     for c in range(2):

@@ -1,4 +1,4 @@
-"""How a robot's limits change with the tilt of its rotors: `skywright capability --sweep tilt`.
+"""Limits of a robot against the tilt of its rotors: `skywright capability --sweep tilt`.
 
 All tilts of the robot file are scaled in proportion, so that their signs and ratio stay. For equal
 sizes of alpha and beta this is the study of Sanchez-Cuevas et al. 2020, figures 4 and 5.
@@ -45,7 +45,7 @@ class TiltSweep(NamedTuple):
     payload: Array  # (m,) kg at B's origin
 
     def to_json(self) -> dict[str, Any]:
-        """Return the command line's `--json` object; what does not exist is null."""
+        """Return the command line's `--json` object; undefined values are null."""
 
         def plain(values: Array) -> list[float | None]:
             return [float(v) if math.isfinite(v) else None for v in values]
@@ -74,7 +74,7 @@ class TiltSweep(NamedTuple):
 def tilt_rotors(robot: Robot, tilt: float) -> Robot:
     """Return the robot with its rotors' tilts scaled so that the largest is `tilt` (rad).
 
-    Raises InputError when no rotor is tilted: there is no pattern of signs to scale.
+    Raises InputError if no rotor is tilted, because then there are no tilts to scale.
     """
     r = robot.rotors
     own = max(abs(a) for a in [*r.alpha_deg, *r.beta_deg])
@@ -132,10 +132,10 @@ def compute_tilt_sweep(
 
 
 def strip_robot(robot: Robot) -> Robot:
-    """Return the bare platform: no arm, probe or docking gear, its centre of mass at the centre.
+    """Return the bare platform: no arm, probe or docking gear, centre of mass at the centre.
 
-    What a paper states for the platform alone is compared with this. The batteries that balanced
-    the arm are back in the middle.
+    It is compared with a paper's values for the platform alone. The batteries that balanced the arm
+    are back in the middle.
     """
     platform = robot.platform.model_copy(update={"com_x_m": 0.0, "com_y_m": 0.0, "com_z_m": 0.0})
     none = {"arm": None, "probe": None, "force_sensor": None, "docking": None}

@@ -1,4 +1,4 @@
-"""Which physics steps a scene allows: what MuJoCo would otherwise soften or miss without a word."""
+"""Checks a physics step for settings that MuJoCo would silently change or integrate unstably."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from typing import Any
 import mujoco
 
 STEPS_A_TIME_CONSTANT = 2.0
-"""MuJoCo raises `solref`'s time constant to this many steps (option refsafe): softer than told."""
+"""MuJoCo raises `solref`'s time constant to this many steps (option refsafe), which softens a
+contact."""
 
 
 def find_stiff_contact(model: mujoco.MjModel, timestep: float) -> str | None:
-    """Name the contact or limit with the shortest time constant if `timestep` (s) is too long."""
+    """Return the contact or limit with the shortest time constant if `timestep` (s) is too long for
+    it."""
     found = min(list_time_constants(model), default=None)
     if found is None or found[0] >= STEPS_A_TIME_CONSTANT * timestep * (1.0 - 1e-9):
         return None
@@ -25,9 +27,9 @@ def find_stiff_contact(model: mujoco.MjModel, timestep: float) -> str | None:
 def list_time_constants(model: mujoco.MjModel) -> Iterator[tuple[float, str]]:
     """Yield (time constant s, name) of everything with a `solref` of its own.
 
-    The direct form (-k, -b) acts with b / d_max (MuJoCo, solver parameters). No option guards it:
-    a step multiplies the speed of what slips by 1 - h b / d_max, which grows beyond h b / d_max =
-    2. So it counts with 4 d_max / b, which two steps must not exceed.
+    The direct form (-k, -b) acts with b / d_max (MuJoCo, solver parameters). No MuJoCo option
+    guards it: a step multiplies the slip velocity by 1 - h b / d_max, which diverges beyond h b /
+    d_max = 2. Its time constant is therefore 4 d_max / b, which two steps must not exceed.
     """
     kinds: list[tuple[int, Any, Any, Any, str]] = [
         (model.ngeom, model.geom_solref, model.geom_solimp, mujoco.mjtObj.mjOBJ_GEOM, "contact of"),

@@ -1,7 +1,7 @@
-"""Statics of a force on a hand: what reaches the platform, and how link and springs give way.
+"""Statics of a force on a hand: wrench on the platform, and motion of passive link and springs.
 
 The platform is level and held; its axes are those of W. A passive link turns until the torque about
-its joint vanishes, so that it passes no torque about that axis on (Suarez 2020, section II-C).
+its joint vanishes, so that it transmits no torque about that axis (Suarez 2020, section II-C).
 """
 
 import math
@@ -22,11 +22,11 @@ from skywright.models.rigid_body import (
 )
 from skywright.models.springs import spring_deflection, spring_torque
 
-SWING_MAX = math.radians(85.0)  # beyond, a force overcomes the weight of link and arms
+SWING_MAX = math.radians(85.0)  # beyond this angle, the force exceeds the weight of link and arms
 
 
 class Reaction(NamedTuple):
-    """Change of the wrench on the platform, about its origin, by a force on the left hand."""
+    """Change of the wrench on the platform, about its origin, due to a force on the left hand."""
 
     f: Array  # (3,) N
     t: Array  # (3,) N m
@@ -34,7 +34,7 @@ class Reaction(NamedTuple):
 
 
 class Recoil(NamedTuple):
-    """How a robot gives way under a force on its left hand."""
+    """Motion of a robot's arms under a force on its left hand."""
 
     swing: float  # rad, of the passive link
     deflection: float  # rad, largest change of a spring
@@ -45,7 +45,7 @@ class Loaded:
     """A robot's arms in one posture, under forces on the left hand."""
 
     def __init__(self, robot: Robot, q: Array, gravity: float = 9.81) -> None:
-        """`q` (n_joints,) rad is the posture without a force, at rest."""
+        """`q` (n_joints,) rad is the posture at rest without a force."""
         self.robot, self.q = robot, np.array(q, dtype=float)
         self.model: Any = build_body_model(robot, gravity)
         self.joints = list_joints(robot)
@@ -54,7 +54,7 @@ class Loaded:
         self._weight_t = self._weight_torque(self.q)
 
     def hand(self, q: Array) -> tuple[Array, Array, Array]:
-        """Return hand (3,) m in B, its Jacobian (3, n) and the torques (n,) N m that hold q."""
+        """Return hand (3,) m in B, its Jacobian (3, n) and the holding torques (n,) N m at q."""
         k, n, torque = compute_kinematics(self.model, q), len(q), np.zeros(MAX_JOINTS)
         fill_gravity_torque(self.model[0], k, self._g, torque)
         return k["p_BH"][0].copy(), k["J_BH"][0][:, :n].copy(), torque[:n]
@@ -64,10 +64,11 @@ class Loaded:
         return np.cross(p_BC, mass * self._g)
 
     def compute_push_limit(self, way: Array) -> tuple[float, str]:
-        """Return the largest force (N) that the left hand can exert along `way` (3,), unit, in B.
+        """Return the largest force (N) of the left hand along the unit vector `way` (3,) in B, and
+        the limiting joint.
 
-        Beside it the joint whose servo stalls then: it bears the arm's weight and the force's
-        torque J^T f. Infinite, "" where no servo feels the force.
+        The limiting joint is the one whose servo stalls under the arm's weight and the force's
+        torque J^T f. Returns (inf, "") if the force loads no servo.
         """
         _, J, hold = self.hand(self.q)
         servos = list_servos(self.robot)
@@ -82,9 +83,9 @@ class Loaded:
         return limit, first
 
     def compute_reaction(self, f: Array) -> Reaction | None:
-        """Return what a force f (3,) N on the hand does to the platform; joints rigid.
+        """Return the wrench of a force f (3,) N on the hand on the platform; joints rigid.
 
-        None where the passive link finds no rest.
+        Returns None if the passive link has no rest angle.
         """
         q = self.q.copy()
         if self.swing:
@@ -103,9 +104,10 @@ class Loaded:
         return Reaction(np.array(f, dtype=float), t, float(q[0] - self.q[0]) if self.swing else 0.0)
 
     def compute_recoil(self, f: Array) -> Recoil | None:
-        """Return how springs and passive link give way under f (3,) N; shafts stay where they are.
+        """Return the motion of springs and passive link under f (3,) N; the servo shafts do not
+        move.
 
-        None where there is no rest.
+        Returns None if there is no rest position.
         """
         p0, _, hold0 = self.hand(self.q)
         links = [limb.link for limb in self.joints]
@@ -153,10 +155,10 @@ class Loaded:
 def compute_reaction_map(
     loaded: Loaded, force: float, azimuth: Array, elevation: Array
 ) -> tuple[Array, Array]:
-    """Return torque per newton (n_el, n_az, 3) in m, and the link's turn (n_el, n_az) rad.
+    """Return torque per newton (n_el, n_az, 3) in m, and the link's rotation (n_el, n_az) rad.
 
-    `force` (N) acts on the hand toward azimuth (rad, from +x to the left) and elevation (up).
-    NaN where the passive link finds no rest.
+    `force` (N) acts on the hand toward azimuth (rad, from +x to the left) and elevation (up). NaN
+    if the passive link has no rest angle.
     """
     torque = np.full((len(elevation), len(azimuth), 3), np.nan)
     swing = np.full((len(elevation), len(azimuth)), np.nan)

@@ -1,8 +1,8 @@
-"""The robotic total station: follows a prism on the robot by laser and sends where it stands.
+"""The robotic total station: tracks a prism on the robot by laser and sends the prism's position.
 
-It measures range and two angles now and then (0 to 20 Hz, irregular), and the radio link brings
-the result late. Out of sight it loses the prism and needs some time to lock on again. Precision
-of the class of a Leica MS50 with a GRZ101 prism (Sanchez-Cuevas 2020, section 2).
+It measures range and two angles at irregular intervals (0 to 20 Hz), and the radio link delivers
+the result late. Without a line of sight it loses the prism and needs some time to lock on again.
+Precision is that of the class of a Leica MS50 with a GRZ101 prism (Sanchez-Cuevas 2020, section 2).
 """
 
 import math
@@ -19,14 +19,14 @@ from skywright.core.scratch import local
 STATION_BLOCK = 512
 """Measurements whose noise is drawn at a time."""
 QUEUE = 16
-"""Measurements that may be under way on the link."""
+"""Largest number of measurements in transit on the link."""
 
 
 class Station(Record):
-    """A total station: what it is and what it is doing."""
+    """Parameters and state of a total station."""
 
-    # what it is
-    p_WS: Vec3  # m, where the station stands
+    # parameters
+    p_WS: Vec3  # m, position of the station
     p_BP: Vec3  # m, prism on the robot
     interval_min: float  # s, between measurements
     interval_mean: float  # s
@@ -34,26 +34,26 @@ class Station(Record):
     latency_mean: float  # s
     range_std: float  # m, along the line of sight
     angle_std: float  # rad
-    pointing_std: float  # m, across: the instrument aims at a prism of some size
+    pointing_std: float  # m, lateral: pointing error on a prism of finite size
     relock_time: float  # s in sight before it measures again
-    # what it is doing
+    # state
     next_t: float  # s, of the next measurement
     seen_since: float  # s, negative infinity: never lost
-    sent: float  # s, arrival of the last one sent: they do not overtake each other
+    sent: float  # s, arrival of the last one sent: measurements do not overtake each other
     index: int  # into the block
     unit: Annotated[Array, STATION_BLOCK, 5]  # two exponential draws, three normal ones
-    n: int  # under way
+    n: int  # number in transit
     queue_stamp: Annotated[Array, QUEUE]
     queue_arrival: Annotated[Array, QUEUE]
     queue_p: Annotated[Array, QUEUE, 3]
-    # what arrived in this step
+    # outputs of this step
     fresh: float  # 1: a measurement arrived
     stamp: float  # s, when it was measured
     p_WP: Vec3  # m, the prism
 
 
 class StationPrecision(NamedTuple):
-    """What a total station can do; every default is of the MS50's class (data sheets)."""
+    """Precision of a total station; the defaults are from data sheets of the MS50's class."""
 
     rate_max_hz: float = 20.0  # paper: 0 to 20 Hz
     rate_mean_hz: float = 10.0  # assumed, 5 to 15
@@ -83,7 +83,7 @@ def build_total_station(
 
 
 def draw_total_station(ts: Any, stream: np.random.Generator) -> None:
-    """Fill the block of noise; call it whenever `index` nears STATION_BLOCK."""
+    """Fill the block of noise; call it before `index` reaches STATION_BLOCK."""
     ts["unit"][:, :2] = stream.standard_exponential((STATION_BLOCK, 2))
     ts["unit"][:, 2:] = stream.standard_normal((STATION_BLOCK, 3))
     ts["index"] = 0
@@ -91,10 +91,10 @@ def draw_total_station(ts: Any, stream: np.random.Generator) -> None:
 
 @helper
 def step_total_station(ts: Any, t: float, p_WB: Array, R_WB: Array, visible: bool) -> None:
-    """Measure if it is time to, and deliver what has arrived by `t`.
+    """Take a measurement if one is due, and deliver one that has arrived by `t`.
 
-    `visible`: the line of sight from `p_WS` to the prism is free. One measurement is delivered a
-    step at most, the oldest.
+    `visible`: the line of sight from `p_WS` to the prism is free. A step delivers at most one
+    measurement, the oldest.
     """
     if not visible:
         ts.seen_since = math.inf
@@ -123,7 +123,7 @@ def step_total_station(ts: Any, t: float, p_WB: Array, R_WB: Array, visible: boo
 
 @helper
 def _measure(ts: Any, t: float, p_WB: Array, R_WB: Array, k: int) -> None:
-    """Put a measurement of the prism on the link, its noise along and across the line of sight."""
+    """Send a measurement of the prism, with noise along and across the line of sight."""
     p, sight, side, up = local(3), local(3), local(3), local(3)
     mat_vec(R_WB, ts.p_BP, p)
     for i in range(3):

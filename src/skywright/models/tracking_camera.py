@@ -1,8 +1,9 @@
-"""The tracking camera: visual odometry in a frame of its own, scaled, drifting, with jumps.
+"""The tracking camera: visual odometry in its own frame, with scale error, drift and jumps.
 
-It starts anywhere, its scale is off by some per cent, position and heading walk away, and where
-the map is corrected it jumps. Errors of the class of an Intel RealSense T265 (Sanchez-Cuevas
-2020, section 2). A camera that stands still sees the same things and does not drift in position.
+Its initial pose is arbitrary, its scale is wrong by some per cent, position and heading drift, and
+a correction of its map makes the position jump. The errors are of the class of an Intel RealSense
+T265 (Sanchez-Cuevas 2020, section 2). While the camera stands still its image does not change and
+its position does not drift.
 """
 
 import math
@@ -23,10 +24,10 @@ CAMERA_BLOCK = 4096
 class Tracker(Record):
     """Parameters and state of a tracking camera."""
 
-    # what it is
+    # parameters
     period: float  # s, between samples
     R_CW: Mat3  # its frame C at the start
-    scale: float  # length in C of a metre
+    scale: float  # length in C per metre
     walk_per_sqrt_m: float  # m per sqrt(m) of path, each axis
     walk_per_sqrt_s: float  # m per sqrt(s), each axis
     yaw_rate: float  # rad/s, steady drift of the heading
@@ -35,7 +36,7 @@ class Tracker(Record):
     noise_std: float  # m, each sample, each axis
     jump_rate: float  # 1/s
     jump_std: float  # m, each axis
-    # what it is doing
+    # state
     started: float
     next_t: float  # s
     p_WB: Vec3  # m, true, at the last sample
@@ -44,7 +45,7 @@ class Tracker(Record):
     p_C: Vec3  # m, without the sample's own noise
     index: int
     unit: Annotated[Array, CAMERA_BLOCK, 12]  # normal draws; the last is uniform
-    # its sample in this step
+    # the sample of this step
     fresh: float
     stamp: float  # s
     p_CB: Vec3  # m
@@ -52,12 +53,12 @@ class Tracker(Record):
 
 
 class CameraErrors(NamedTuple):
-    """How a tracking camera errs; the defaults are assumed, from reports on the T265."""
+    """Errors of a tracking camera; the defaults are assumed, from reports on the T265."""
 
     rate_hz: float = 200.0  # data sheet
     scale: float = 0.95  # assumed, 0.85 to 1.05, fixed in a run
     walk_m_per_sqrt_m: float = 0.015  # assumed: 1 to 2 per cent of some metres of path
-    walk_m_per_sqrt_s: float = 0.0  # assumed: none while it stands still
+    walk_m_per_sqrt_s: float = 0.0  # assumed: no drift at standstill
     yaw_rate_deg_per_min: float = 1.0  # assumed, 0.5 to 2
     yaw_walk_deg_per_sqrt_s: float = 0.0
     scale_walk_per_sqrt_s: float = 0.0
@@ -83,7 +84,7 @@ def build_tracking_camera(R_CW: Array, errors: CameraErrors | None = None) -> ND
 
 
 def draw_tracking_camera(cam: Any, stream: np.random.Generator) -> None:
-    """Fill the block of noise; call it whenever `index` nears CAMERA_BLOCK."""
+    """Fill the block of noise; call it before `index` reaches CAMERA_BLOCK."""
     cam["unit"][:, :11] = stream.standard_normal((CAMERA_BLOCK, 11))
     cam["unit"][:, 11] = stream.random(CAMERA_BLOCK)
     cam["index"] = 0
@@ -91,7 +92,7 @@ def draw_tracking_camera(cam: Any, stream: np.random.Generator) -> None:
 
 @helper
 def step_tracking_camera(cam: Any, t: float, p_WB: Array, R_WB: Array) -> None:
-    """Take a sample if it is time to; the first one is the origin of the camera's frame."""
+    """Take a sample if one is due; the first one is the origin of the camera's frame."""
     cam.fresh = 0.0
     if cam.started == 0.0:
         cam.started = 1.0

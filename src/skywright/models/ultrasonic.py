@@ -1,18 +1,19 @@
-"""Ultrasonic thickness measurement by contact: what a probe receives, as an A-scan.
+"""Ultrasonic thickness measurement by contact: simulation of the received A-scan.
 
-A longitudinal wave goes through couplant and paint into the wall and back. Echo n of a wall d has
-gone 2 n d; its pressure is (Krautkraemer, Ultrasonic Testing of Materials, 4th ed.)
+A longitudinal wave travels through couplant and paint into the wall and back. Echo n of a wall d
+has travelled 2 n d; its pressure is (Krautkraemer, Ultrasonic Testing of Materials, 4th ed.)
 
     A_n = A0 C W R^(n-1) exp(-2 n alpha d) D_n G_tilt G_front G_curve G_back^n
 
-with C the coupled share of the face, W what the film lets through (twice), R the reflection back
-into the wall at its front, D diffraction (Rogers and Van Buren, J. Acoust. Soc. Am. 55, 724,
-1974), and G what tilt, roughness and curvature take from a coherent sum over the face. Tilt acts
-through the couplant wedge: the component of the wave number along the surface is that in the
-couplant. Pits and steps are a sum over elements of the face.
+with C the coupled share of the face, W the transmission of the film (twice), R the reflection back
+into the wall at its front, D diffraction (Rogers and Van Buren, J. Acoust. Soc. Am. 55, 724, 1974),
+and G the loss of tilt, roughness and curvature in a coherent sum over the face. Tilt acts through
+the couplant wedge: the wave number along the surface is that in the couplant. Pits and steps are a
+sum over elements of the face.
 
-A dual probe sends with one half and receives with the other, `separation` apart: the way is
-2 sqrt((n d)^2 + (s/2)^2), and the dead zone is short. Units: SI; amplitudes in full screen heights.
+A dual probe transmits with one half and receives with the other at a distance of `separation`: the
+path is 2 sqrt((n d)^2 + (s/2)^2), and the dead zone is short. Units: SI; amplitudes in full screen
+heights (FSH).
 """
 
 import math
@@ -30,21 +31,21 @@ SAMPLE_RATE = 100e6
 V_COUPLANT, Z_COUPLANT = 1620.0, 1.7e6
 """m/s and Rayl, of gel."""
 V_PAINT, Z_PAINT = 2350.0, 2.8e6
-"""Of epoxy: paint reads 2.5 times its thickness in steel."""
+"""Of epoxy: a layer of paint reads as 2.5 times its thickness of steel."""
 Z_STEEL, Z_FACE, Z_AIR, V_AIR = 46.4e6, 3.2e6, 412.0, 343.0
 PAINT_DB = 8000.0
-"""dB/m, one way, of paint at 5 MHz; in proportion to the frequency. Assumed."""
+"""dB/m, one way, of paint at 5 MHz, proportional to the frequency. Assumed."""
 N_ECHOES = 6
 CLIP = 1.25
-"""Full screen heights at which the converter is at its end; it has 12 bits."""
+"""Full screen heights at which the converter saturates; it has 12 bits."""
 
 
 class Transducer(NamedTuple):
-    """A probe with its instrument. Everything is assumed, of the class of commercial ones."""
+    """A probe with its instrument. All values are assumed, of the class of commercial ones."""
 
     frequency: float = 5e6  # Hz
     radius: float = 0.003  # m, of the face
-    separation: float = 0.0  # m, of the halves of a dual probe; 0: single element
+    separation: float = 0.0  # m, between the halves of a dual probe; 0: single element
     bandwidth: float = 0.6  # -6 dB, over the frequency
     zero: float = 0.4e-6  # s, of cables and wear plate
     dead: float = 0.12e-6  # s, in which the transmitter's ring-down falls to 1/e
@@ -59,20 +60,20 @@ class Transducer(NamedTuple):
 
     @property
     def ready(self) -> float:
-        """Time (s) after which the transmitter rings below 3 % FSH: gates begin here."""
+        """Time (s) after which the transmitter's ring-down is below 3 % FSH; gates begin here."""
         return self.zero + self.dead * math.log(2.0 / 0.03)
 
 
 def compute_pulse_width(frequency: float, bandwidth: float) -> float:
     """Return the standard deviation (s) of a Gaussian envelope of `frequency` (Hz).
 
-    `bandwidth` is that at -6 dB of the pulse, over the frequency.
+    `bandwidth` is the pulse's at -6 dB, over the frequency.
     """
     return 2.355 / (2 * math.pi * bandwidth * frequency)
 
 
 class Coupling(NamedTuple):
-    """What lies between probe and wall, and the wall's state there."""
+    """Layers between probe and wall, and the local state of the wall."""
 
     film: float = 20e-6  # m, of couplant
     share: float = 1.0  # of the face that is coupled
@@ -81,7 +82,7 @@ class Coupling(NamedTuple):
     paint: float = 0.0  # m
     roughness_front: float = 5e-6  # m rms
     roughness_back: float = 10e-6  # m rms
-    curvature_radius: float = math.inf  # m, of the surface, one way
+    curvature_radius: float = math.inf  # m, of the surface, in one direction
     velocity: float = 5920.0  # m/s, in the wall
     attenuation: float = 11.5  # Np/m: 0.1 dB/mm at 5 MHz
 
@@ -90,7 +91,7 @@ def compute_film_factor(
     film: float, frequency: float, *, velocity: float = V_COUPLANT, impedance: float = Z_COUPLANT,
     front: float = Z_FACE, back: float = Z_STEEL,
 ) -> float:  # fmt: skip
-    """Return W = T / T(0), of a layer (m) between probe and wall, for the way there and back."""
+    """Return W = T / T(0) of a layer (m) between probe and wall, for both passes."""
     kl = 2 * math.pi * frequency * film / velocity
     matched = (front + back) ** 2
     layered = (impedance + front * back / impedance) ** 2
@@ -113,7 +114,7 @@ def find_tilt_null(transducer: Transducer) -> float:
 
 @lru_cache(maxsize=256)
 def compute_diffraction(transducer: Transducer, path: float, velocity: float) -> float:
-    """Return D of an echo that has gone `path` (m): Rogers and Van Buren's closed form."""
+    """Return D of an echo with the path length `path` (m): Rogers and Van Buren's closed form."""
     s = path * velocity / transducer.frequency / transducer.radius**2
     if s <= 0:
         return 1.0
@@ -122,10 +123,10 @@ def compute_diffraction(transducer: Transducer, path: float, velocity: float) ->
 
 
 def compute_roughness(transducer: Transducer, coupling: Coupling) -> tuple[float, float]:
-    """Return (front, back) factors of rough surfaces, of one echo each (Gaussian heights)."""
+    """Return (front, back) factors of rough surfaces, per echo (Gaussian heights)."""
     w = 2 * math.pi * transducer.frequency
     k_s, k_c = w / coupling.velocity, w / V_COUPLANT
-    # both passes through the same points: four times one pass in dB
+    # both passes cross the same points: four times one pass in dB
     front = math.exp(-2 * (k_c - k_s) ** 2 * coupling.roughness_front**2)
     return front, math.exp(-2 * k_s**2 * coupling.roughness_back**2)
 
@@ -154,7 +155,7 @@ def build_face(radius: float) -> Array:
 
 
 class Echoes(NamedTuple):
-    """Back-wall echoes: one row an element of the face, one column an echo."""
+    """Back-wall echoes: one row per element of the face, one column per echo."""
 
     times: Array  # (k, n) s
     amplitudes: Array  # (k, n) FSH
@@ -163,7 +164,7 @@ class Echoes(NamedTuple):
 def compute_echoes(transducer: Transducer, coupling: Coupling, walls: Array) -> Echoes:
     """Return the echoes of a wall whose thickness under the face's elements is `walls` (k,) m.
 
-    Equal elements count once. Raises InputError for a wall that is not above 0.
+    Equal elements are computed once. Raises InputError for a wall that is not above 0.
     """
     walls, counts = np.unique(np.asarray(walls, float), return_counts=True)
     if not (walls.size and np.all(np.isfinite(walls)) and walls[0] > 0):
@@ -180,7 +181,7 @@ def compute_echoes(transducer: Transducer, coupling: Coupling, walls: Array) -> 
     base *= compute_tilt_factor(t, c.tilt) * compute_curvature(t, c.curvature_radius)
     face = Z_PAINT if c.paint > 0 else Z_COUPLANT if c.film > 50e-6 else Z_FACE
     back_in = (Z_STEEL - face) / (Z_STEEL + face)
-    # a tilted face stands on its edge: the film under its middle is thicker
+    # a tilted face rests on its edge: the film under its middle is thicker
     layers = 2 * ((c.film + t.radius * math.sin(abs(c.tilt))) / V_COUPLANT + c.paint / V_PAINT)
     slant = min(c.velocity / V_COUPLANT * math.sin(abs(c.tilt)), 0.99)
     depth = np.multiply.outer(walls, n) * math.sqrt(1 - slant**2)
@@ -195,7 +196,7 @@ def compute_echoes(transducer: Transducer, coupling: Coupling, walls: Array) -> 
 
 
 def compute_squeeze(viscosity: float, radius: float) -> float:
-    """Return by how much 1 / h^2 of a film grows with the impulse F t, in 1 / (m^2 N s): Stefan.
+    """Return the growth of 1 / h^2 of a film per impulse F t, in 1 / (m^2 N s): Stefan.
 
     1/h^2 = 1/h0^2 + 4 F t / (3 pi eta a^4), with the viscosity eta (Pa s) and the face's radius a.
     """
@@ -222,7 +223,7 @@ def _build_start(transducer: Transducer, samples: int) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=64)
 def _build_grass(transducer: Transducer, place_seed: int, samples: int) -> Array:
-    """Return the scatter (samples,) FSH of a place; a probe that is pressed reads it many times."""
+    """Return the scatter (samples,) FSH of a location; repeated readings there repeat it."""
     scatter = np.random.default_rng(place_seed).standard_normal(samples)
     kernel = build_pulse(transducer, np.arange(-60, 61) / SAMPLE_RATE)
     kernel /= math.sqrt(float(np.sum(kernel**2)))
@@ -235,9 +236,9 @@ def compute_ascan(
     transducer: Transducer, echoes: Echoes, rng: np.random.Generator, *, place_seed: int = 0,
     samples: int = 1024,
 ) -> Array:  # fmt: skip
-    """Return an A-scan (samples,) in FSH at SAMPLE_RATE, from the transmitter's pulse on.
+    """Return an A-scan (samples,) in FSH at SAMPLE_RATE, starting at the transmitter's pulse.
 
-    `rng` draws the white noise, `place_seed` the grass: the same place has the same grass, which
+    `rng` draws the white noise, `place_seed` the grass: the same location has the same grass, which
     averaging does not remove. 12 bits; clipped at CLIP.
     """
     t, start = _build_start(transducer, samples)

@@ -1,8 +1,8 @@
-"""A robot as URDF, for tools that read it: `skywright show ROBOT --urdf FILE`.
+"""Export of a robot as URDF: `skywright show ROBOT --urdf FILE`.
 
-The nominal model: rigid links, the probe's spring released. Joints and inertias are written from
-the description, not from the scene, so that comparing both says something; shapes are those of the
-scene. The root link `platform` is B and flies freely (URDF leaves that to the reader).
+The URDF is the nominal model: rigid links, the probe's spring released. Joints and inertias are
+written from the description, not from the scene, so that a comparison of both is a test; shapes are
+those of the scene. The root link `platform` is B and moves freely (URDF leaves that to the reader).
 """
 
 from __future__ import annotations
@@ -43,16 +43,15 @@ from skywright.models.part_masses import (
 from skywright.models.rigid_body import build_body_model, find_tip
 from skywright.models.rotors import build_rotors
 
-FREE_SPEED = 1000.0  # rad/s: URDF wants a largest speed of every joint, a passive one has none
+FREE_SPEED = 1000.0  # rad/s: URDF requires a largest speed of every joint; a passive joint has none
 
 
 def build_urdf(robot: Robot) -> str:
     """Return the robot as URDF.
 
     Links: `platform` (B), `rotor0`... (massless, z along the thrust), `docking`, the links of the
-    arms by name, `holder` and `slider` of the probe, `hand` or `left_hand` and `right_hand`
-    (frames H), `tip` (frame T, massless). Joints have the name of the link that they move, and
-    its zero.
+    arms by name, `holder` and `slider` of the probe, `hand` or `left_hand` and `right_hand` (frames
+    H), `tip` (frame T, massless). Each joint has the name and the zero of the link that it moves.
     """
     limbs = list_limbs(robot)
     out = _Writer(robot)
@@ -125,9 +124,10 @@ def _add_ends(out: _Writer, robot: Robot, limbs: list[Limb]) -> None:
 
 
 def _joint_bounds(robot: Robot) -> dict[str, tuple[float, float, float, float]]:
-    """Lower, upper (rad; m), effort (N m; N) and speed (rad/s; m/s) of every joint that moves.
+    """Return lower, upper (rad; m), effort (N m; N) and speed (rad/s; m/s) of every moving joint.
 
-    Through a belt several servos act on a joint: effort and speed are what they reach together.
+    Through a belt several servos act on a joint: effort and speed are those that they reach
+    together.
     """
     model = build_body_model(robot)[0]
     servos = [servo for _, servo in list_servos(robot)]
@@ -146,7 +146,7 @@ def _joint_bounds(robot: Robot) -> dict[str, tuple[float, float, float, float]]:
 
 
 class _Writer:
-    """The XML tree of a robot under way."""
+    """The XML tree of a robot in construction."""
 
     def __init__(self, robot: Robot) -> None:
         parts = build_drawing(robot, World(name="nowhere"), meshes=False).parts
@@ -165,7 +165,7 @@ class _Writer:
         self.fill_link(name, mass, com, inertia, shapes)
 
     def add_fixed(self, name: str, parent: str, place: Array, turn: Array) -> None:
-        """A link that is welded to `parent` at `place` (3,), with the axes `turn` (3, 3)."""
+        """Add a link fixed to `parent` at `place` (3,), with the axes `turn` (3, 3)."""
         self._start_link(name)
         joint = ET.SubElement(self.root, "joint", name=name, type="fixed")
         _add_origin(joint, place, turn)
@@ -202,7 +202,8 @@ class _Writer:
         shapes: tuple[Shape, ...],
         turn: Array | None = None,
     ) -> None:
-        """Mass, centre (3,), inertia (3, 3) about it, and shapes, which `turn` brings here."""
+        """Add mass, centre (3,), inertia (3, 3) about it, and shapes, which `turn` rotates into the
+        link."""
         link = self.links[name]
         inertial = ET.SubElement(link, "inertial")
         _add_origin(inertial, com, np.eye(3))
@@ -215,12 +216,13 @@ class _Writer:
             _add_shape(link, shape, np.eye(3) if turn is None else turn)
 
     def _start_link(self, name: str) -> None:
-        assert name not in self.links  # description/robot/spec.py refuses the names used here
+        assert name not in self.links  # description/robot/spec.py rejects the names used here
         self.links[name] = ET.SubElement(self.root, "link", name=name)
 
 
 def _add_shape(link: ET.Element, shape: Shape, turn: Array) -> None:
-    """A shape for the eye and for collisions; URDF knows no capsules: a cylinder, two spheres."""
+    """Add a visual and collision shape; a capsule becomes a cylinder and two spheres (URDF has
+    none)."""
     place, axes = turn @ shape.position, turn @ rot_from_quat(shape.quaternion)
     radius, half = float(shape.size[0]), float(shape.size[1])
     solids: list[tuple[str, dict[str, str], Array]] = []
@@ -252,7 +254,7 @@ def _add_origin(element: ET.Element, place: Array, turn: Array) -> None:
 
 
 def roll_pitch_yaw(r: Array) -> Array:
-    """Return (roll, pitch, yaw) rad with r = Rz(yaw) Ry(pitch) Rx(roll), upright pitch included."""
+    """Return (roll, pitch, yaw) rad with r = Rz(yaw) Ry(pitch) Rx(roll), gimbal lock included."""
     yaw = math.atan2(r[1, 0], r[0, 0])
     s, c = math.sin(yaw), math.cos(yaw)
     pitch = math.atan2(-r[2, 0], c * r[0, 0] + s * r[1, 0])
@@ -261,7 +263,7 @@ def roll_pitch_yaw(r: Array) -> Array:
 
 
 def _number(x: float) -> str:
-    """Shortest text that reads back as the same double."""
+    """Return the shortest text that parses to the same double."""
     return repr(float(x) + 0.0)
 
 

@@ -1,4 +1,5 @@
-"""Aerodynamic drag of a whole robot in steady wind, and the wind at which a rotor meets its limit.
+"""Aerodynamic drag of a whole robot in steady wind, and the wind at which a rotor reaches its
+limit.
 
 Body: F_i = rho/2 (C_D A)_i |v| v_i per body axis, at B's origin. Rotors: -c w_i v_perp at each hub
 (`models.rotors.compute_rotor_drag`). The rotor speeds follow from the thrusts that hold the robot,
@@ -16,11 +17,11 @@ from skywright.core.compiled import helper
 from skywright.models.statics import Layout
 
 FASTEST = 40.0
-"""m/s; the search ends here and a larger limit is reported as this value."""
+"""m/s; upper bound of the search, reported for any larger limit."""
 
 
 class DragBody(NamedTuple):
-    """What a robot's drag and weight need."""
+    """Data of a robot's drag and weight."""
 
     mass: float  # kg
     gravity: float  # m/s^2
@@ -65,11 +66,11 @@ def compute_hold(
 ) -> tuple[Array, Array]:
     """Return (thrust (m, n) N, tilt (m,) rad) that hold position in the winds (m, 3) m/s.
 
-    `f_push_W` (m, 3) N at `p_push_B` (3,) m: force that the robot exerts on something. Yaw is
-    zero. Robots with lateral force hold their attitude, leaning `lean` (rad, a number or (m,))
-    against the horizontal load; the others take the tilt at which thrust along z_B balances the
-    load (a fixed point, since drag turns with the body). Thrusts may lie outside the limits: the
-    caller judges.
+    `f_push_W` (m, 3) N at `p_push_B` (3,) m: force of the robot on its environment. Yaw is zero.
+    Robots with lateral force hold their attitude, leaning `lean` (rad, a number or (m,)) against
+    the horizontal load. The others take the tilt at which thrust along z_B balances the load (a
+    fixed point, since drag turns with the body). Thrusts may exceed the limits; the caller checks
+    them.
     """
     m, n = len(wind_W), layout.B.shape[1]
     push = np.zeros((m, 3)) if f_push_W is None else f_push_W
@@ -85,7 +86,7 @@ def compute_hold(
         wind_B = np.einsum("mji,mj->mi", R, wind_W)
         f_drag, t_drag = compute_drag(layout, body, wind_B, thrust)
         f_push_B = np.einsum("mji,mj->mi", R, push)
-        load_W = push - np.einsum("mij,mj->mi", R, f_drag)  # besides the weight
+        load_W = push - np.einsum("mij,mj->mi", R, f_drag)  # in addition to the weight
         need_W = load_W + weight * up
         if layout.full and not level:
             flat = load_W * np.array([1.0, 1.0, 0.0])
@@ -120,10 +121,10 @@ def _leaning(z_W: Array) -> Array:
 def compute_largest(
     holds: Callable[[Array], Mask], count: int, ceiling: float, steps: int = 25
 ) -> Array:
-    """Return (count,) the largest x in [0, ceiling] such that all smaller ones hold.
+    """Return (count,) the largest x in [0, ceiling] such that `holds` is true up to x.
 
-    `holds(x)` maps (count,) to booleans. A coarse scan finds the first failure of each entry and
-    a bisection refines it. NaN where even zero fails.
+    `holds(x)` maps (count,) to booleans. A coarse scan finds the first failure of each entry and a
+    bisection refines it. NaN if `holds` is false at zero.
     """
     lo, hi = np.zeros(count), np.full(count, ceiling)
     start = holds(np.zeros(count))
@@ -145,11 +146,11 @@ def compute_largest(
 def compute_wind_limits(
     layout: Layout, body: DragBody, directions: Array, tilt_max: float, lean: float | Array = 0.0
 ) -> Array:
-    """Return the wind (m,) m/s that can be held while it blows toward each direction (m,) rad.
+    """Return the wind (m,) m/s toward each direction (m,) rad that the robot can hold.
 
     Level attitude (or leaning `lean` rad, a number or (m,)) for robots with lateral force; the
-    others tilt by at most `tilt_max` rad. NaN where the robot does not hold even in calm air; at
-    most FASTEST.
+    others tilt by at most `tilt_max` rad. NaN if the robot does not hold in calm air; at most
+    FASTEST.
     """
     d = np.column_stack([np.cos(directions), np.sin(directions), np.zeros(len(directions))])
 

@@ -1,4 +1,4 @@
-"""What a nominal state must respect: joints, motors, speed, tilt, rotors and clearance."""
+"""Constraints of a nominal state: joints, motors, speed, tilt, rotors and clearance."""
 
 import math
 from typing import Annotated
@@ -25,7 +25,7 @@ from skywright.planning.problem import (
 
 
 class Trace(Record):
-    """What was checked at each row, for plots."""
+    """Quantities of the checks per row, for plots."""
 
     clearance: float  # m, at the last check
     rotor_margin: float  # fraction of the usable range
@@ -102,7 +102,7 @@ def check_clearance(
     prob: Problem, p: Array, R: Array, q: Array, back: float, n_W: Array, probe_slack: float,
     margin: float, found: Array,
 ) -> tuple[float, bool]:  # fmt: skip
-    """Return (clearance m, allowed) at a pose and, `back` m further along n_W, of the real robot.
+    """Return (clearance m, allowed) at a pose and at that of the real robot, `back` m along n_W.
 
     On failure `found` holds (value, limit, pair).
     """

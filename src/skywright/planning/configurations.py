@@ -1,8 +1,8 @@
-"""Configurations that hold the tip at a point of the surface: the redundancy, sampled.
+"""Configurations that hold the tip at a point of the surface: sampling of the redundancy.
 
-Candidates come from headings and arm postures, are projected onto the task (probe along the inward
-normal, platform level) and scored by rotor margin, clearance, manipulability, power and distance
-to the preferred posture.
+Candidates are sampled over headings and arm postures, projected onto the task (probe along the
+inward normal, platform level) and scored by rotor margin, clearance, manipulability, power and
+distance from the preferred posture.
 """
 
 import math
@@ -31,7 +31,7 @@ from skywright.planning.inverse_kinematics import (
 from skywright.planning.problem import CLEARANCE, OK, ON_SURFACE, ROTOR, TASK, Failure, Problem
 
 HOME_PULL = 0.4
-"""1/rad^2, how strongly the working posture is preferred (scores are of the order of 1)."""
+"""1/rad^2, weight of the distance from the working posture (scores are of the order of 1)."""
 
 
 class Candidates(NamedTuple):
@@ -41,13 +41,15 @@ class Candidates(NamedTuple):
     R: Array  # (n, 3, 3)
     q: Array  # (n, MAX_JOINTS)
     score: Array  # (n,)
-    failure: Failure | None  # of the nearest miss, when there are none
+    failure: Failure | None  # smallest violation, if there is no candidate
 
 
 @helper
 def compute_manipulability(k: Kinematics, nj: int) -> float:
-    """Return the volume that the tip's Jacobian spans (Yoshikawa): the product of its singular
-    values, by Gram-Schmidt over the joints that still add a direction."""
+    """Return the product of the singular values of the tip's Jacobian (Yoshikawa).
+
+    Computed by Gram-Schmidt over the joints that add a direction.
+    """
     basis = np.zeros((3, 3))
     count, volume = 0, 1.0
     v = np.empty(3)
@@ -92,10 +94,9 @@ def rate_configurations(
     """Project, check and score every (yaw, posture) pair at one surface point.
 
     tip, n_W (3,): desired tip and outward normal; `back` m: depth of the tip inside the surface.
-    q_home: preferred posture, q_last and yaw_last: configuration to stay near; each with how
-    strongly (1/rad^2).
-    score is -inf where a limit is broken; `miss` (n, 6) then holds (code, value, limit, which,
-    violation, 0).
+    q_home: preferred posture; q_last and yaw_last: configuration to stay near; home_pull and
+    last_pull (1/rad^2): weights of the distances from them. score is -inf if a limit is violated;
+    `miss` (n, 6) then holds (code, value, limit, which, violation, 0).
     """
     m, k, lim = prob.model[0], prob.kinematics[0], prob.limits
     nj = m.n_joints
@@ -117,7 +118,7 @@ def rate_configurations(
             for j in range(nj):
                 q[j] = postures[ip, j]
             err = settle_posture(m, k, R, q, z, 12)
-            for j in range(nj):  # turns of 360 deg are the same posture
+            for j in range(nj):  # rotations by 360 deg are the same posture
                 while q[j] > m.q_max[j] and q[j] - 2.0 * math.pi >= m.q_min[j]:
                     q[j] -= 2.0 * math.pi
                 while q[j] < m.q_min[j] and q[j] + 2.0 * math.pi <= m.q_max[j]:
@@ -140,14 +141,14 @@ def rate_configurations(
             miss[i, 4] = 0.0
             if code != OK:
                 miss[i, 0], miss[i, 1], miss[i, 2], miss[i, 3] = code, found[0], found[1], found[2]
-                # the rotors have not been asked yet where a joint or the tilt fails before them
+                # the rotors are not checked yet if a joint or the tilt fails before them
                 miss[i, 4] = 0.5 * abs(found[0] - found[1])
                 if code != ROTOR:
                     miss[i, 4] += 2.0
             gap, allowed = check_clearance(prob, p, R, q, back, n_W, FAR, lim.margin, found)
             if not allowed:
                 deficit = (found[1] - found[0]) / 0.1
-                if deficit > miss[i, 4]:  # tell the larger of two violations
+                if deficit > miss[i, 4]:  # report the larger of two violations
                     miss[i, 0] = CLEARANCE
                     miss[i, 1], miss[i, 2], miss[i, 3] = found[0], found[1], found[2]
                 miss[i, 4] += deficit
@@ -191,10 +192,10 @@ def sample_postures(prob: Problem, unit: Array) -> Array:
 
 
 def compute_headings(n_W: Array, R_WP: Array) -> Array:
-    """Return the headings (rad) worth trying: into the surface, and in the pipe's planes.
+    """Return the candidate headings (rad): into the surface, and in the pipe's planes.
 
-    With a near-vertical normal any heading may do; the four of the pipe (across and along) are
-    those at which a sector needs no turning.
+    For a near-vertical normal any heading is possible; with the four of the pipe (across and along)
+    a sector requires no turn.
     """
     found: list[float] = []
 
@@ -251,5 +252,5 @@ def find_configurations(
 
 
 def resting(c: Candidates, i: int) -> State:
-    """Return candidate `i` as a resting state."""
+    """Return candidate `i` as a state at rest."""
     return build_state(c.p[i], c.R[i], c.q[i])

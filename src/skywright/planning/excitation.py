@@ -1,9 +1,9 @@
-"""Motions that excite a robot's dynamics, for identification: sums of sines in every direction.
+"""Motions that excite a robot's dynamics for identification: sums of sines on every axis.
 
-Each channel (angles, then accelerations of the platform) gets harmonics of its own, so that the
-channels stay orthogonal over the flight and their effects can be told apart; phases follow
-Schroeder (1970, IEEE Trans. Inf. Theory 16(1)), which keeps the peak of a sum low. (Morelli and
-Klein, Aircraft System Identification, 2nd ed. 2016, section 9.5.)
+Each channel (angles, then accelerations of the platform) has its own harmonics, so that the
+channels are orthogonal over the flight and their effects are separable. Phases follow Schroeder
+(1970, IEEE Trans. Inf. Theory 16(1)), which keeps the peak of a sum low. (Morelli and Klein,
+Aircraft System Identification, 2nd ed. 2016, section 9.5.)
 """
 
 import math
@@ -24,14 +24,14 @@ Table = NDArray[np.void]
 ROW = 0.02  # s, between rows
 RAMP = 2.0  # s, to full amplitude and back to rest
 SMALLEST = 0.2
-"""Least share of the asked amplitudes at which a motion is still worth flying."""
+"""Least fraction of the requested amplitudes at which a motion is still planned."""
 
 
 class Excitation(NamedTuple):
-    """What is asked for: peaks, and the band of frequencies."""
+    """Requested peaks, and the frequency band."""
 
     duration: float  # s
-    tilt: float  # rad, roll and pitch of a platform that may tilt freely
+    tilt: float  # rad, roll and pitch of a platform that can tilt in place
     yaw: float  # rad
     acceleration: float  # m/s^2
     low: float  # Hz
@@ -39,18 +39,19 @@ class Excitation(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """A motion, or why it cannot be flown."""
+    """A motion, or the reason why it cannot be flown."""
 
     rows: Table | None
-    scale: float  # share of the asked amplitudes
-    rotor_margin: float  # least share of the thrust range that stays free
+    scale: float  # fraction of the requested amplitudes
+    rotor_margin: float  # least unused fraction of the thrust range
     blocked_by: str
 
 
 def build_sines(t: Array, lines: Array, order: int) -> Array:
-    """Return a sum of sines (n,) with a peak of about one; `order` 1 or 2 integrates it.
+    """Return a sum of sines (n,) with a peak of about one; `order` 1 or 2 is its integral.
 
-    `lines` (k,) Hz. Schroeder's phases; each integral divides a line by its angular frequency.
+    `lines` (k,) Hz. Phases are Schroeder's; each integration divides a line by its angular
+    frequency.
     """
     k = np.arange(1, len(lines) + 1)
     phase = -math.pi * k * (k - 1) / len(lines)
@@ -62,7 +63,7 @@ def build_sines(t: Array, lines: Array, order: int) -> Array:
 
 
 def share_lines(e: Excitation, channels: int) -> list[Array]:
-    """Deal the harmonics of the flight's duration within the band to the channels, in turn."""
+    """Assign the harmonics of the flight's duration within the band to the channels in turn."""
     base = 1.0 / (e.duration - 2.0 * RAMP)
     first, last = math.ceil(e.low / base), math.floor(e.high / base)
     lines = base * np.arange(first, last + 1)
@@ -70,7 +71,7 @@ def share_lines(e: Excitation, channels: int) -> list[Array]:
 
 
 def count_lines(e: Excitation, channels: int) -> int:
-    """Return how many lines the poorest channel gets."""
+    """Return the least number of lines of a channel."""
     if e.duration <= 2.0 * RAMP:
         return 0
     return min(len(lines) for lines in share_lines(e, channels))
@@ -81,8 +82,8 @@ def plan_excitation(
 ) -> Motion:
     """Plan the motion about the hover pose `start` (x, y, z, yaw) with the arm at `q`.
 
-    The amplitudes shrink together until every rotor stays within its limits. Robots with parallel
-    rotors excite roll and pitch by accelerating sideways.
+    The amplitudes are reduced together until every rotor stays within its limits. Robots with
+    parallel rotors excite roll and pitch by lateral accelerations.
     """
     reason = ""
     for scale in np.arange(1.0, SMALLEST - 0.01, -0.1):
@@ -159,7 +160,7 @@ def _window(t: Array, duration: float) -> tuple[Array, Array, Array]:
 def _check_rotors(
     robot: Robot, loads: Loads, rows: Table, q: Array, gravity: float
 ) -> tuple[float, str]:
-    """Return the least free share of the thrust range, and what is exceeded ("" when nothing)."""
+    """Return the least unused fraction of the thrust range, and what is exceeded, or ""."""
     mass, c, I_B = compute_body(build_body_model(robot, gravity), q)
     w, wd, R = rows["w_WB_B"], rows["wd_WB_B"], rows["R_WB"]
     up = rows["a_WB"] + np.array([0.0, 0.0, gravity])
@@ -202,7 +203,7 @@ def _rates(R: Array) -> Array:
 
 
 def plan_joint_move(robot: Robot, row: np.void, q: Array, speed: float) -> Table:
-    """Move the arm from the row's joints to `q` (n,) rad, platform held; rest to rest."""
+    """Move the arm from the row's joints to `q` (n,) rad with the platform held, rest to rest."""
     here = np.array(row["q"][: len(q)])
     n = max(math.ceil(1.875 * float(np.max(np.abs(q - here), initial=0.0)) / speed / ROW), 1)
     u = np.linspace(0.0, 1.0, n + 1)
@@ -213,9 +214,9 @@ def plan_joint_move(robot: Robot, row: np.void, q: Array, speed: float) -> Table
 def plan_joint_swing(
     robot: Robot, row: np.void, amplitude: float, e: Excitation, low: Array, high: Array
 ) -> Table:
-    """Swing all joints by sines of peak `amplitude` (rad) about the row's angles, within limits.
+    """Move all joints by sines of peak `amplitude` (rad) about the row's angles, within limits.
 
-    `low`, `high` (n,) rad: where an angle is closer to a limit, the middle of the swing moves.
+    `low`, `high` (n,) rad: if an angle is closer to a limit, the centre of the motion is shifted.
     """
     n = len(low)
     here = np.array(row["q"][:n])

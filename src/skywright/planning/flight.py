@@ -1,4 +1,4 @@
-"""Pieces that every flight is made of: time laws between poses, rests, straight free flights."""
+"""Elements of every flight: time laws between poses, rests, straight free flights."""
 
 import math
 
@@ -15,7 +15,7 @@ from skywright.planning.problem import IN_FLIGHT, Failure, Limits, Problem
 
 
 def build_transit_law(state: State, pose: Array, lim: Limits) -> TimeLaw:
-    """Return the fastest law over a length of 1 that keeps the limits of moving and of turning."""
+    """Return the fastest law over a length of 1 within the limits of translation and rotation."""
     length = float(np.linalg.norm(pose[:3] - state.p))
     turn = abs(wrap(pose[3] - math.atan2(state.R[1, 0], state.R[0, 0])))
     ways = [(length, lim.speed, lim.acceleration), (turn, lim.yaw_rate, lim.yaw_acceleration)]
@@ -26,7 +26,7 @@ def build_transit_law(state: State, pose: Array, lim: Limits) -> TimeLaw:
 
 
 def build_rest(edge: Edge, at: int, duration: float) -> Edge:
-    """Stay at the first (0) or last (-1) row of an edge; rows start one step after it."""
+    """Rest at the first (0) or last (-1) row of an edge; rows start one step after it."""
     count = round(duration / ROW) + 1
     rows, trace = np.repeat(edge.rows[at], count), np.repeat(edge.trace[at], count)
     rows["t"] = ROW * np.arange(count)
@@ -38,10 +38,10 @@ def build_rest(edge: Edge, at: int, duration: float) -> Edge:
 def plan_flight(
     prob: Problem, scene: PlanningScene, a: Array, b: Array, q: Array, rng: np.random.Generator
 ) -> tuple[list[Edge], Failure | str | None]:
-    """Fly from pose a to pose b (4,), arm at `q` at both ends, resting at each way-point.
+    """Fly from pose a to pose b (4,), arm at `q` at both ends, resting at each waypoint.
 
-    Keeps as much room as there is, since a robot drifts while it flies. Returns the edges and what
-    blocks them.
+    The clearance is as large as the scene allows, because a robot drifts in flight. Returns the
+    edges and what blocks them.
     """
     lim = prob.limits
     start, goal = Configuration(a[:3], float(a[3]), q), Configuration(b[:3], float(b[3]), q)
@@ -55,7 +55,7 @@ def plan_flight(
 
 
 def plan_legs(prob: Problem, way: Transit, margin: float) -> tuple[list[Edge], Failure | None]:
-    """Fly the way-points of a transit, platform and arms in step, with a rest at each.
+    """Fly the waypoints of a transit, platform and arms in synchrony, with a rest at each.
 
     Every leg is checked like all other motions (rotors, motors, tilt, `margin` m). Returns the
     edges and what blocks them.

@@ -1,8 +1,8 @@
-"""The wrench and the rotor thrusts that a motion needs: recursive Newton-Euler on the link tree.
+"""Wrench and rotor thrusts of a motion: recursive Newton-Euler on the link tree.
 
-Everything is expressed in the axes of B; accelerations are inertial. (Featherstone, Rigid Body
-Dynamics Algorithms, 2008, section 5.3, in its classical form.) A test compares with MuJoCo's
-inverse dynamics.
+All vectors are expressed in the axes of B; accelerations are inertial. (Featherstone, Rigid Body
+Dynamics Algorithms, 2008, section 5.3, in its classical form.) A test compares the result with
+MuJoCo's inverse dynamics.
 """
 
 from typing import NamedTuple
@@ -21,21 +21,21 @@ from skywright.models.wind import compute_body_drag
 
 
 class Loads(NamedTuple):
-    """Rotors with the range that a plan may use, and the loads from outside."""
+    """Rotors with their usable range, and the external loads."""
 
     B: Array  # (6, n) wrench per thrust
     P: Array  # (n, 6) thrust per wrench
     t_min: Array  # (n,) N
     t_max: Array  # (n,) N, thrust fraction applied
-    full: int  # 1 when force and torque are independent
-    preload: Array  # (n,) N, of the allocation; the limits are less it
+    full: int  # 1 if force and torque are independent
+    preload: Array  # (n,) N, of the allocation; the limits exclude it
     position: Array  # (n, 3) m, hubs
     axis: Array  # (n, 3)
     k_f: float
     drag_coefficient: float
     drag_area: Array  # (3,) m^2
     air_density: float
-    wind_W: Array  # (3,) m/s, steady wind that the plan allows for
+    wind_W: Array  # (3,) m/s, steady wind for which the plan reserves thrust
 
 
 def build_loads(
@@ -48,7 +48,7 @@ def build_loads(
     air_density: float = 1.2,
     wind_W: Array | None = None,
 ) -> Loads:
-    """Collect what `compute_thrusts` needs; without `wind_W` the air is still."""
+    """Collect the inputs of `compute_thrusts`; without `wind_W` the air is at rest."""
     return Loads(
         B=allocator.B,
         P=allocator.P,
@@ -71,8 +71,10 @@ def _add_body(
     mass: float, c: Array, frame: Array, inertia: Array, w: Array, wd: Array, a: Array,
     g_B: Array, f: Array, t: Array,
 ) -> None:  # fmt: skip
-    """Add a body's wrench about B's origin. c (3,): com in B; frame: R_B(inertia's axes);
-    w, wd, a: motion of the com."""
+    """Add a body's wrench about B's origin.
+
+    c (3,): com in B; frame: R_B(inertia's axes); w, wd, a: motion of the com.
+    """
     force = np.empty(3)
     local = np.empty(3)
     h = np.empty(3)
@@ -100,9 +102,9 @@ def compute_wrench(
     m: BodyModel, k: Kinematics, R_WB: Array, w_B: Array, wd_B: Array, a_W: Array, qd: Array,
     qdd: Array, f_tip_W: Array, motion: Motion, f: Array, t: Array,
 ) -> None:  # fmt: skip
-    """Fill force f (3,) N and torque t (3,) N m about B's origin, in B, that the rotors must make.
+    """Fill force f (3,) N and torque t (3,) N m of the rotors about B's origin, in B.
 
-    f_tip_W (3,) N is the force that acts on the robot at the tip (of a surface: outward).
+    f_tip_W (3,) N is the force on the robot at the tip (from a surface: outward).
     """
     g_W = np.zeros(3)
     g_W[2] = -m.gravity
@@ -147,7 +149,7 @@ def compute_wrench(
 
 @helper
 def _add_wind(loads: Loads, R_WB: Array, v_W: Array, w_B: Array, f: Array, t: Array) -> None:
-    """Subtract the drag of the wind allowance at hover rotor speeds from the needed wrench."""
+    """Subtract the drag of the wind allowance at hover rotor speeds from the required wrench."""
     v_air = np.empty(3)
     rel = np.empty(3)
     d = np.empty(3)
@@ -165,7 +167,7 @@ def _add_wind(loads: Loads, R_WB: Array, v_W: Array, w_B: Array, f: Array, t: Ar
     for i in range(n):
         total += loads.axis[i, 2]
     for i in range(n):
-        # rotors that push against each other turn as their preload wants it
+        # rotors that oppose each other run at the speed of their preload
         lifted = loads.preload[i] if loads.preload[i] > 0.0 else lift / max(total, 1e-6)
         speed[i] = np.sqrt(lifted / loads.k_f)
     compute_rotor_drag(loads.position, loads.axis, speed, loads.drag_coefficient, v_air, w_B, d, dt)
@@ -178,12 +180,11 @@ def _add_wind(loads: Loads, R_WB: Array, v_W: Array, w_B: Array, f: Array, t: Ar
 def compute_thrusts(
     loads: Loads, R_WB: Array, v_W: Array, w_B: Array, f: Array, t: Array, thrust: Array
 ) -> tuple[float, int]:
-    """Fill the thrusts (n,) N of the needed wrench plus wind drag; return (margin, rotor).
+    """Fill the thrusts (n,) N of the required wrench plus wind drag; return (margin, rotor).
 
-    margin is the distance of the worst rotor to its nearer limit as a fraction of the usable
-    range, negative outside (minus infinity where a thrust is not a number). Robots without
-    independent lateral force tilt to make it: their thrust along z_B counts with the size of the
-    whole force.
+    margin is the distance of the worst rotor from its nearer limit as a fraction of the usable
+    range, negative outside (minus infinity for a NaN thrust). Robots without independent lateral
+    force tilt to produce it: their thrust along z_B equals the magnitude of the whole force.
     """
     _add_wind(loads, R_WB, v_W, w_B, f, t)
     n = thrust.shape[0]

@@ -1,15 +1,16 @@
 """Second-order inverse kinematics of platform and arm: the local planner's controller.
 
-The state is the platform's pose and the joints; the unknowns are the accelerations
-u = (a_WB, wd_WB in W, qdd). Tasks in order of priority, each with feed-forward and PD feedback:
+The state is the platform's pose and the joints; the unknowns are the accelerations u = (a_WB, wd_WB
+in W, qdd). Tasks in order of priority, each with feed-forward and PD feedback:
 
 1. tip on its desired path and probe axis on its desired direction (5 rows),
 2. platform level (2 rows),
-3. heading and arm posture (1 + n rows): what the redundancy is used for.
+3. heading and arm posture (1 + n rows), which use the redundancy.
 
-The priorities are weights that lie far apart in one damped least-squares problem (Nakamura and
-Hanafusa 1986), so that a robot with too few joints gives up level flight and not the task, and no
-rank has to be decided. (Tognon et al. 2018, section IV; the local planner of their reference 18.)
+The priorities are widely separated weights in one damped least-squares problem (Nakamura and
+Hanafusa 1986). A robot with too few joints therefore violates the level task rather than the tip
+task, and no rank decision is required. (Tognon et al. 2018, section IV; the local planner of their
+reference 18.)
 """
 
 import math
@@ -31,7 +32,7 @@ WN = 10.0
 
 
 class State(NamedTuple):
-    """Platform and arm, moving."""
+    """State of platform and arm, with velocities."""
 
     p: Array  # (3,) m, p_WB
     v: Array  # (3,) m/s
@@ -42,7 +43,7 @@ class State(NamedTuple):
 
 
 class Target(NamedTuple):
-    """What the tasks want now."""
+    """References of the tasks at one instant."""
 
     p: Array  # (3,) m, tip
     v: Array
@@ -55,7 +56,7 @@ class Target(NamedTuple):
 
 
 def build_state(p: Array, R: Array, q: Array) -> State:
-    """Return a resting state (copies)."""
+    """Return a state at rest (copies its arguments)."""
     full = np.zeros(MAX_JOINTS)
     full[: len(q)] = q
     return State(
@@ -65,7 +66,7 @@ def build_state(p: Array, R: Array, q: Array) -> State:
 
 
 def build_target() -> Target:
-    """Return scratch space for a target."""
+    """Return scratch memory for a target."""
     p, v, a, z, zd, zdd, yaw = (np.zeros(3) for _ in range(7))
     return Target(p, v, a, z, zd, zdd, yaw, np.zeros((3, MAX_JOINTS)))
 
@@ -254,10 +255,10 @@ def step_state(state: State, u: Array, nj: int, dt: float) -> None:
 def settle_posture(
     m: BodyModel, k: Kinematics, R: Array, q: Array, z: Array, iterations: int
 ) -> float:
-    """Turn platform and joints until the probe axis points along z (3,); return the error (rad).
+    """Rotate platform and joints until the probe axis points along z (3,); return the error (rad).
 
-    Newton steps on (platform rotation, joints) with the same priorities: axis exactly, level as
-    far as possible, otherwise the nearest posture. R and q are changed in place.
+    Newton steps on (platform rotation, joints) with the same priorities: axis exactly, level as far
+    as possible, then the nearest posture. R and q are changed in place.
     """
     nj = m.n_joints
     n = 3 + nj
@@ -274,7 +275,7 @@ def settle_posture(
         mat_mat(R, k.R_BT, R_WT)
         axis = R_WT[:, 2].copy()
         cross(axis, z, err)
-        if dot(axis, z) < 0.0:  # beyond a right angle the sine shrinks again
+        if dot(axis, z) < 0.0:  # beyond a right angle the sine decreases again
             size = math.sqrt(dot(err, err))
             for i in range(3):
                 err[i] = err[i] / size if size > 1e-9 else R_WT[i, 1]

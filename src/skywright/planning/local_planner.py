@@ -1,8 +1,8 @@
-"""The local planner: one motion between two resting configurations, simulated and checked.
+"""The local planner: one motion between two configurations at rest, simulated and checked.
 
-On the surface the second-order inverse kinematics runs in closed loop on the nominal model. In
-free flight the platform and the joints follow a straight line. Both fill rows of REFERENCE on a
-20 ms grid and stop at the first row that breaks a limit.
+On the surface the second-order inverse kinematics runs in closed loop on the nominal model. In free
+flight the platform and the joints follow a straight line. Both fill rows of REFERENCE on a 20 ms
+grid and stop at the first row that violates a limit.
 """
 
 import math
@@ -47,17 +47,17 @@ SUBSTEPS = 2
 
 
 class Edge(NamedTuple):
-    """A checked motion. `rows` and `trace` end at the failure when there is one."""
+    """A checked motion. `rows` and `trace` end at the failure, if there is one."""
 
     rows: NDArray[Any]  # REFERENCE
     trace: NDArray[Any]  # TRACE
     failure: Failure | None
-    state: State  # at the end, resting
+    state: State  # at the end, at rest
 
 
 @helper
 def fill_target(prob: Problem, s: Array, phi: Array, gap: Array, target: Target) -> None:
-    """Fill the tip's task from (value, rate, acceleration) of s, phi and gap (outward positive)."""
+    """Fill the tip's task from (value, rate, acceleration) of s, phi and gap (positive outward)."""
     cyl, axes = prob.cylinder, prob.R_WA
     c, b = math.cos(phi[0]), math.sin(phi[0])
     rho = cyl.radius + gap[0]
@@ -139,8 +139,8 @@ def simulate_surface(
     """Simulate the tip's motion from `start` to `end` (s, phi, gap); return (code, rows filled).
 
     `law` is over a length of 1. Heading and posture move along with it to `yaw_end` and `q_end`.
-    The probe may be near the pipe throughout. `touching`: the surface frame is given to the
-    controller, and inside the surface the dead zone and the push force hold.
+    The probe may be close to the pipe throughout. `touching`: the controller receives the surface
+    frame, and inside the surface the dead zone and the push force apply.
     """
     m, k, lim = prob.model[0], prob.kinematics[0], prob.limits
     nj = m.n_joints
@@ -176,7 +176,7 @@ def simulate_surface(
         found[3], found[4] = s[0], phi[0]
         if not solve_accelerations(m, k, state, target, prob.motion, u):
             return SINGULAR, step // SUBSTEPS
-        if step == steps:  # rest: what is left is the loop's residue
+        if step == steps:  # rest: remove the loop's residual
             for i in range(3):
                 state.v[i] = state.w[i] = 0.0
             for j in range(nj):
@@ -238,7 +238,7 @@ def simulate_free(
     trace: NDArray[Any],
     found: Array,
 ) -> tuple[int, int]:
-    """Straight motion of platform and joints to the end configuration; (code, rows filled)."""
+    """Move platform and joints straight to the end configuration; return (code, rows filled)."""
     m, k, lim = prob.model[0], prob.kinematics[0], prob.limits
     nj = m.n_joints
     u = np.zeros(6 + MAX_JOINTS)
@@ -277,7 +277,7 @@ def simulate_free(
         code = check_dynamics(prob, state, u, zero, tr, found)
         if code != OK:
             return code, i_row + 1
-        # far away coarse steps do: between two checks no point moves further than the reserve
+        # coarse steps suffice far away: between two checks no point moves more than the reserve
         if moved > max(lim.resolution, 0.5 * (last - margin)) or i_row == rows.shape[0] - 1:
             moved = 0.0
             last, allowed = check_clearance(
@@ -307,7 +307,7 @@ def _allocate(law: TimeLaw) -> tuple[NDArray[Any], NDArray[Any]]:
 
 
 def copy_state(state: State) -> State:
-    """Return a copy that shares nothing."""
+    """Return a deep copy."""
     return State(*(a.copy() for a in state))
 
 
@@ -333,7 +333,7 @@ def plan_free_edge(
 ) -> Edge:  # fmt: skip
     """Simulate and check a straight motion in free flight (see `simulate_free`).
 
-    `margin_key` names the input that `margin` (m) comes from.
+    `margin_key` names the key that sets `margin` (m).
     """
     state = copy_state(state)
     rows, trace = _allocate(law)
@@ -344,7 +344,7 @@ def plan_free_edge(
 
 
 def join_edges(edges: list[Edge]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return rows and trace of edges flown one after the other, time from 0, joints not doubled."""
+    """Return rows and trace of consecutive edges; time starts at 0, shared rows appear once."""
     rows, traces, t = [], [], 0.0
     for i, edge in enumerate(edges):
         part = edge.rows[1 if i else 0 :].copy()

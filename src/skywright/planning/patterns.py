@@ -1,6 +1,6 @@
 """Scan patterns on the pipe's unrolled surface, and the smooth time law along a straight piece.
 
-A pattern is a list of via-points (s, phi): s along the axis, phi around it. The tip moves on the
+A pattern is a list of via-points (s, phi): s along the axis, phi around it. The tip moves on a
 straight line between two via-points of the unrolled surface and rests at each of them.
 """
 
@@ -17,7 +17,7 @@ SIDES = {"side": 0.0, "top": 90.0, "underside": -90.0}
 
 
 class Pattern(NamedTuple):
-    """Via-points of a scan, or why there are none."""
+    """Via-points of a scan, or the reason why there are none."""
 
     corners: Array  # (n, 2) s m, phi rad
     blocked_by: str | None
@@ -36,10 +36,10 @@ def build_pattern(
 ) -> Pattern:
     """Return the via-points of a `raster`, `line` or `spiral`.
 
-    raster: axial passes joined by steps along the arc (2 corners a pass). line: one axial pass in
-    the middle of the sector. spiral: arcs to and fro that advance along the axis like a thread
-    (passes + 1 corners). `footprint` (m) is the probe's width: passes closer than that, or a
-    pattern that leaves the pipe, are refused.
+    raster: axial passes joined by steps along the arc (2 corners per pass). line: one axial pass in
+    the middle of the sector. spiral: alternating arcs that advance along the axis like a thread
+    (passes + 1 corners). `footprint` (m) is the probe's width: closer passes, or a pattern that
+    leaves the pipe, are refused.
     """
     lo, hi = centre_s - pass_length / 2, centre_s + pass_length / 2
     if lo < -half_length or hi > half_length:
@@ -65,7 +65,7 @@ def build_pattern(
         return Pattern(np.array(rows), None)
     if kind != "raster":
         raise ValueError(f"pattern {kind!r}; valid: raster, line, spiral")
-    # from the top edge down: the arm starts in its least loaded posture on most pipes
+    # from the top edge down: on most pipes the arm starts in its least loaded posture
     angles = np.linspace(arc / 2, -arc / 2, passes) if passes > 1 else np.zeros(1)
     for i, angle in enumerate(angles):
         ends = (lo, hi) if i % 2 == 0 else (hi, lo)
@@ -74,7 +74,7 @@ def build_pattern(
 
 
 class TimeLaw(NamedTuple):
-    """Rest to rest over a length: quintic ramps around a constant speed."""
+    """Time law from rest to rest over a length: quintic ramps around a constant speed."""
 
     length: float  # in any unit
     speed: float  # cruise, unit/s
@@ -85,16 +85,16 @@ class TimeLaw(NamedTuple):
 def build_time_law(
     length: float, speed: float, acceleration: float, ramp: float = 0.0, grid: float = 0.02
 ) -> TimeLaw:
-    """Return the quickest law within `speed` and `acceleration`, its duration on the time grid.
+    """Return the fastest law within `speed` and `acceleration`, its duration on the time grid.
 
-    The ramps are at least `ramp` s long. Speed along a ramp follows the smooth step
-    u^3 (10 - 15 u + 6 u^2), whose steepest slope is 1.875; acceleration and jerk vanish at rest.
+    The ramps are at least `ramp` s long. Speed along a ramp follows the smooth step u^3 (10 - 15 u
+    + 6 u^2), whose steepest slope is 1.875; acceleration and jerk vanish at rest.
     """
     if length <= 1e-12:
         return TimeLaw(0.0, 0.0, grid / 2, grid)
     ramp = max(ramp, 1.875 * speed / acceleration, 1e-3)
     if length < speed * ramp:  # too short to cruise
-        # at constant peak acceleration the ramp shrinks with the square root of the length
+        # at constant peak acceleration the ramp decreases with the square root of the length
         ramp = max(math.sqrt(1.875 * length / acceleration), min(ramp, length / speed))
         speed = length / ramp
     duration = length / speed + ramp

@@ -1,4 +1,4 @@
-"""What every part of the planner knows: robot, surface, limits, and how a failure is told."""
+"""Data shared by all parts of the planner: robot, surface, limits, and failures."""
 
 import math
 from typing import Any, NamedTuple
@@ -17,17 +17,17 @@ OK, CLEARANCE, ROTOR, JOINT, MOTOR, SPEED, ACCELERATION, TASK, TILT, SINGULAR = 
 """Outcome of a check along a motion."""
 IN_FLIGHT, ON_SURFACE = "mission.clearance_m", "mission.surface_clearance_m"
 BETWEEN_PARTS = "mission.self_clearance_m"
-"""Keys of the clearances that are kept."""
+"""Keys that set the clearances."""
 
 
 class Limits(NamedTuple):
-    """What a plan may use."""
+    """Limits of a plan."""
 
     margin: float = 0.03  # m, clearance near the surface
-    margin_transit: float = 0.05  # m, clearance in free flight, at least
-    margin_wanted: float = 0.3  # m, clearance in free flight where there is room
+    margin_transit: float = 0.05  # m, least clearance in free flight
+    margin_wanted: float = 0.3  # m, preferred clearance in free flight
     margin_self: float = 0.01  # m, between parts of the robot
-    margin_shapes: float = 0.02  # m, the same for planners whose shapes are coarser
+    margin_shapes: float = 0.02  # m, the same for planners with coarser shapes
     speed: float = 0.5  # m/s, platform
     acceleration: float = 0.5  # m/s^2
     yaw_rate: float = 0.6  # rad/s
@@ -43,13 +43,13 @@ class Limits(NamedTuple):
 
 
 class Problem(NamedTuple):
-    """Robot, loads, surface and scratch space; readable from compiled code."""
+    """Robot, loads, surface and working memory, readable from compiled code."""
 
     model: NDArray[Any]  # (1,) BodyModel
     loads: Loads
     clearance: ClearanceCore
     cylinder: Cylinder
-    R_WA: Array  # (3, 3) as cylinder.R_WP, whose normals the probe's axis follows
+    R_WA: Array  # (3, 3) like cylinder.R_WP; the probe's axis follows its normals
     limits: Limits
     push_force: float  # N along the normal while the tip is inside
     reach: float  # m, from B's origin to the robot's farthest point
@@ -59,16 +59,16 @@ class Problem(NamedTuple):
 
 
 class Failure(NamedTuple):
-    """Where and why a motion is not allowed."""
+    """The violated constraint of a motion, and where it is violated."""
 
     code: int
     value: float
     limit: float
     which: int  # rotor, joint or pair
-    s: float  # where on the surface (NaN in free flight)
+    s: float  # place on the surface (NaN in free flight)
     phi: float
     p_WB: Array
-    margin_key: str  # of the clearance to the surroundings that the motion keeps
+    margin_key: str  # key of the clearance from obstacles
 
 
 def build_problem(
@@ -93,7 +93,7 @@ def build_problem(
 
 
 def describe_failure(f: Failure, query: ClearanceQuery, joints: tuple[str, ...]) -> str:
-    """Return one sentence that names the constraint with its numbers."""
+    """Return one sentence that states the constraint with its numbers."""
     if math.isfinite(f.s):
         where = f" at s = {f.s:.3f} m, phi = {math.degrees(f.phi):.0f} deg"
     else:

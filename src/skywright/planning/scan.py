@@ -1,9 +1,9 @@
 """Control-aware planning of a push-and-slide scan (Tognon et al. 2018, section IV).
 
-A tree of configurations in task space grows through the via-points of the pattern. Each edge is
-the closed-loop motion of the second-order inverse kinematics on the nominal model, and it is kept
-only when rotors, joints, motors, task and clearance stay within their limits all along. The first
-try at each edge is the straight segment with the best-rated posture; then other postures and
+A tree of configurations in task space grows through the via-points of the pattern. Each edge is the
+closed-loop motion of the second-order inverse kinematics on the nominal model. It is kept only if
+rotors, joints, motors, task and clearance stay within their limits along the whole edge. The first
+attempt for each edge is the straight segment with the best-rated posture; then other postures and
 detours over the surface are sampled from the seeded generator.
 """
 
@@ -35,23 +35,23 @@ from skywright.planning.survey import SurveyTask, plan_survey
 from skywright.planning.via_points import ScanTask, Search, Slide
 
 SETTLE = 2.0
-"""s of rest in contact before sliding: the attitude error of touch-down vanishes (section VII)."""
+"""s of rest in contact before sliding: the attitude error of touch-down decays (section VII)."""
 PAUSE = 0.5
 """s of rest at each corner."""
 RETREATS = (0.2, 0.35, 0.55)
-"""m beyond the stand-off at which the arm is unfolded and folded: the first that fits."""
+"""m beyond the stand-off at which the arm is unfolded and folded: the first that is feasible."""
 
 RISES = (0.0, 0.3, 0.6)
-"""m straight up before the arm is folded on the way back: near the ground it would touch it."""
+"""m straight up before the arm is folded on the return: near the ground the arm would touch it."""
 
 LEAN = math.radians(3.0)
-"""Largest inclination of a pipe that the probe may be off its normal by: a surveyed pipe's."""
+"""Largest inclination of a pipe by which the probe may deviate from its normal: a surveyed pipe."""
 TURNED = math.radians(5.0)
-"""Largest turn of the heading from across the pipe that a small inclination may ask for."""
+"""Largest turn of the heading from across the pipe that a small inclination may cause."""
 
 
 class Statistics(NamedTuple):
-    """Of the search."""
+    """Statistics of the search."""
 
     configurations: int
     edges: int
@@ -60,14 +60,14 @@ class Statistics(NamedTuple):
 
 
 class ScanPlan(NamedTuple):
-    """A plan, or why there is none."""
+    """A plan, or the reason why there is none."""
 
     feasible: bool
     blocked_by: str | None
     segments: dict[str, NDArray[Any]]  # REFERENCE rows, each segment's time from 0
     traces: dict[str, NDArray[Any]]  # TRACE rows beside them
     corners_sphi: Array  # (n, 2)
-    path_sphi: Array  # (m, 2) desired tip on the surface while scanning, one a row of "scan"
+    path_sphi: Array  # (m, 2) desired tip on the surface, one per row of "scan"
     plan_s: float
     duration_s: float
     min_clearance_m: float
@@ -96,12 +96,12 @@ def plan_scan(
 ) -> ScanPlan:
     """Plan approach, unfolding, touch, scan, departure and return.
 
-    With a `survey` the way to its points comes in between. From `begin`, at rest in front of the
-    surface with the arm unfolded, "face" takes the place of approach and unfolding.
+    With a `survey` the path to its points is inserted. From `begin`, at rest in front of the
+    surface with the arm unfolded, "face" replaces approach and unfolding.
 
     model: (1,) `BodyModel`. start, home (4,): hover poses x, y, z, yaw before and after. push_force
-    N along the inward normal while the tip is inside. Never raises for an impossible task: the
-    plan then says in `blocked_by` which constraint blocks it.
+    N along the inward normal while the tip is inside. Does not raise for an impossible task:
+    `blocked_by` of the plan then states the constraint.
     """
     began = time.perf_counter()
     axes = choose_axes(cylinder, task.pattern.corners)
@@ -152,10 +152,10 @@ def plan_scan(
 def choose_axes(cylinder: Cylinder, corners: Array) -> Array:
     """Return the frame (3, 3) whose normals the probe's axis follows: the pipe's, or level.
 
-    A level platform heads along the level part of the probe's axis. Near the top of a pipe that is
-    inclined a little, that part is mostly the inclination's: the heading would turn with it by half
-    a turn, and an array with it. There the axis follows the pipe as if it were level, which tilts
-    the probe by no more than the inclination.
+    The heading of a level platform follows the level part of the probe's axis. Near the top of a
+    slightly inclined pipe, this part is mostly due to the inclination: the heading, and an array
+    with it, would turn by half a turn. There the axis follows the pipe as if it were level, which
+    tilts the probe by at most the inclination.
     """
     R = cylinder.R_WP
     level = math.hypot(R[0, 1], R[1, 1])
@@ -169,13 +169,13 @@ def choose_axes(cylinder: Cylinder, corners: Array) -> Array:
     if np.max(np.arctan2(aside, np.abs(n @ across))) <= TURNED:
         return R
     flat = np.column_stack([across, [-across[1], across[0], 0.0], [0.0, 0.0, 1.0]])
-    return np.asarray(flat @ level_axes(R).T @ R)  # phi counts from where the pipe is rolled to
+    return np.asarray(flat @ level_axes(R).T @ R)  # phi is relative to the pipe's roll
 
 
 def _plan(
     search: Search, start: Array, home: Array, q_folded: Array, begin: State | None
 ) -> tuple[dict[str, list[Edge]], Array, str | None]:
-    """Try starting configurations until everything connects; tell the first obstacle otherwise."""
+    """Try starting configurations until everything connects; else return the first obstacle."""
     corners = search.task.pattern.corners
     found = search.first(corners[0])
     if found.failure is not None:
@@ -202,7 +202,7 @@ def _plan(
 
 
 def _diverse(found: Candidates, count: int) -> list[int]:
-    """Indices of the best candidates that differ by more than 0.2 rad from better ones."""
+    """Return the best candidates' indices that differ by more than 0.2 rad from better ones."""
     chosen: list[int] = []
     for i in range(len(found.score)):
         yaw = math.atan2(found.R[i, 1, 0], found.R[i, 0, 0])
@@ -219,7 +219,7 @@ def _diverse(found: Candidates, count: int) -> list[int]:
 
 
 def _path(search: Search, scan: list[Slide]) -> Array:
-    """Desired (s, phi) of each row of the joined scan."""
+    """Return the desired (s, phi) of each row of the joined scan."""
     cyl = search.prob.cylinder
     rows, _ = join_edges(_with_pauses(search, scan))
     local = (rows["p_WT"] - cyl.p_WP) @ cyl.R_WP
@@ -227,7 +227,7 @@ def _path(search: Search, scan: list[Slide]) -> Array:
 
 
 def _with_pauses(search: Search, scan: list[Slide]) -> list[Edge]:
-    """The edges of a scan with a rest before the first and after each."""
+    """Return the edges of a scan with a rest before the first and after each."""
     out: list[Edge] = []
     for i, (edge, _, _) in enumerate(scan):
         if i == 0:
@@ -238,7 +238,7 @@ def _with_pauses(search: Search, scan: list[Slide]) -> list[Edge]:
 
 
 def _moved(state: State, offset: Array) -> State:
-    """The same configuration with the platform moved."""
+    """Return the same configuration with the platform moved."""
     return build_state(state.p + offset, state.R, state.q)
 
 
@@ -279,7 +279,7 @@ def _arrive(
     search: Search, first: State, corner: Array, distance: float, start: Array, q_folded: Array,
     begin: State | None,
 ) -> tuple[dict[str, list[Edge]], str]:  # fmt: skip
-    """approach, unfold, close_in and touch for a start `distance` (m) in front of the surface.
+    """Plan approach, unfold, close_in and touch from `distance` (m) in front of the surface.
 
     From `begin`: face, close_in and touch.
     """
@@ -324,7 +324,7 @@ def _arrive(
 def _depart(
     search: Search, last: State, corner: Array, distance: float, home: Array, q_folded: Array
 ) -> tuple[dict[str, list[Edge]], str]:
-    """leave, fold and return."""
+    """Plan leave, fold and return."""
     prob, task, lim = search.prob, search.task, search.prob.limits
     s, phi = float(corner[0]), float(corner[1])
     yaw = math.atan2(last.R[1, 0], last.R[0, 0])
@@ -343,7 +343,7 @@ def _depart(
     )
     back = plan_surface_edge(prob, lift.state, at[1], at[2], law, yaw, last.q, True, 0.0)
     if back.failure is not None:
-        # from the lower side the normal leads towards the ground: level instead
+        # on the lower side the normal points towards the ground: depart horizontally
         _, n = search.tip(s, phi)
         away = np.array([n[0], n[1], 0.0]) * (distance - task.stand_off) / math.hypot(n[0], n[1])
         low, first = lift.state, back.failure
@@ -378,10 +378,10 @@ def _depart(
 
 
 def fill_force(rows: NDArray[Any], cylinder: Cylinder, depth: float, force: float) -> None:
-    """Write the force (N) that the tip shall exert into rows of REFERENCE.
+    """Write the tip's force reference (N) into rows of REFERENCE.
 
-    Zero outside of the surface, `force` at `depth` (m) and more inside of it, linear between: what
-    a law that presses by its position stiffness makes there.
+    Zero outside of the surface, `force` at `depth` (m) and more inside of it, linear between: the
+    force of a law that presses by its position stiffness.
     """
     p = (rows["p_WT"] - cylinder.p_WP) @ cylinder.R_WP
     inside = cylinder.radius - np.hypot(p[:, 0], p[:, 2])

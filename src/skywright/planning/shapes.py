@@ -1,4 +1,4 @@
-"""Motions in a scene of one's own shapes: a robot from one configuration to another."""
+"""Motions of a robot between two configurations in a scene of user-defined shapes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from skywright.planning.motion.transit import Configuration, Transit, plan_trans
 
 
 class Box(NamedTuple):
-    """A box with its centre (3,) m in W and three edges (3,) m, turned by R_W (3, 3)."""
+    """A box with its centre (3,) m in W and three edges (3,) m, rotated by R_W (3, 3)."""
 
     centre: ArrayLike
     size: ArrayLike
@@ -29,7 +29,7 @@ class Box(NamedTuple):
 
 
 class Cylinder(NamedTuple):
-    """A cylinder with its axis from `start` to `end` (3,) m in W; its ends are taken as round."""
+    """A cylinder with its axis from `start` to `end` (3,) m in W; its ends are rounded."""
 
     start: ArrayLike
     end: ArrayLike
@@ -99,7 +99,7 @@ def _read_end(name: str, end: Sequence[float] | Configuration, robot: Robot) -> 
 
 
 def _build_row(i: int, shape: Shape) -> tuple[int, int, Array, Array, Array, Array, float]:
-    """Return a shape as the planner has it; raises InputError for sizes that are none."""
+    """Return a shape as the planner's row; raises InputError for invalid sizes."""
     try:
         if isinstance(shape, Box):
             p, half = _vector(shape.centre), 0.5 * _vector(shape.size)

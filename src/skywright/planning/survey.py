@@ -1,4 +1,4 @@
-"""Where a surface is touched before it is worked at, and the way there (off the surface)."""
+"""Places at which a surface is touched before the work, and the path between them."""
 
 import math
 from typing import NamedTuple
@@ -13,15 +13,15 @@ from skywright.planning.patterns import Pattern, build_time_law
 from skywright.planning.via_points import Search
 
 ROUND = 3
-"""Touches around the pipe on each of the two rings at the ends of the pattern."""
-SAME = 1e-4  # m, rad: nearer points are one
+"""Number of touches around the pipe on each of the two rings at the ends of the pattern."""
+SAME = 1e-4  # m, rad: closer points are merged
 
 
 class SurveyTask(NamedTuple):
-    """What to touch, and how deep the desired tip goes by the map before a touch is given up."""
+    """Places of the touches, and the largest depth of the desired tip on the map."""
 
     points: Array  # (n, 2) s m, phi rad
-    beyond: float  # m inside the surface of the map
+    beyond: float  # m inside the map's surface
     press: float  # m inside the true surface, at most
 
 
@@ -29,7 +29,7 @@ def choose_points(corners: Array) -> Array:
     """Return (n, 2) places (s, phi) that span the pattern with these corners, in flying order."""
     (s_lo, phi_lo), (s_hi, phi_hi) = corners.min(axis=0), corners.max(axis=0)
     phis = np.linspace(phi_hi, phi_lo, ROUND)
-    if phi_hi - phi_lo < SAME:  # a line along the pipe: more rings in place of more angles
+    if phi_hi - phi_lo < SAME:  # a line along the pipe: more rings instead of more angles
         return np.array([[s, phi_lo] for s in np.linspace(s_lo, s_hi, ROUND)])
     first, second = (s_lo, s_hi) if corners[0, 0] - s_lo <= s_hi - corners[0, 0] else (s_hi, s_lo)
     return np.array([[first, p] for p in phis] + [[second, p] for p in phis[::-1]])
@@ -40,10 +40,10 @@ def plan_survey(
 ) -> tuple[dict[str, list[Edge]], str | None]:
     """Move from `state`, off the surface over `corner`, from point to point; then `away` (m) off.
 
-    Each touch is tried as well: a point where the robot cannot press is no place to touch. The pipe
-    stops the tip wherever it is, so it is kept clear of to the press depth; everything else to
-    `beyond`. Returns "survey 1", ... (the first may be missing: it is where the robot is) and
-    "survey leave", or what blocks them.
+    Each touch is planned as well: a point at which the robot cannot press is rejected. The pipe
+    stops the tip wherever it is, so the clearance from it is checked down to the press depth, and
+    that from everything else down to `beyond`. Returns "survey 1", ... (the first may be missing if
+    the robot is there already) and "survey leave", or what blocks them.
     """
     scan, lim = search.task, search.prob.limits
     free = search.prob._replace(clearance=leave_out(search.query, "pipe"))

@@ -1,7 +1,7 @@
 """The tree of configurations that grows through a pattern's via-points.
 
-The first try at each segment is the straight one with the best-rated posture. Then come other
-postures, and at last a rapidly exploring random tree over the surface (task space).
+The first attempt for each segment is the straight one with the best-rated posture. Then come other
+postures, and finally a rapidly exploring random tree over the surface (task space).
 """
 
 import itertools
@@ -36,13 +36,13 @@ from skywright.planning.problem import (
 )
 
 SAMPLES = 48
-"""Arm postures tried at each heading."""
+"""Number of arm postures that are tried at each heading."""
 DETOURS, STEP, ROOM = 60, 0.06, 0.12
-"""Tree extensions tried for a blocked segment, their length and the room around it (m)."""
+"""Number of tree extensions for a blocked segment, their length and the space around it (m)."""
 
 
 class ScanTask(NamedTuple):
-    """What to scan and how."""
+    """Pattern and parameters of a scan."""
 
     pattern: Pattern
     speed: float = 0.01  # m/s of the tip while sliding
@@ -55,7 +55,7 @@ class ScanTask(NamedTuple):
 
 
 class Slide(NamedTuple):
-    """A kept edge of the tree on the surface, with its ends (s, phi)."""
+    """An accepted edge of the tree on the surface, with its ends (s, phi)."""
 
     edge: Edge
     start: Array
@@ -81,18 +81,18 @@ class Search:
         return time.perf_counter() > self.deadline
 
     def tip(self, s: float, phi: float) -> tuple[Array, Array]:
-        """The desired tip and the outward normal."""
+        """Return the desired tip and the outward normal."""
         p, n = np.empty(3), np.empty(3)
         surface_point(self.prob.cylinder, s, phi, p, n)
         return p - self.task.depth * n, n
 
     def axis(self, phi: float) -> Array:
-        """The direction against which the probe points."""
+        """Return the direction opposite to which the probe points."""
         R = self.prob.R_WA
         return np.asarray(R[:, 2] * math.sin(phi) - R[:, 0] * math.cos(phi))
 
     def first(self, corner: Array) -> Candidates:
-        """Candidates at the first corner: every heading, every posture."""
+        """Return candidates at the first corner: every heading, every posture."""
         tip, n = self.tip(corner[0], corner[1])[0], self.axis(corner[1])
         yaws = compute_headings(n, self.prob.cylinder.R_WP)
         self.configurations += len(yaws) * len(self.postures)
@@ -103,7 +103,8 @@ class Search:
         )  # fmt: skip
 
     def next(self, corner: Array, state: State, wide: bool) -> Candidates:
-        """Candidates at a corner, near the configuration `state`; `wide`: other postures too."""
+        """Return candidates at a corner, near the configuration `state`; `wide`: other postures
+        too."""
         tip, n = self.tip(corner[0], corner[1])[0], self.axis(corner[1])
         nj = int(self.prob.model[0]["n_joints"])
         yaw = math.atan2(state.R[1, 0], state.R[0, 0])
@@ -124,7 +125,7 @@ class Search:
 
     @staticmethod
     def _turned(yaw: float, n: Array) -> list[float]:
-        """The heading into the surface that is nearest to the present one, if it is defined."""
+        """Return the heading into the surface nearest to the present one, if it is defined."""
         if math.hypot(n[0], n[1]) < 0.02:
             return []
         into = math.atan2(-n[1], -n[0])
@@ -133,9 +134,10 @@ class Search:
         return [into] if abs(wrap(into - yaw)) > 1e-3 else []
 
     def slide(self, state: State, a: Array, b: Array, end: State) -> Edge:
-        """The tip slides from corner a to corner b, ending in configuration `end`.
+        """Slide the tip from corner a to corner b, ending in configuration `end`.
 
-        Slower where platform or motors would be too fast at the wanted speed of the tip.
+        The speed is reduced if platform or motors would be too fast at the requested speed of the
+        tip.
         """
         lim, task = self.prob.limits, self.task
         length = math.hypot(b[0] - a[0], self.prob.cylinder.radius * (b[1] - a[1]))
@@ -155,7 +157,7 @@ class Search:
         return edge
 
     def grow(self, start: State) -> tuple[list[Slide], Failure | None]:
-        """Grow through all via-points; return the edges with their ends, and what stopped it."""
+        """Grow through all via-points; return the edges with their ends, and the failure."""
         corners = self.task.pattern.corners
         done: list[Slide] = []
         state = start
@@ -183,14 +185,14 @@ class Search:
                 if self.late():
                     return [], first
         anywhere = self.first(b)
-        if anywhere.failure is not None:  # no configuration at all holds the tip there
+        if anywhere.failure is not None:  # no configuration holds the tip there
             return [], anywhere.failure
         assert first is not None
         way = self.detour(state, a, b)
         return (way, None) if way else ([], first)
 
     def detour(self, state: State, a: Array, b: Array) -> list[Slide]:
-        """Task-space RRT over the surface from a towards b; empty when it finds no way."""
+        """Run a task-space RRT over the surface from a towards b; returns [] without a path."""
         tree: list[tuple[State, Array, list[Slide]]] = [(state, a, [])]
         scale = np.array([1.0, self.prob.cylinder.radius])
         half = np.array([self.prob.cylinder.half_length, math.pi])
@@ -220,7 +222,7 @@ class Search:
         return []
 
     def explain(self, failure: Failure | str) -> str:
-        """Return the sentence of a failure; what is one already stays."""
+        """Return the sentence of a failure; a string is returned unchanged."""
         if isinstance(failure, str):
             return failure
         return describe_failure(failure, self.query, self.joints)

@@ -1,4 +1,4 @@
-"""Way-point flights from rest to rest: straight where that is free, else around what is there."""
+"""Waypoint flights from rest to rest: straight if collision-free, otherwise around obstacles."""
 
 import math
 import time
@@ -20,7 +20,7 @@ from skywright.planning.motion.transit import Configuration, plan_transit
 from skywright.planning.problem import CLEARANCE, IN_FLIGHT, Limits, build_problem, describe_failure
 
 INSIDE = 0.98
-"""Of the margin of a way around: the legs are checked with the rest, at instants."""
+"""Fraction of the margin of a detour: the legs are checked at discrete instants."""
 
 
 class WaypointPlan(NamedTuple):
@@ -53,7 +53,7 @@ def plan_waypoints(
     """Plan flights from `start` (4,) through `poses` (n, 4), resting `rests` (n,) s at each.
 
     Poses are (x, y, z, yaw). The arm is at `q_folded` at each. The margin in transit applies; a
-    way around keeps more where there is room. `passive` names a joint without a motor.
+    detour keeps a larger one if possible. `passive` names a joint without a motor.
     """
     began = time.perf_counter()
     prob = build_problem(model, loads, query, cylinder, limits, 0.0)

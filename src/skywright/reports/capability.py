@@ -1,4 +1,4 @@
-"""The capability picture: what a robot can do at rest, on one page."""
+"""Figure of a robot's capability: its static limits on one page."""
 
 import math
 from pathlib import Path
@@ -21,7 +21,7 @@ SIDES = (("forward (+x)", BLUE), ("left (+y)", GREEN), ("back (-x)", ORANGE), ("
 
 
 def write_capability_figure(capability: Capability, path: Path | str) -> Path:
-    """Write the picture as PNG or SVG (by the suffix) and return its path."""
+    """Write the figure as PNG or SVG (by the suffix) and return its path."""
     c = capability
     out = Path(path)
     figure = plt.figure(figsize=(14.0, 9.6), dpi=110)
@@ -85,7 +85,7 @@ def _say_rotors(c: Capability) -> str:
 
 def _polar(axes: Axes, title: str) -> PolarAxes:
     assert isinstance(axes, PolarAxes)
-    axes.set_theta_zero_location("N")  # forward is up, left is left: the robot seen from above
+    axes.set_theta_zero_location("N")  # the robot from above: forward is up, left is left
     axes.set_thetagrids(
         range(0, 360, 45), ["forward\n+x", "", "left\n+y", "", "back\n-x", "", "right\n-y", ""]
     )
@@ -102,7 +102,7 @@ def _closed(values: Array) -> Array:
 
 
 def _mark_least(axes: PolarAxes, angles: Array, values: Array, unit: str) -> None:
-    """Write the smallest value under the circle."""
+    """Write the smallest value below the circle."""
     if np.all(np.isnan(values)):
         return
     i = int(np.nanargmin(values))
@@ -161,7 +161,7 @@ def _draw_wind(plain: Axes, c: Capability) -> None:
 
 
 def _draw_layout(axes: Axes, c: Capability) -> None:
-    """Rotors from above: x forward is up, y left is left."""
+    """Draw the rotors from above: x forward is up, y left is left."""
     r = c.layout.rotors
     axes.set_title("Rotors seen from above", fontsize=11, fontweight="bold")
     radius = r.propeller_radius
@@ -251,7 +251,7 @@ def _draw_loads(axes: Axes, c: Capability) -> None:
 
 
 def _draw_polytope(axes: Axes, c: Capability) -> None:
-    """Force polytope from the side: forward and vertical force, without torque."""
+    """Draw the force polytope from the side: forward and vertical force, without torque."""
     axes.set_title("Feasible rotor forces (outline)", fontsize=11, fontweight="bold")
     points = c.force_polytope[:, [0, 2]]
     hull = _hull(points)
@@ -276,7 +276,7 @@ def _closed_rows(points: Array) -> Array:
 
 
 def _hull(points: Array) -> Array:
-    """Return the convex hull (k, 2), counter-clockwise; a segment's ends when it is flat."""
+    """Return the convex hull (k, 2), counter-clockwise; the ends of a segment if it is flat."""
     order = points[np.lexsort((points[:, 1], points[:, 0]))]
 
     def half(rows: Array) -> list[Array]:

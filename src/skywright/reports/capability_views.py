@@ -1,4 +1,4 @@
-"""The answers of `skywright capability`: each computed, drawn, printed, and as JSON."""
+"""The views of `skywright capability`: each can be drawn, printed, and converted to JSON."""
 
 import math
 from collections.abc import Callable
@@ -19,16 +19,16 @@ from skywright.reports.terminal import new_console, new_table, print_capability
 
 
 class View(NamedTuple):
-    """One answer."""
+    """One view."""
 
-    name: str  # of the picture's file
+    name: str  # name of the figure's file
     to_json: Callable[[], dict[str, Any]]
     write_figure: Callable[[Path], Any]
     print: Callable[[Path], None]
 
 
 def view_limits(robot: Robot, posture: str, condition: Condition) -> View:
-    """Static limits in free flight; in a wind also the tilt that it leaves."""
+    """Build the view of static limits in free flight; with wind also the remaining hover tilt."""
     check_can_fly(robot)
     found = compute_capability(robot, posture=posture)
     speed, tilt = condition.wind, math.nan
@@ -57,7 +57,7 @@ def view_limits(robot: Robot, posture: str, condition: Condition) -> View:
 
 
 def _compute_tilt_in_wind(robot: Robot, found: Capability, condition: Condition) -> float:
-    """Return the least hover tilt (rad) in the wind, from anywhere where it has no direction."""
+    """Return the smallest hover tilt (rad) in the wind; over all directions if it has none."""
     toward = found.directions if condition.wind_toward is None else [condition.wind_toward]
     winds = [condition.wind * np.array([math.cos(a), math.sin(a), 0.0]) for a in toward]
     return compute_hover_tilt(
@@ -67,7 +67,7 @@ def _compute_tilt_in_wind(robot: Robot, found: Capability, condition: Condition)
 
 
 def view_sweep(robot: Robot, posture: str) -> View:
-    """Limits against the rotors' tilt."""
+    """Build the view of the limits over the rotors' tilt."""
     if posture == "worst":
         raise InputError("--sweep tilt with --posture worst; valid: extended, folded")
     check_can_fly(robot)
@@ -82,7 +82,7 @@ def view_sweep(robot: Robot, posture: str) -> View:
 
 
 def view_docked(robot: Robot, condition: Condition) -> View:
-    """What the arm can press while the robot is docked."""
+    """Build the view of the arm's press force while the robot is docked."""
     docked = build_docked(robot)
     check_can_fly(robot)
     found = compute_docked_map(docked, condition)

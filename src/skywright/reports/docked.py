@@ -1,4 +1,4 @@
-"""The picture of a docked robot's press: against slope, wind, direction and contact point."""
+"""Figure of a docked robot's press force: over slope, wind, direction and contact point."""
 
 import math
 from pathlib import Path
@@ -17,7 +17,7 @@ SHADES = (BLUE, GREEN, ORANGE, RED, "#6f4ea0")
 
 
 def write_docked_figure(found: DockedMap, path: Path | str) -> Path:
-    """Write the picture as PNG or SVG (by the suffix) and return its path."""
+    """Write the figure as PNG or SVG (by the suffix) and return its path."""
     figure = Figure(figsize=(14.0, 9.4), dpi=110)
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(
@@ -39,7 +39,7 @@ def write_docked_figure(found: DockedMap, path: Path | str) -> Path:
 
 
 def describe_press(found: DockedMap) -> str:
-    """Say the asked condition and its force in one line."""
+    """Return the requested condition and its force as one line."""
     tip, c = found.stance.tip, found.condition
     where = f"tip at ({tip[0]:.2f}, {tip[1]:.2f}) m"
     slope = f"slope {math.degrees(c.slope):g} deg{_toward(c.slope, c.slope_toward)}"
@@ -117,10 +117,10 @@ def _draw_contact(axes: Axes, found: DockedMap) -> None:
 
 
 def _draw_balance(axes: Axes, found: DockedMap) -> None:
-    """Feet and tip from above with their forces in the asked condition."""
+    """Draw feet and tip from above with their forces in the requested condition."""
     axes.set_title("Loads in the requested condition, from above", fontsize=11, fontweight="bold")
     tip, asked = found.stance.tip, found.asked
-    scale = 0.022  # m per root newton
+    scale = 0.022  # m per square root of newton
     for i, foot in enumerate(found.feet):
         load = asked.foot_load[i]
         if math.isfinite(load):

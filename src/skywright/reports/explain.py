@@ -1,4 +1,4 @@
-"""The words of a report: what each number means, how the run went, what it rests on."""
+"""Texts of a report: meaning of the numbers, outcome of the run, assumptions."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 class Row(NamedTuple):
-    """A line of a table: name, value, remark."""
+    """A row of a table: name, value, remark."""
 
     name: str
     value: str
@@ -42,7 +42,7 @@ class Row(NamedTuple):
 
 
 def format_value(value: Any) -> str:
-    """Write a number with three significant digits; a missing one as a dash."""
+    """Format a number with three significant digits; a missing one is a dash."""
     if value is None:
         return "–"
     if isinstance(value, bool) or not isinstance(value, int | float):
@@ -61,7 +61,7 @@ def _ending(reason: str) -> str:
 
 
 def describe_outcome(result: RunResult) -> str:
-    """One sentence: what was flown, and how it ended."""
+    """Return one sentence: what was flown, and how the run ended."""
     failed = [r for r in result.requirements if not r.passed]
     total = len(result.requirements)
     if result.outcome == "aborted":
@@ -82,7 +82,7 @@ def describe_outcome(result: RunResult) -> str:
 
 
 def list_metrics(result: RunResult) -> list[Row]:
-    """All metrics with unit and meaning, the judged ones included."""
+    """Return all metrics with unit and meaning, including those of requirements."""
     rows, where = [], load_kind(result.description.mission.kind).where
     measures = list_measures(result.description.mission.kind)
     for name, value in sorted(result.metrics.items()):
@@ -93,7 +93,7 @@ def list_metrics(result: RunResult) -> list[Row]:
 
 
 def list_assumptions(result: RunResult) -> list[Row]:
-    """Every assumed number of this run with its plausible range and why."""
+    """Return every assumed number of this run with its plausible range and note."""
     d = result.description
     rows = []
     for root, spec in _roots(d):
@@ -110,7 +110,7 @@ def list_assumptions(result: RunResult) -> list[Row]:
 
 
 def count_unsourced(result: RunResult) -> int:
-    """Return how many numbers of this run have no source."""
+    """Return the number of values of this run without a source."""
     return sum(
         key not in result.description.sources
         for root, spec in _roots(result.description)
@@ -120,7 +120,7 @@ def count_unsourced(result: RunResult) -> int:
 
 
 def list_changes(result: RunResult) -> list[Row]:
-    """Values that the command line set, or the mission against its robot's or world's file."""
+    """Return values set on the command line, or by the mission for its robot or world."""
     d = result.description
     home = d.origin.get("mission.name", "")
     rows = []
@@ -135,7 +135,7 @@ def list_changes(result: RunResult) -> list[Row]:
 
 
 def list_plant(result: RunResult) -> list[Row]:
-    """How the simulated truth deviated from what the controller believed."""
+    """Return the deviations of the plant from the nominal model."""
     d = result.description
     mapped = d.world.pipe is not None or d.world.structure is not None
     rows = [
@@ -181,7 +181,7 @@ def _list_sensors(d: Description[Any]) -> dict[str, Spec]:
 
 
 def list_conditions(result: RunResult) -> list[Row]:
-    """Law, estimator, bandwidths, sensors, link, wind, seed: what the run flew with."""
+    """Return the conditions of the run: law, estimator, bandwidths, sensors, link, wind, seed."""
     d = result.description
     c, m, w = d.robot.control, d.mission, d.world
     rows = [
@@ -216,7 +216,7 @@ def list_conditions(result: RunResult) -> list[Row]:
 
 
 def list_timing(result: RunResult) -> list[Row]:
-    """Plan and timing in numbers; what is not known yet is left out."""
+    """Return planning and timing values, as far as they are known."""
     t, plan = result.timing, result.plan
     rows = [
         Row("planning time", f"{plan.plan_s:.2f} s"),

@@ -1,4 +1,4 @@
-"""Where the camera of the replay's first-person view sits on a robot."""
+"""Mount of the camera of the replay's first-person view."""
 
 import math
 from typing import NamedTuple
@@ -13,16 +13,16 @@ from skywright.models.drawing import Drawing
 from skywright.models.rigid_body import build_body_model, compute_tip, posture
 
 WIDE_DEG = 80.0  # vertical field of view of a common first-person camera
-AHEAD = math.radians(15.0)  # down, of a camera that has no arm to look at
-STEEP = 0.9  # of forward's part along z: beyond, the picture's top is the robot's front
+AHEAD = math.radians(15.0)  # down, for a robot without an arm
+STEEP = 0.9  # z component of forward beyond which the picture's top is the robot's front
 OFF = 0.01  # m, in front of the hull
 BEFORE = 0.06  # m, in front of the shoulders on a link that hangs below the hull
 
 
 class Mount(NamedTuple):
-    """A camera fixed to a part of the robot; vectors in the part's frame, B of the platform."""
+    """A camera fixed to a part of the robot; vectors in the part's frame (B for the platform)."""
 
-    part: int  # index of the drawing's part; 0: the platform
+    part: int  # index of the part in the drawing; 0: the platform
     position: Array  # (3,) m
     forward: Array  # (3,) unit
     up: Array  # (3,) unit, of the picture
@@ -30,11 +30,11 @@ class Mount(NamedTuple):
 
 
 def find_mount(robot: Robot, drawing: Drawing) -> Mount:
-    """Return the robot's own camera, or one on the hull's front rim that looks at the tools.
+    """Return the robot's own camera, or one on the hull's front rim that points at the tools.
 
-    The rim: of the side, top or bottom, where tip or hands work; in the working posture the middle
-    between them is the picture's middle. A link that hangs below the hull and carries both arms
-    would stand in the way: the camera sits between their shoulders there.
+    The rim is at the top or bottom, where tip or hands work; in the working posture the point
+    between them is at the centre of the picture. A link that hangs below the hull and carries both
+    arms would block the view: then the camera is between their shoulders.
     """
     if robot.camera is not None:
         c, R = robot.camera, robot.camera.rotation
@@ -62,7 +62,8 @@ def find_mount(robot: Robot, drawing: Drawing) -> Mount:
 
 
 def _find_carrier(drawing: Drawing) -> int:
-    """Return the part farthest from the hull that carries both hands; 0 with fewer than two."""
+    """Return the part farthest from the hull that carries both hands; 0 if there are fewer than
+    two."""
     ways = [
         _list_carriers(drawing, i) for i, p in enumerate(drawing.parts) if p.name.startswith("hand")
     ]
@@ -77,6 +78,6 @@ def _list_carriers(drawing: Drawing, part: int) -> list[int]:
 
 
 def _find_origin(drawing: Drawing, part: int) -> Array:
-    """Return where a part's frame is in B, its joints at zero: it hangs straight."""
+    """Return the origin of a part's frame in B with joints at zero."""
     way = _list_carriers(drawing, part)[1:]
     return np.sum([drawing.parts[i].position for i in way], axis=0)

@@ -1,9 +1,9 @@
-"""Frames: what the page moves and plots, one row of float32 an instant, for replay and live view.
+"""Frames for replay and live view: what the page moves and plots, one row of float32 per instant.
 
-A frame holds, in this order: position and quaternion (wxyz) of each part in that of its parent
-(7 each); origin and vector (m, N) of each force arrow in W (6 each); the trace's point in W and its
+A frame holds, in this order: position and quaternion (wxyz) of each part relative to its parent (7
+each); origin and vector (m, N) of each force arrow in W (6 each); the trace's point in W and its
 quality (4); a sample of the inspection map: s, c (m) and value (3); and the value of each channel.
-NaN stands where there is nothing to show.
+NaN marks missing values.
 """
 
 from __future__ import annotations
@@ -27,41 +27,41 @@ from skywright.reports.scene3d import Scene3d
 from skywright.reports.trace3d import judge_trace
 
 Rows = NDArray[Any]
-NEAR = 0.02  # m; further away than this, gap and tilt mean nothing
+NEAR = 0.02  # m; beyond it gap and tilt are not shown
 NO_FORCE = 0.02
-"""N; a smaller force has no arrow."""
+"""N; smaller forces have no arrow."""
 
 
 class Channel(NamedTuple):
-    """A number over time."""
+    """A quantity over time."""
 
     name: str
     unit: str
-    limit: float | None  # beyond which it is not in order; None without
+    limit: float | None  # acceptable up to this value; None: no limit
     digits: int  # after the point
     plotted: bool
     read: Callable[[Rows], Array]  # from samples (n,) to values (n,)
 
 
 class Arrow(NamedTuple):
-    """A force that is drawn."""
+    """A drawn force."""
 
     name: str
-    demanded: bool  # otherwise measured or estimated
+    demanded: bool  # else measured or estimated
     read: Callable[[Rows], tuple[Array, Array]]  # to origins (n, 3) m and forces (n, 3) N in W
 
 
 class FrameBuilder:
-    """Makes frames of samples of one robot in one world."""
+    """Builds frames from samples of one robot in one world."""
 
     def __init__(
         self, scene: Scene3d, columns: frozenset[str], judged: tuple[str, ...],
         gap_limit: float | None = None, *, forces: bool = True,
     ) -> None:  # fmt: skip
-        """`columns` are those of the samples; `judged` phases in which contact quality counts.
+        """`columns` are those of the samples; `judged` are phases in which contact quality counts.
 
-        `gap_limit` (m): largest gap that counts as contact, by default GAP_LIMIT. Without `forces`
-        nothing is told of forces, thrusts and power.
+        `gap_limit` (m): largest gap that counts as contact, by default GAP_LIMIT. Without `forces`,
+        forces, thrusts and power are omitted.
         """
         self.scene, self.judged = scene, judged
         self.gap_limit = GAP_LIMIT if gap_limit is None else gap_limit
@@ -77,13 +77,13 @@ class FrameBuilder:
 
     @property
     def size(self) -> int:
-        """Numbers of a frame."""
+        """Number of values in a frame."""
         parts = len(self.scene.drawing.parts)
         return 7 * parts + 6 * len(self.arrows) + 4 + 3 + len(self.channels)
 
     @property
     def layout(self) -> dict[str, Any]:
-        """What the page is told of a frame, as plain JSON."""
+        """Description of a frame for the page, as plain JSON."""
         return {
             "parts": len(self.scene.drawing.parts),
             "arrows": [{"name": a.name, "demanded": a.demanded} for a in self.arrows],
@@ -136,7 +136,7 @@ class FrameBuilder:
 def list_channels(
     robot: Robot, world: World, columns: frozenset[str], gap_limit: float = GAP_LIMIT
 ) -> list[Channel]:
-    """Return the numbers that are shown of a robot in a world."""
+    """Return the channels of a robot in a world."""
     out: list[Channel] = []
 
     def add(
@@ -171,16 +171,16 @@ def list_channels(
 
 
 _LACKING = {"position uncertainty": "pose_std", "power": "power"}
-"""Channels whose column an old recording may lack."""
+"""Channels whose columns old recordings may lack."""
 
 
 def list_arrows(robot: Robot, columns: frozenset[str]) -> list[Arrow]:
-    """Return the forces that are drawn, demanded and measured."""
+    """Return the drawn forces, demanded and measured."""
     out: list[Arrow] = []
     if robot.arm is not None and is_compliant(robot):
         for side in SIDES[: robot.arm.sides]:
             place = f"{side}_p_WH"
-            name = f"{side} hand, without load"  # what it feels beyond the weight that it knows
+            name = f"{side} hand, without load"  # the force without the known weight
             out.append(Arrow(name, False, _at(place, f"{side}_est_f_W")))
             out.append(Arrow(name, True, _at(place, f"{side}_ref_f_W")))
     elif "f_contact" in columns and robot.arm is not None:
@@ -205,7 +205,7 @@ def _at(place: str, force: str) -> Callable[[Rows], tuple[Array, Array]]:
 
 
 def _read_demand(rows: Rows) -> tuple[Array, Array]:
-    """The force that the surface shall have on the tip: along the tip's axis, outwards."""
+    """Return the desired contact force on the tip: along the tip's axis, outwards."""
     w, x, y, z = np.asarray(rows["q_WT"], float).T
     axis = np.stack(
         [2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=1
@@ -226,7 +226,7 @@ def _read_off(rows: Rows) -> Array:
 
 
 def _read_aside(rows: Rows) -> Array:
-    """Distance (mm) of the tip from its path along the surface, where it presses."""
+    """Return the distance (mm) of the tip from its path along the surface while it presses."""
     normal = rows["ref_normal_W"]
     pushing = np.linalg.norm(normal, axis=1) > 0.5
     wrong = rows["p_WT"] - rows["ref_p_WT"]

@@ -1,4 +1,4 @@
-"""Pictures of the report of an inspection: where was read, what was found, and A-scans."""
+"""Figures of an inspection report: positions of readings, indications, A-scans."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from skywright.inspection.history.entries import StoredIndication, StoredReading
 from skywright.reports.figures.style import BLACK, LIMIT, RED, new_figure
 
 FEW = 40
-"""Readings up to which each is labelled with its value."""
+"""Maximum number of readings whose values are written."""
 
 
 def draw_places(
@@ -21,10 +21,9 @@ def draw_places(
     indications: Sequence[StoredIndication],
     axes: tuple[int, int],
 ) -> Figure | None:
-    """Draw the places in the frame of the asset along two of its axes; None where there are none.
+    """Draw positions in the frame of the asset along two of its axes; None if there are none.
 
-    Accepted readings are coloured by their value, refused ones are crosses, indications
-    triangles.
+    Accepted readings are coloured by their value, refused ones are crosses, indications triangles.
     """
     if not readings and not indications:
         return None
@@ -61,7 +60,7 @@ def draw_places(
 
 
 def choose_axes(points: Array) -> tuple[int, int]:
-    """Return the two axes along which places (n, 3) spread most, in their order."""
+    """Return the two axes along which positions (n, 3) have the largest extent, in their order."""
     spread = np.ptp(points, axis=0) if len(points) else np.zeros(3)
     a, b = sorted(np.argsort(-spread, kind="stable")[:2].tolist())
     return int(a), int(b)
@@ -73,7 +72,7 @@ def _list_places(entries: Sequence[object], axes: tuple[int, int]) -> Array:
 
 
 def draw_ascans(scans: Sequence[tuple[str, UltrasonicScan, tuple[int, int]]]) -> Figure | None:
-    """Draw one A-scan a row over the depth that its velocity gives; None without any."""
+    """Draw one A-scan per row over the depth from its velocity; None without any."""
     if not scans:
         return None
     figure = new_figure(7.6, 1.0 + 1.25 * len(scans))

@@ -1,7 +1,7 @@
-"""The report of an inspection flight that is handed over: one page, from the database.
+"""The report of an inspection flight: one page, from the database.
 
-It states what the database and the run's directory hold, marks what is missing, and leaves name,
-level and signature empty: the page is a draft for a person to judge and sign.
+It contains the entries of the database and of the run's directory and marks missing ones. Name,
+level and signature are empty: the page is a draft that a person must evaluate and sign.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ from skywright.reports.page import build_picture, render_page, write_page
 
 MOST_ASCANS = 6
 HASHED = ("mission.toml", "metrics.json", "recording.mcap")
-"""Files of a run's directory whose hash the page states."""
+"""Files of a run's directory whose hashes the page states."""
 
 
 class InspectionReport(NamedTuple):
-    """What the page shows."""
+    """Contents of the page."""
 
     asset: str
     description: str
@@ -51,19 +51,19 @@ class InspectionReport(NamedTuple):
     readings: list[StoredReading]
     indications: list[StoredIndication]
     coverages: list[Coverage]
-    """Of the database, else of the run; empty where neither has any."""
+    """From the database, else from the run; empty if neither has any."""
     outcome: str
     deviations: list[str]
-    hashes: list[tuple[str, str]]  # (what, SHA-256)
+    hashes: list[tuple[str, str]]  # (file or entry, SHA-256)
     registration: str = "not stated"  # of the flight in the frame of the asset
 
 
 def build_inspection_report(
     store: InspectionStore, flight: str, stated: Sequence[str] = ()
 ) -> InspectionReport:
-    """Collect what the page shows of a flight; `stated` are deviations that a person adds.
+    """Collect the contents of the page for a flight; `stated` are deviations added by a person.
 
-    Raises InputError for an unknown flight, or one that neither read nor found anything.
+    Raises InputError for an unknown flight, or one without readings and indications.
     """
     known = {f.id: f for f in store.list_flights()}
     if flight not in known:
@@ -104,7 +104,7 @@ def build_inspection_report(
 
 
 def write_inspection_report(report: InspectionReport, path: Path, folder: Path) -> None:
-    """Write the page; `folder` is that of the database, beside which files of A-scans may lie."""
+    """Write the page; `folder` is that of the database, which may contain files of A-scans."""
     places = [(r.reading.x_m, r.reading.y_m, r.reading.z_m) for r in report.readings]
     places += [(i.indication.x_m, i.indication.y_m, i.indication.z_m) for i in report.indications]
     points = np.array(places)
@@ -145,7 +145,7 @@ def _tell_registration(flight: StoredFlight, known: Registration | None) -> str:
 
 
 def _read_run(directory: Path) -> dict[str, Any]:
-    """metrics.json of the run; empty where the directory is elsewhere by now."""
+    """Return metrics.json of the run; empty if its directory was moved or removed."""
     file = directory / "metrics.json"
     if not file.is_file():
         return {}
@@ -154,7 +154,7 @@ def _read_run(directory: Path) -> dict[str, Any]:
 
 
 def _read_coverage(result: dict[str, Any]) -> list[Coverage]:
-    """Coverage of a run whose entries hold none: the parts of its path that it missed."""
+    """Return the coverage of a run without coverage entries, from the missed parts of its path."""
     if not result.get("sector_m2"):
         return []
     missed = tuple(
@@ -169,7 +169,7 @@ def _list_deviations(
     calibrations: Sequence[StoredCalibration], readings: Sequence[StoredReading],
     indications: Sequence[StoredIndication], run: dict[str, Any],
 ) -> list[str]:  # fmt: skip
-    """What the entries themselves show to deviate, or to be missing."""
+    """Return deviations and missing items that follow from the entries."""
     out = []
     if procedure is None:
         out.append("no procedure is stored with the flight")
@@ -202,7 +202,8 @@ def _list_deviations(
 
 
 def _split_data(text: str, flight: StoredFlight, folder: Path) -> tuple[Path, str]:
-    """File and place in it of a reading's `data`: FILE#U,V, beside the database or in the run."""
+    """Split a reading's `data`, FILE#U,V, into file (beside the database or in the run) and
+    position."""
     name, _, place = text.partition("#")
     beside, inside = folder / name, Path(flight.run) / name
     return (inside if flight.run and not beside.is_file() else beside), place

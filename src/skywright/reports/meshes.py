@@ -18,8 +18,8 @@ class Mesh(NamedTuple):
 
 
 def build_mesh(shape: Shape, segments: int = 28) -> Mesh:
-    """Return the mesh of a shape in the frame of its part. Planes have none: draw a grid."""
-    if shape.mesh is not None:  # each triangle by itself: flat, as machined parts are
+    """Return the mesh of a shape in the frame of its part. Raises ValueError for a plane."""
+    if shape.mesh is not None:  # separate vertices per triangle for flat shading
         vertices, faces = shape.mesh
         mesh = Mesh(vertices[faces].reshape(-1, 3), np.arange(faces.size).reshape(-1, 3))
     elif shape.kind == "box":
@@ -37,7 +37,7 @@ def build_mesh(shape: Shape, segments: int = 28) -> Mesh:
 
 
 def merge_meshes(meshes: list[Mesh]) -> Mesh:
-    """Return one mesh of several."""
+    """Merge meshes into one."""
     starts = np.cumsum([0] + [len(m.vertices) for m in meshes[:-1]])
     faces = [m.faces + start for m, start in zip(meshes, starts, strict=True)]
     return Mesh(np.concatenate([m.vertices for m in meshes]), np.concatenate(faces))
@@ -58,14 +58,15 @@ def build_ribbon(points: Array, normals: Array, width: float) -> Mesh:
 
 
 def _arc(radius: float, low: float, high: float) -> tuple[Array, Array]:
-    """Profile (r, z) of two half spheres, the lower one at -low, the upper one at +high."""
+    """Return the profile (r, z) of two half spheres, the lower one at -low, the upper one at
+    +high."""
     angle = np.linspace(-math.pi / 2, math.pi / 2, 12)
     z = radius * np.sin(angle) + np.where(angle < 0, -low, high)
     return radius * np.cos(angle), z
 
 
 def _revolve(r: Array, z: Array, segments: int) -> Mesh:
-    """Turn the profile (r, z) with shared vertices (smooth) about z."""
+    """Revolve the profile (r, z) about z, with shared vertices for smooth shading."""
     turn = np.linspace(0.0, 2 * math.pi, segments, endpoint=False)
     rows = len(r)
     vertices = np.stack(
@@ -81,7 +82,7 @@ def _revolve(r: Array, z: Array, segments: int) -> Mesh:
 
 
 def _cylinder(radius: float, half: float, segments: int) -> Mesh:
-    """Wall and two lids with vertices of their own, so that the edges look sharp."""
+    """Build wall and lids with separate vertices, for sharp edges."""
     wall = _revolve(np.full(2, radius), np.array([-half, half]), segments)
     top = _revolve(np.array([radius, 0.0]), np.full(2, half), segments)
     bottom = _revolve(np.array([0.0, radius]), np.full(2, -half), segments)

@@ -1,4 +1,4 @@
-"""Pictures of a run in 3-D: a still, and a moving one of a scan beside the map that it makes."""
+"""3-D pictures of a run: a still, and an animation of a scan beside its map."""
 
 import io
 from pathlib import Path
@@ -16,9 +16,9 @@ from skywright.run.run import RunResult
 
 SIZE = (8.0, 3.6)  # in
 DPI = 100
-BEFORE = 4.0  # s of the approach that are shown
+BEFORE = 4.0  # s, shown duration of the approach
 MILLISECONDS = 120
-"""How long one picture is shown; the last one is shown twenty times as long."""
+"""Duration of one picture; the last one is shown twenty times as long."""
 
 
 def write_still(
@@ -30,7 +30,7 @@ def write_still(
 
 
 def draw_scan_frame(result: RunResult, t: float, *, finished: bool = False) -> Figure:
-    """The robot at time `t` (s) beside the map up to then; `finished`: with the estimated line.
+    """Draw the robot at time `t` (s) beside the map so far; `finished`: with the estimated line.
 
     Raises ValueError for a run without a weld map.
     """
@@ -71,7 +71,8 @@ def draw_scan_frame(result: RunResult, t: float, *, finished: bool = False) -> F
 
 
 def write_moving_scan(result: RunResult, path: Path, frames: int = 44) -> Path:
-    """Write the scan of a run as an animated WebP of `frames` pictures. Raises ValueError."""
+    """Write the scan of a run as an animated WebP of `frames` pictures. Raises ValueError without
+    one."""
     weld = result.details
     if not isinstance(weld, WeldResult):
         raise ValueError("a run without a weld map")

@@ -1,4 +1,4 @@
-"""Outlines of robots and worlds as 3-D curves, for flat drawings seen from above or the side."""
+"""Outlines of robots and worlds as 3-D curves, for 2-D drawings from above or the side."""
 
 import math
 from typing import NamedTuple
@@ -20,7 +20,7 @@ from skywright.models.rotors import build_rotors
 
 
 class Outline(NamedTuple):
-    """One drawn part: a closed or open polyline (n, 3) in m, and its style."""
+    """A drawn part: a closed or open polyline (n, 3) in m, and its style."""
 
     points: Array
     part: str
@@ -29,7 +29,7 @@ class Outline(NamedTuple):
 
 
 def outline_robot(robot: Robot, q: Array) -> list[Outline]:
-    """Outlines of a robot in B with its joints at `q` (n_joints,)."""
+    """Return the outlines of a robot in B with its joints at `q` (n_joints,)."""
     parts: list[Outline] = []
     rotors = build_rotors(robot.rotors)
     p = robot.platform
@@ -61,7 +61,7 @@ def outline_robot(robot: Robot, q: Array) -> list[Outline]:
 
 
 def outline_arm(robot: Robot, q: Array) -> list[Outline]:
-    """Centre lines of the links and the probe in B."""
+    """Return the centre lines of the links and the probe in B."""
     if robot.arm is None:
         return []
     model = build_body_model(robot)
@@ -78,17 +78,17 @@ def outline_arm(robot: Robot, q: Array) -> list[Outline]:
 
 
 def move(parts: list[Outline], p: Array, yaw: float) -> list[Outline]:
-    """Place outlines given in B at position `p` (3,) and heading `yaw` (rad) in W."""
+    """Transform outlines from B to W, at position `p` (3,) and heading `yaw` (rad)."""
     return place(parts, p, rot_z(yaw))
 
 
 def place(parts: list[Outline], p: Array, R: Array) -> list[Outline]:
-    """Place outlines given in B at position `p` (3,) and attitude `R` (3, 3) in W."""
+    """Transform outlines from B to W, at position `p` (3,) and attitude `R` (3, 3)."""
     return [part._replace(points=part.points @ R.T + p) for part in parts]
 
 
 def outline_pipe(pipe: Pipe) -> list[Outline]:
-    """Both ends of the pipe and a few lines along it, in W."""
+    """Return both ends of the pipe and lines along it, in W."""
     cyl = build_cylinder(pipe)
     phi = np.linspace(-math.pi, math.pi, 73)
     parts = [Outline(surface_curve(pipe, s * cyl.half_length, phi), "pipe") for s in (-1.0, 1.0)]
@@ -99,13 +99,14 @@ def outline_pipe(pipe: Pipe) -> list[Outline]:
 
 
 def surface_curve(pipe: Pipe, s: Array | float, phi: Array | float) -> Array:
-    """Points (n, 3) in W of the surface at axial positions `s` (m) and angles `phi` (rad)."""
+    """Return points (n, 3) in W of the surface at axial positions `s` (m) and angles `phi`
+    (rad)."""
     cyl = build_cylinder(pipe)
     return roll_points(cyl, np.asarray(s), cyl.radius * np.asarray(phi))[0]
 
 
 def outline_tube(tube: Tube) -> list[Outline]:
-    """Both ends of a structure's pipe and a few lines along it, in W."""
+    """Return both ends of a structure's pipe and lines along it, in W."""
     start = np.array([tube.x_m, tube.y_m, tube.z_m])
     way = np.array([tube.to_x_m, tube.to_y_m, tube.to_z_m]) - start
     axis = way / tube.length_m
@@ -120,7 +121,7 @@ def outline_tube(tube: Tube) -> list[Outline]:
 
 
 def outline_things(things: Things) -> list[Outline]:
-    """Bottom, top and edges of the box around each solid that stands or lies in W."""
+    """Return the bounding box of each solid in W."""
     out: list[Outline] = []
     for name, thing in things.items():
         for part in thing.list_parts():
@@ -131,7 +132,7 @@ def outline_things(things: Things) -> list[Outline]:
 
 
 def _outline_solid(solid: Solid) -> list[Outline]:
-    """A capsule between two ends is a line, every other solid the box around it."""
+    """Return a line for a capsule between two ends, else the bounding box."""
     if solid.ends is not None:
         return [Outline(np.array(solid.ends, dtype=float), "box")]
     r = float(solid.size[0])
@@ -145,10 +146,10 @@ def _outline_solid(solid: Solid) -> list[Outline]:
 
 
 def outline_structure(structure: Structure) -> list[Outline]:
-    """Edges of the inspected surface, and of the plate behind it."""
+    """Return the edges of the inspected surface, and of the plate behind it."""
     surface = build_surface(structure)
     half_x, half_y = 0.5 * structure.length_m, 0.5 * structure.width_m
-    if surface.shape != PLANE:  # a quarter of the turn to each side of the frame's origin
+    if surface.shape != PLANE:  # a quarter turn to each side of the frame's origin
         turn = 0.5 * math.pi * surface.radius
         half_x, half_y = (half_x, turn) if surface.along == 0 else (turn, half_y)
     u = np.linspace(-1.0, 1.0, 25)

@@ -1,4 +1,4 @@
-"""What every page shares: pictures inside it, one way to fill its template, one to write it."""
+"""Common functions of all pages: embedded pictures, templates, writing."""
 
 import base64
 import html
@@ -40,9 +40,9 @@ def build_picture(
 def build_picture(
     title: str, figure: Figure | None, caption: str, *, zoom: bool = False
 ) -> Picture | None:
-    """Return a figure as a picture of a page, or None where there is none.
+    """Return a figure as a picture of a page; None without a figure.
 
-    `zoom`: panels over time can be zoomed in the page; printed, they are the picture.
+    `zoom`: the page can zoom panels over time; in print, the picture is used.
     """
     if figure is None:
         return None
@@ -53,10 +53,10 @@ def build_picture(
 
 
 def render_page(template: str, **values: object) -> str:
-    """Fill `reports/templates/<template>`; a value that it lacks is an error.
+    """Fill `reports/templates/<template>`; a missing value is an error.
 
-    Every heading gets an id; an empty <nav> becomes the list of contents. `written` (when) is
-    the present unless it is given.
+    Every heading gets an id; an empty <nav> becomes the table of contents. `written` defaults to
+    the current time.
     """
     values = {"written": write_time(datetime.now(UTC)), **values}
     page = add_contents(_load_template(template).render(values))
@@ -75,17 +75,17 @@ def render_page(template: str, **values: object) -> str:
 
 
 def write_time(t: datetime) -> str:
-    """Return date and time (UTC) to the second."""
+    """Format date and time (UTC) to the second."""
     return t.astimezone(UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
 
 
 def break_key(name: str) -> Markup:
-    """Return a dotted key that may break after its dots and underscores."""
+    """Return a dotted key with line breaks allowed after its dots and underscores."""
     return Markup(re.sub(r"([._/])", r"\1<wbr>", str(escape(name))))
 
 
 def add_contents(page: str) -> str:
-    """Give headings ids, and list them in the empty <nav>; sections with their parts in a line."""
+    """Give headings ids, and list them in the empty <nav>."""
     items: list[str] = []
     names: list[str] = []
 
@@ -105,9 +105,9 @@ def add_contents(page: str) -> str:
 
 
 def write_page(path: Path, text: str) -> None:
-    """Write a page whole or not at all. Raises InputError when it cannot be written."""
+    """Write a page atomically. Raises InputError if it cannot be written."""
     partial = path.with_name(path.name + ".partial")
-    try:  # under another name first: a full disk leaves an earlier page whole
+    try:  # a temporary file first: a full disk leaves an earlier page intact
         partial.write_text(text, encoding="utf-8")
         partial.replace(path)
     except BaseException as error:

@@ -15,9 +15,9 @@ PATIENCE_S = 120.0
 
 
 def write_pdf(page: Path, path: Path) -> None:
-    """Print an HTML page to `path`, whole or not at all.
+    """Print an HTML page to `path`, atomically.
 
-    Raises InputError without one of BROWSERS, and where it does not print.
+    Raises InputError without one of BROWSERS, and if printing fails.
     """
     browser = next(filter(None, map(shutil.which, BROWSERS)), None)
     if browser is None:

@@ -1,4 +1,4 @@
-"""One sentence for each phase of a mission, for whoever sees it for the first time."""
+"""One sentence for each phase of a mission."""
 
 from skywright.run.kind import load_kind
 
@@ -15,9 +15,9 @@ COMMON = {
 
 
 def explain_phase(kind: str, name: str) -> str:
-    """Return what is done in the phase `name` of a mission of a kind, or "".
+    """Return a description of the phase `name` of a mission kind, or "".
 
-    A key such as "hold *" explains every phase whose name begins so ("hold 2", "hold 5 N").
+    A key such as "hold *" describes every phase with that prefix ("hold 2", "hold 5 N").
     """
     phases = {**COMMON, **load_kind(kind).figures().phases}
     words = name.split()

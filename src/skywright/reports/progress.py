@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from skywright.vehicle.simulated import SimulatedVehicle
 
 REDRAW_S = 0.1
-"""Wall time between two updates of the bar."""
+"""Minimum wall time between two updates of the bar."""
 
 
 class Progress:
-    """An observer (evaluation.run.Observer) that tells how far a run is.
+    """An observer (evaluation.run.Observer) that displays the progress of a run.
 
-    On a terminal it draws one bar; elsewhere it writes one line a phase. `quiet` writes nothing.
+    On a terminal it draws one bar; elsewhere it writes one line per phase. `quiet` writes nothing.
     """
 
     def __init__(self, *, quiet: bool = False, console: Console | None = None) -> None:
@@ -54,13 +54,13 @@ class Progress:
             TextColumn("{task.completed:.0f} of {task.total:.0f} s  {task.fields[factor]}"),
             console=self._console,
             transient=True,
-            auto_refresh=False,  # no thread beside the simulation
+            auto_refresh=False,  # no thread besides the simulation
         )
         self._task = self._bar.add_task("start", total=self._total, factor="")
         self._bar.start()
 
     def on_tick(self, t: float, phase: str, vehicle: SimulatedVehicle) -> None:
-        """Move the bar, at most ten times a second of wall time."""
+        """Update the bar, at most ten times per second of wall time."""
         if self._quiet:
             return
         if phase != self._phase:
@@ -92,7 +92,8 @@ class Progress:
 
 
 def announce_compilation(console: Console | None = None) -> bool:
-    """Say once that the first run compiles; call it before planning. Returns whether it said so."""
+    """Print a note if the first run compiles; call it before planning. Returns whether it
+    printed."""
     if is_compiled():
         return False
     console = console or Console(stderr=True, highlight=False)

@@ -1,8 +1,8 @@
-"""A still picture of a 3-D scene, drawn in software: pictures need no graphics card and no display.
+"""Software renderer for a still picture of a 3-D scene, without graphics card or display.
 
 Triangles go through a depth buffer (perspective: linear interpolation of 1/z, Blinn, "Hyperbolic
-interpolation", IEEE CG&A 12(4), 1992); shading is deferred; shadows come from a second depth
-buffer seen from the sun (Williams, SIGGRAPH 1978). Colours are in 0..1.
+interpolation", IEEE CG&A 12(4), 1992); shading is deferred; shadows come from a second depth buffer
+seen from the sun (Williams, SIGGRAPH 1978). Colours are in 0..1.
 """
 
 import math
@@ -30,7 +30,7 @@ class Item(NamedTuple):
 
 
 class Camera(NamedTuple):
-    """A pinhole camera that looks from `position` at `look_at` (m, in W), z up."""
+    """A pinhole camera at `position` that points at `look_at` (m, in W), z up."""
 
     position: Array
     look_at: Array
@@ -44,8 +44,7 @@ def _fill_buffer(
 ) -> None:  # fmt: skip
     """Draw triangles into a buffer: nearest index, its barycentric weights, 1/z (larger: nearer).
 
-    xy (n, 2) pixels; inverse (n,) 1/z; near (h, w) 1/z so far; `test` (h, w): hide what is
-    farther than this.
+    xy (n, 2) pixels; inverse (n,) 1/z; near (h, w) current 1/z; `test` (h, w): minimum 1/z to draw.
     """
     height, width = near.shape
     for k in range(faces.shape[0]):
@@ -81,9 +80,9 @@ def _fill_buffer(
 def render_scene(
     items: list[Item], camera: Camera, width: int, height: int, samples: int = 2
 ) -> NDArray[np.uint8]:
-    """Return the picture (height, width, 3) of the items on a ground at z = 0 under the sun.
+    """Return the picture (height, width, 3) of the items on a ground at z = 0 in sunlight.
 
-    `samples`: each pixel is the mean of samples x samples finer ones.
+    `samples`: each pixel is the mean of samples x samples subpixels.
     """
     w, h = width * samples, height * samples
     axes, focal = _look(camera), 0.5 * h / math.tan(0.5 * camera.fov)
@@ -101,7 +100,7 @@ def render_scene(
 
 
 def _look(camera: Camera) -> Array:
-    """Rows: right, down, forward in W."""
+    """Return the camera axes as rows: right, down, forward, in W."""
     forward = camera.look_at - camera.position
     forward = forward / np.linalg.norm(forward)
     right = np.cross(forward, [0.0, 0.0, 1.0])
@@ -125,7 +124,7 @@ def _build_rays(axes: Array, focal: float, w: int, h: int) -> Array:
 
 
 class _Shadow(NamedTuple):
-    """Depth seen from the sun."""
+    """Depth map seen from the sun."""
 
     axes: Array  # rows: two across, one towards the sun
     low: Array  # (2,) m
@@ -150,7 +149,7 @@ def _build_shadow(solid: Item) -> _Shadow:
 
 
 def _light(shadow: _Shadow, points: Array) -> Array:
-    """Share (n,) of sunlight that reaches points (n, 3), softened over a few cells."""
+    """Return the share (n,) of sunlight at points (n, 3), softened over a few cells."""
     p = points @ shadow.axes.T
     cell = (p[:, :2] - shadow.low) * shadow.scale
     total = np.zeros(len(points))
@@ -184,7 +183,7 @@ def _draw(
     image: Array, depth: Array, item: Item, camera: Camera, axes: Array, focal: float,
     shadow: _Shadow, opacity: float, *, write: bool,
 ) -> None:  # fmt: skip
-    """Draw one mesh over the image; `write`: later meshes are hidden behind it."""
+    """Draw one mesh over the image; `write`: it occludes later meshes."""
     h, w = depth.shape
     p = (item.vertices - camera.position) @ axes.T
     z = np.where(p[:, 2] > 0.05, p[:, 2], -1.0)
@@ -213,7 +212,7 @@ def _draw(
 
 
 def _compute_normals(item: Item) -> Array:
-    """Vertex normals (n, 3), the mean of the triangles that share the vertex."""
+    """Return vertex normals (n, 3), the mean over the triangles that share the vertex."""
     a, b, c = (item.vertices[item.faces[:, i]] for i in range(3))
     face = np.cross(b - a, c - a)
     normals = np.zeros_like(item.vertices)

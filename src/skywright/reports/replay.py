@@ -1,7 +1,7 @@
-"""replay.html: a finished run in 3-D, in one file that needs no network.
+"""replay.html: a 3-D replay of a finished run, in one self-contained file.
 
-It is the ground station's page (reports/station) with the run's scene and frames inside it.
-`replay.html#t=42&view=overview` opens at 42 s, seen from there.
+It is the ground station's page (reports/station) with embedded scene and frames of the run.
+`replay.html#t=42&view=overview` opens at 42 s in the view "overview".
 """
 
 import json
@@ -32,13 +32,13 @@ from skywright.run.run import RunResult
 FRAME_RATE = 15.0  # Hz
 MAX_FRAMES = 4500
 VERSION = 1
-"""Of the page's data; the page refuses another one."""
+"""Version of the page's data; the page refuses other versions."""
 
 
 def write_replay(result: RunResult) -> Path:
     """Write replay.html into the run's directory and return its path.
 
-    Raises InputError when the directory cannot be written.
+    Raises InputError if it cannot be written.
     """
     path = result.directory / "replay.html"
     write_page(path, build_replay(result))
@@ -51,9 +51,9 @@ def build_replay(result: RunResult) -> str:
 
 
 def embed_page(data: dict[str, Any]) -> str:
-    """Return the page as one document with its data, script and style inside it."""
+    """Return the page as one document with embedded data, script and style."""
     text = json.dumps(data, allow_nan=False, separators=(",", ":"))
-    text = text.replace("<", "\\u003c")  # a name may not end the script
+    text = text.replace("<", "\\u003c")  # a name must not end the script
     html, script, style = (read_asset(f"station.{end}") for end in ("html", "js", "css"))
     title = f"<title>{_escape(data['mission'])}: replay</title>"
     html = html.replace("<title>Skywright</title>", title, 1)
@@ -72,10 +72,10 @@ def read_asset(name: str) -> str:
 
 
 def build_replay_data(result: RunResult) -> dict[str, Any]:
-    """Return what the page needs to replay a run, as plain JSON."""
+    """Return the data of a replay as plain JSON."""
     samples = result.samples
     finite = np.isfinite(samples["p_WB"]).all(axis=1) & np.isfinite(samples["q_WB"]).all(axis=1)
-    samples = samples[finite]  # a diverged run ends with numbers that are none
+    samples = samples[finite]  # a diverged run ends with non-finite values
     shown = samples[_choose_frames(samples)]
     d = result.description
     flown = samples["p_WB"][::50] if len(samples) else np.zeros((1, 3))
@@ -122,7 +122,7 @@ def describe(
     d: Description, scene: Scene3d, builder: FrameBuilder, views: list[View], way: Any,
     found: bool = False,
 ) -> dict[str, Any]:  # fmt: skip
-    """Return what the page is told of a run before frames come; `way` is that of the plan."""
+    """Return the data that the page needs before frames; `way` is that of the plan."""
     scene.draw_sketch(load_kind(d.mission.kind).figures().sketch(d, way))
     scene.draw_wind(views[0].look_at + [0.0, 0.0, 0.75])
     return {
@@ -144,9 +144,9 @@ def describe(
 
 
 def pack_frames(t: Array, frames: NDArray[np.float32]) -> dict[str, Any]:
-    """Return frames (n, size) at times `t` (n,) s as text: each column by itself, deflated.
+    """Return frames (n, size) at times `t` (n,) s as text: each column separately, deflated.
 
-    Bytes of equal weight stand together, which halves what is left.
+    Bytes of equal significance are grouped, which halves the compressed size.
     """
     n = len(frames)
     planes = np.ascontiguousarray(frames.T).view(np.uint8).reshape(-1, 4).T
@@ -155,7 +155,7 @@ def pack_frames(t: Array, frames: NDArray[np.float32]) -> dict[str, Any]:
 
 
 def _choose_frames(samples: NDArray[Any]) -> Ints:
-    """Indices of the samples that are shown."""
+    """Return the indices of the shown samples."""
     if len(samples) == 0:
         return np.zeros(0, np.int64)
     t = samples["t"]
@@ -165,7 +165,7 @@ def _choose_frames(samples: NDArray[Any]) -> Ints:
 
 
 def _read_signal(weld: WeldResult | None, t: Array) -> Array | None:
-    """The weld component of the probe's signal at times `t`, NaN away from the surface."""
+    """Return the weld component of the probe's signal at times `t`, NaN away from the surface."""
     if weld is None or len(weld.t) == 0:
         return None
     at = np.searchsorted(weld.t, t).clip(0, len(weld.t) - 1)
@@ -174,7 +174,7 @@ def _read_signal(weld: WeldResult | None, t: Array) -> Array | None:
 
 
 def _draw_weld(scene: Scene3d, weld: WeldResult, start: float) -> None:
-    """Draw the crossings when they are found, and the estimated lines along them at the last."""
+    """Draw each crossing from its detection time, and the estimated lines from the last one."""
     last = 0.0
     for crossing in weld.crossings:
         last = max(last, crossing.t - start)
@@ -190,7 +190,7 @@ def _draw_weld(scene: Scene3d, weld: WeldResult, start: float) -> None:
 
 
 def _describe_camera(d: Description, scene: Scene3d) -> dict[str, Any]:
-    """The first-person view: the part that carries it; its mount in the part's frame."""
+    """Return the camera of the first-person view: its part, and its mount in the part's frame."""
     mount = find_mount(d.robot, scene.drawing)
     vectors = {"position": mount.position, "forward": mount.forward, "up": mount.up}
     return {

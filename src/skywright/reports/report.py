@@ -34,7 +34,7 @@ CONTACT_OFFSET = (
 
 
 def list_figures(kind: str) -> dict[str, Callable[[RunResult], Figure | None]]:
-    """Return the figures of missions of a kind by name; each is None with nothing to show."""
+    """Return the figures of missions of a kind by name; each function may return None."""
     return {
         **{name: chart.draw for name, chart in load_kind(kind).figures().charts.items()},
         "tip_path": paths.draw_tip_path,
@@ -45,14 +45,14 @@ def list_figures(kind: str) -> dict[str, Callable[[RunResult], Figure | None]]:
 
 
 def write_report(result: RunResult) -> None:
-    """Write report.html into the run's directory. Raises InputError when it cannot be written."""
+    """Write report.html into the run's directory. Raises InputError if it cannot be written."""
     write_page(result.directory / "report.html", render_report(result))
 
 
 def write_figures(result: RunResult, folder: Path) -> list[Path]:
-    """Write each figure of a run as SVG and PDF into a folder; returns the files.
+    """Write each figure of a run as SVG and PDF into a folder; return the files.
 
-    A figure with nothing to show is left out. Raises InputError when they cannot be written.
+    Empty figures are omitted. Raises InputError if files cannot be written.
     """
     kind, written = result.description.mission.kind, list[Path]()
     try:
@@ -70,7 +70,7 @@ def write_figures(result: RunResult, folder: Path) -> list[Path]:
 
 
 def render_report(result: RunResult) -> str:
-    """Return the page; everything that it shows is inside it."""
+    """Return the HTML of the self-contained page."""
     from skywright.run.versions import collect_versions
 
     kind, folder = result.description.mission.kind, result.directory

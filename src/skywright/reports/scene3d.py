@@ -1,6 +1,6 @@
-"""The 3-D scene of a robot in its world as data: what the ground station's page draws.
+"""The 3-D scene of a robot in its world as data for the ground station's page.
 
-One dictionary holds parts, meshes, lines, labels and arrows. Lengths are m, vectors are in W unless
+One dictionary holds parts, meshes, lines, labels and arrows. Lengths are in m, vectors in W unless
 an item names its part; quaternions are wxyz. Arrays are base64 of little-endian numbers.
 """
 
@@ -31,9 +31,9 @@ from skywright.run.kind import Mark, Sketch
 
 Colour = tuple[int, int, int]
 
-# Apart for colour-blind eyes, too: Okabe and Ito's palette, or differing in lightness.
+# Colour-blind safe: Okabe and Ito's palette, or colours that differ in lightness.
 CCW: Colour = (51, 117, 214)
-"""Propellers that turn counter-clockwise seen from above."""
+"""Colour of propellers that turn counter-clockwise seen from above."""
 CW: Colour = (120, 190, 255)
 WELD: Colour = (20, 20, 24)
 ESTIMATE: Colour = (214, 40, 170)
@@ -42,21 +42,22 @@ WAYPOINT: Colour = (0, 153, 136)
 AREA: Colour = (190, 60, 60)
 WIND: Colour = (0, 150, 200)
 WIND_SCALE = 0.12
-"""m of an arrow for each m/s of wind."""
+"""Length (m) of an arrow per m/s of wind."""
 
-# MuJoCo's holder frame has x along the probe; the tip's frame has z there: R_TH as a quaternion
+# MuJoCo's holder frame has x along the probe, the tip's frame has z: R_TH as a quaternion
 _Q_TH = np.array([math.sqrt(0.5), 0.0, -math.sqrt(0.5), 0.0])
 
 
 class Scene3d:
-    """A robot in its world; `data` is what a page draws of it."""
+    """A robot in its world; `data` is the input of the page."""
 
     def __init__(self, robot: Robot, world: World, error: Array | None = None) -> None:
         """Draw the world and the robot; `error` as in build_drawing."""
         self.robot, self.world = robot, world
         self.drawing: Drawing = build_drawing(robot, world, error)
         self.parents = [-1 if part.name == "holder" else part.parent for part in self.drawing.parts]
-        """Part that carries each part; the probe hangs on the world: its tip is known directly."""
+        """Parent of each part; the probe's parent is the world, because the pose of its tip is
+        known."""
         self.meshes: list[dict[str, Any]] = []
         self.lines: list[dict[str, Any]] = []
         self.labels: list[dict[str, Any]] = []
@@ -80,7 +81,7 @@ class Scene3d:
     # --- moving --------------------------------------------------------------------------------
 
     def compute_poses(self, samples: NDArray[Any]) -> list[tuple[Array, Array]]:
-        """Return (positions (n, 3), quaternions (n, 4)) of each part in that of its parent."""
+        """Return (positions (n, 3), quaternions (n, 4)) of each part relative to its parent."""
         q = np.asarray(samples["q"], float)
         found = compute_part_poses(
             self.drawing, samples["p_WB"], samples["q_WB"], q, samples["spring"],
@@ -92,7 +93,7 @@ class Scene3d:
         ]
 
     def _place_holder(self, samples: NDArray[Any]) -> tuple[Array, Array]:
-        """The probe's holder from the true tip: a flexible arm bends before the probe."""
+        """Return the pose of the probe's holder from the true tip, because a flexible arm bends."""
         assert self.robot.probe is not None
         q_WH = multiply_quaternions(samples["q_WT"], np.broadcast_to(_Q_TH, (len(samples), 4)))
         back = np.zeros((len(samples), 3))
@@ -150,7 +151,7 @@ class Scene3d:
     ) -> None:  # fmt: skip
         """Draw a band along (s, c) (n,), m on the unrolled pipe, `lift` (m) above the surface.
 
-        It is shown from `since` (s) on.
+        It is visible from time `since` (s).
         """
         assert self.world.pipe is not None
         points, normals = roll_points(build_cylinder(self.world.pipe), s, c)
@@ -160,7 +161,7 @@ class Scene3d:
     def draw_ball(
         self, p_W: Array, radius: float, colour: Colour, since: float | None = None
     ) -> None:
-        """Draw a ball of `radius` (m) at p_W (3,) m, from `since` (s) on."""
+        """Draw a ball of `radius` (m) at p_W (3,) m, visible from time `since` (s)."""
         one = np.array([1.0, 0.0, 0.0, 0.0])
         shape = Shape("", "sphere", np.array([radius, 0.0, 0.0]), np.array(p_W), one, np.ones(4))
         self._mesh(build_mesh(shape, 16), colour, 1.0, since=since)
@@ -173,7 +174,8 @@ class Scene3d:
             self.labels.append({"p": _round(p + [0.0, 0.0, 0.05]), "text": f"{i + 1}"})
 
     def draw_mark(self, mark: Mark, start: float) -> None:
-        """Draw what a mission found; `start` (s) is the mission time at which a replay begins."""
+        """Draw a result of a mission; `start` (s) is the mission time at the start of the
+        replay."""
         since = max(mark.since_s - start, 0.0)
         if mark.p_W is not None:
             self.draw_ball(mark.p_W, mark.size_m, mark.colour, since=since)

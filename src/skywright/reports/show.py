@@ -1,4 +1,4 @@
-"""The picture of `skywright show`: a robot, a world or a mission, from above and from the side."""
+"""Figure of `skywright show`: a robot, a world or a mission, from above and from the side."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def _draw_scene(axes: list[Axes], world: World, extra: list[Outline]) -> None:
 
 
 def _draw_pipe_size(top: Axes, side: Axes, pipe: Pipe) -> None:
-    """Height, and where the view is square on: length and diameter."""
+    """Draw height, length and diameter; the latter two if the pipe is along y."""
     cyl = build_cylinder(pipe)
     reach = max(cyl.radius, abs(cyl.half_length * cyl.R_WP[0, 1]))
     x = pipe.x_m + reach + 0.08
@@ -126,14 +126,14 @@ def _draw_pipe_size(top: Axes, side: Axes, pipe: Pipe) -> None:
 
 
 def draw_world(world: World) -> Figure:
-    """Draw a world from above, from the side, and the pipe's surface unrolled."""
+    """Draw a world from above and from the side, and the pipe's surface unrolled."""
     columns = 2 if world.pipe is None else 3
     figure, axes = _figure(columns, _title(world.name, world.description), 5.2 * columns)
     _draw_scene(axes[:2], world, [])
     if world.pipe is None and world.structure is None and not world.things:
         axes[0].text(0.5, 0.5, "flat ground only", transform=axes[0].transAxes, ha="center")
         for ax in axes:
-            ax.plot([-3, 3], [-1, 3], alpha=0)  # some room to look at
+            ax.plot([-3, 3], [-1, 3], alpha=0)  # sets a minimum range
     if world.pipe is not None:
         _draw_unrolled(axes[2], world.pipe, world.list_welds(), None)
     return figure

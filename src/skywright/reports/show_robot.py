@@ -1,4 +1,4 @@
-"""The picture of a robot: rotors with spin and thrust direction, arm, masses, key numbers."""
+"""Figure of a robot: rotors with spin and thrust direction, arm, masses, key numbers."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 CCW, CW = "#2f6fc4", "#e07b00"
-THRUST_LENGTH = 0.16  # m, of the arrows that show where a rotor pushes
+THRUST_LENGTH = 0.16  # m, length of the thrust arrows
 
 
 def draw_robot(robot: Robot) -> Figure:
@@ -80,7 +80,7 @@ def _draw_top(ax: Axes, robot: Robot) -> None:
 
 
 def _draw_spin(ax: Axes, hub: Array, axis: Array, radius: float, ccw: bool, colour: str) -> None:
-    """Three quarters of a circle in the propeller's disc with an arrow head at its end."""
+    """Draw three quarters of a circle in the propeller's disc with an arrow head."""
     u = np.cross(axis, [0.0, 1.0, 0.0])
     u /= np.linalg.norm(u)
     v = np.cross(axis, u)
@@ -115,7 +115,7 @@ def _draw_side(ax: Axes, robot: Robot) -> None:
 
 
 def _draw_joints(ax: Axes, robot: Robot) -> None:
-    """Circles with names at the moving joints, arm at work."""
+    """Draw circles with names at the moving joints, arm at work."""
     if robot.arm is None:
         return
     model = build_body_model(robot)
@@ -129,11 +129,11 @@ def _draw_joints(ax: Axes, robot: Robot) -> None:
 
 
 def _write_numbers(ax: Axes, robot: Robot) -> None:
-    """Masses, rotors, joints and probe as text."""
+    """Write masses, rotors, joints and probe as text."""
     ax.set_axis_off()
     p, r = robot.platform, robot.rotors
     mass, _, _ = compute_body(build_body_model(robot), pad_joints(posture(robot, "working")))
-    up = build_rotors(r).axis[:, 2]  # what points down turns as slowly as it may
+    up = build_rotors(r).axis[:, 2]  # rotors that point down run at minimum thrust
     lift = float(np.sum(np.where(up > 0.0, r.thrust_max_n, r.thrust_min_n) * up))
     groups: list[tuple[str, list[tuple[str, str]]]] = []
     masses = [("platform", f"{p.mass_kg:.3g} kg")]
@@ -172,7 +172,7 @@ def _write_numbers(ax: Axes, robot: Robot) -> None:
 
 
 def _describe_joint(link: Link) -> str:
-    """Range, working and folded value."""
+    """Format range, working and folded value."""
     low, high = link.reach
     values = [low, high, link.rest("working"), link.rest("folded")]
     unit, values = (
@@ -183,7 +183,7 @@ def _describe_joint(link: Link) -> str:
 
 
 def pad_joints(q: Array) -> Array:
-    """Joint values (n,) padded with zeros to the fixed size of the records."""
+    """Return joint values (n,) padded with zeros to the fixed size of the records."""
     out = np.zeros(MAX_JOINTS)
     out[: len(q)] = q
     return out

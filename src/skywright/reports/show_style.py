@@ -1,4 +1,4 @@
-"""What the pictures of `skywright show` share: line styles, views, dimensions."""
+"""Common functions of the figures of `skywright show`: line styles, views, dimensions."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 TOP, SIDE = (0, 1), (0, 2)
-"""Which coordinates a view shows: x and y seen from above, x and z seen from the side."""
+"""Coordinates of a view: x and y from above, x and z from the side."""
 
 STYLES: dict[str, dict[str, Any]] = {
     "disc": {"color": "#4477aa", "lw": 1.2, "alpha": 0.9},
@@ -40,7 +40,7 @@ def draw_parts(ax: Axes, parts: list[Outline], view: tuple[int, int], **override
 
 
 def label_axes(ax: Axes, view: tuple[int, int], title: str, frame: str) -> None:
-    """Equal scales, title, and axes named after the frame with their unit."""
+    """Set equal scales, the title, and axis labels with frame and unit."""
     ax.set_aspect("equal", adjustable="datalim")
     ax.set_title(title, fontsize=10)
     ax.set(xlabel=f"x in {frame} (m)", ylabel=f"{'xyz'[view[1]]} in {frame} (m)")
@@ -48,8 +48,8 @@ def label_axes(ax: Axes, view: tuple[int, int], title: str, frame: str) -> None:
 
 
 def draw_dimension(ax: Axes, a: tuple[float, float], b: tuple[float, float], text: str) -> None:
-    """Draw a double arrow from `a` to `b` with the measure in its middle."""
-    ax.plot([a[0], b[0]], [a[1], b[1]], alpha=0.0)  # keeps it inside the axes
+    """Draw a double arrow from `a` to `b` with the dimension at its centre."""
+    ax.plot([a[0], b[0]], [a[1], b[1]], alpha=0.0)  # extends the range of the axes
     ax.annotate(
         "",
         b,

@@ -1,4 +1,4 @@
-"""A still picture of a run in 3-D: robot, pipe, the probe's path painted with what it read."""
+"""Still 3-D picture of a run: robot, pipe, and the probe's path coloured by its signal."""
 
 import math
 from typing import Any
@@ -28,15 +28,15 @@ PATH_WIDTH = 0.007  # m
 WELD = (0.45, 0.40, 0.34)
 LINE = (0.76, 0.07, 0.12)
 SIGNAL = LinearSegmentedColormap.from_list("signal", ["#d7ecff", "#ffe14d", "#ff9500"])
-"""Weld signal of the probe, from none to strong; light, because it lies on dark steel."""
+"""Colours of the probe's weld signal, from none to strong; light, on dark steel."""
 
 
 def render_run(
     result: RunResult, width: int, height: int, t: float | None = None, camera: Camera | None = None
 ) -> Array:
-    """Return a picture (height, width, 3) uint8 of the robot at time `t` (s), by default at the end
-    of the scan (or of the run), with the scan so far painted on the pipe. The default camera shows
-    robot and pipe.
+    """Return a picture (height, width, 3) uint8 of the robot at time `t` (s), with the scan so far
+    on the pipe. `t` defaults to the end of the scan (or of the run). The default camera shows robot
+    and pipe.
     """
     samples = result.samples
     scanning = [i for i, p in enumerate(result.phases) if p.name == "scan"]
@@ -106,7 +106,7 @@ def _build_items(result: RunResult, row: Any) -> list[Item]:
 
 
 def _paint_scan(result: RunResult, scan: NDArray[Any], until: float) -> list[Item]:
-    """The weld, the path coloured by the weld signal, and the estimated line, as bands."""
+    """Return bands for the weld, the path coloured by the weld signal, and the estimated lines."""
     weld, pipe = result.details, result.description.true_world.pipe
     assert isinstance(weld, WeldResult) and pipe is not None
     items = []

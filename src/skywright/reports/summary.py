@@ -1,4 +1,4 @@
-"""What `skywright show` says about a robot, world or mission, as plain rows."""
+"""Contents of `skywright show` for a robot, world or mission, as plain rows."""
 
 import math
 from collections import Counter
@@ -27,14 +27,14 @@ from skywright.run.check import list_guesses
 
 
 class Section(NamedTuple):
-    """A titled list of (what, value)."""
+    """A titled list of (name, value)."""
 
     title: str
     rows: list[tuple[str, str]]
 
 
 class Summary(NamedTuple):
-    """A readable account of one subject."""
+    """A summary of one subject."""
 
     kind: str
     name: str
@@ -86,7 +86,7 @@ def _summarise_mission(description: Description) -> Summary:
 
 
 def describe_mission(description: Description) -> list[Section]:
-    """What a mission does and must reach."""
+    """Describe the task and requirements of a mission."""
     m = description.mission
     rows = [("robot", m.robot), ("world", m.world), ("seed", str(m.seed))]
     rows += [("control law", description.law.kind if description.law else "default")]
@@ -113,7 +113,7 @@ def describe_mission(description: Description) -> list[Section]:
 
 
 def describe_wind(wind: Wind) -> tuple[str, str]:
-    """Return the wind in words: what blows, and its gusts."""
+    """Describe the wind: kind, and gusts."""
     if wind.kind == "none":
         return "none", ""
     blow = f"{wind.kind}, {wind.mean_mps:g} m/s toward {wind.toward_deg:g} deg"
@@ -132,7 +132,7 @@ def describe_wind(wind: Wind) -> tuple[str, str]:
 
 
 def describe_mocap(mocap: Mocap) -> tuple[str, str]:
-    """Return rate, and delay, noise, drop-outs and artefacts of the motion capture in words."""
+    """Describe the motion capture: rate, and delay, noise, drop-outs and artefacts."""
     noise = f"{1e3 * mocap.position_noise_m:g} mm, {math.degrees(mocap.attitude_noise_rad):.2g} deg"
     note = f"delay {1e3 * mocap.latency_s:g} ms, noise {noise}"
     note += f", {mocap.dropout_fraction:.2g} of the samples missing"
@@ -142,7 +142,7 @@ def describe_mocap(mocap: Mocap) -> tuple[str, str]:
 
 
 def describe_gnss(gnss: Gnss) -> tuple[str, str]:
-    """Return kind and rate, and delay, white and slow errors and those of the heading in words."""
+    """Describe satellite navigation: kind and rate, and delay, white and slow errors, heading."""
     e = gnss.errors
 
     def length(x: float) -> str:
@@ -158,7 +158,7 @@ def describe_gnss(gnss: Gnss) -> tuple[str, str]:
 
 
 def describe_total_station(station: TotalStation) -> tuple[str, str]:
-    """Return rate, and place, delay and noise of a total station in words."""
+    """Describe a total station: rate, and position, delay and noise."""
     s = station
     note = f"at ({s.x_m:g}, {s.y_m:g}, {s.z_m:g}) m, delay {1e3 * s.latency_mean_s:g} ms, noise "
     note += f"{1e3 * s.range_noise_m:g} mm along and {1e3 * s.pointing_noise_m:g} mm across"
@@ -168,7 +168,7 @@ def describe_total_station(station: TotalStation) -> tuple[str, str]:
 
 
 def describe_localisation(world: World) -> tuple[str, str, str]:
-    """Return name, kind or rate, and errors of what tells the robot where it is."""
+    """Describe the external localisation: name, kind or rate, and errors."""
     if world.localisation == "gnss":
         return "satellite navigation", *describe_gnss(world.gnss)
     if world.localisation == "total-station":
@@ -177,7 +177,7 @@ def describe_localisation(world: World) -> tuple[str, str, str]:
 
 
 def describe_link(link: Link) -> tuple[str, str]:
-    """Return the link between robot and controller in words."""
+    """Describe the link between robot and controller."""
     if link.delay_s == link.jitter_s == link.loss_fraction == 0.0:
         return "none", "the controller is on board"
     jitter = f"jitter {1e3 * link.jitter_s:g} ms"
@@ -185,7 +185,7 @@ def describe_link(link: Link) -> tuple[str, str]:
 
 
 def describe_inertial(sensors: Sensors) -> list[tuple[str, str, str]]:
-    """Return name, noise and bias of gyroscope, accelerometer and their vibration in words."""
+    """Return name, noise and bias of gyroscope, accelerometer and their vibration."""
     s = sensors
     gyro = f"noise {s.gyro_noise_rad_s_sqrthz:g} rad/s/sqrt(Hz)"
     accel = f"noise {s.accel_noise_mps2_sqrthz:g} m/s^2/sqrt(Hz)"
@@ -198,7 +198,7 @@ def describe_inertial(sensors: Sensors) -> list[tuple[str, str, str]]:
 
 
 def describe_world(world: World) -> list[Section]:
-    """Structure, wind and external localisation."""
+    """Describe structure, wind and external localisation."""
     rows = [("gravity", f"{world.gravity_mps2:g} m/s^2")]
     rows.append(("air density", f"{world.air_density_kg_m3:g} kg/m^3"))
     if world.pipe is not None:
@@ -236,7 +236,7 @@ def describe_world(world: World) -> list[Section]:
 
 
 def describe_robot(robot: Robot) -> list[Section]:
-    """Masses, rotors, joints, sensors, limits; hover power and endurance."""
+    """Describe masses, rotors, joints, sensors, limits; hover power and endurance."""
     p, r, c = robot.platform, robot.rotors, robot.control
     masses = [("platform", f"{p.mass_kg:g} kg")]
     total = p.mass_kg
@@ -333,7 +333,7 @@ def describe_robot(robot: Robot) -> list[Section]:
 
 
 def _describe_limits(robot: Robot) -> Section:
-    """What the capability analysis says, or why the robot cannot fly."""
+    """Describe the static limits, or why the robot cannot fly."""
     try:
         check_can_fly(robot)
     except InputError as error:
@@ -369,7 +369,7 @@ def _describe_limits(robot: Robot) -> Section:
 
 
 def describe_sources(spec: Spec, root: str, sources: dict[str, Source]) -> Section:
-    """How many numbers come from where."""
+    """Count the numbers by the kind of their source."""
     counts = Counter(source.kind for source in sources.values())
     rows = [(kind, str(count)) for kind, count in counts.most_common()]
     bare = sum(

@@ -1,4 +1,4 @@
-"""The picture of a sweep over the rotors' tilt (Sanchez-Cuevas et al. 2020, figures 4 and 5)."""
+"""Figure of a sweep over the rotors' tilt (Sanchez-Cuevas et al. 2020, figures 4 and 5)."""
 
 import math
 from pathlib import Path
@@ -14,7 +14,7 @@ BLUE, ORANGE, GREEN, RED, GREY = "#1f5fa8", "#d9731a", "#2c8a4b", "#b3261e", "#8
 
 
 def write_sweep_figure(sweep: TiltSweep, path: Path | str) -> Path:
-    """Write the picture as PNG or SVG (by the suffix) and return its path."""
+    """Write the figure as PNG or SVG (by the suffix) and return its path."""
     figure = Figure(figsize=(13.0, 8.6), dpi=110)
     FigureCanvasAgg(figure)
     (force, lean), (power, payload) = figure.subplots(2, 2)

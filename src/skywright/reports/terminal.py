@@ -1,4 +1,4 @@
-"""What the command line prints for people: tables on standard output."""
+"""Terminal output of the command line: tables on standard output."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def new_console() -> Console:
-    """Return a console for people; wide and without wrapping where it is no terminal."""
+    """Return a console; without a terminal it is wide and does not wrap."""
     console = Console(highlight=False, soft_wrap=True)
     if not console.is_terminal:
         console = Console(highlight=False, width=110, soft_wrap=True)
@@ -33,12 +33,12 @@ def new_table(title: str, *columns: str, right: tuple[str, ...] = ()) -> Table:
     table = Table(title=title, title_justify="left", title_style="bold", header_style="bold")
     for name in columns:
         table.add_column(name, justify="right" if name in right else "left", overflow="fold")
-    table.columns[0].no_wrap = True  # a name that is broken in two cannot be searched for
+    table.columns[0].no_wrap = True  # a name with a line break cannot be searched for
     return table
 
 
 def format_number(value: float | None, unit: str = "") -> str:
-    """Write a number with three significant digits and its unit; a missing one as a dash."""
+    """Format a number with three significant digits and its unit; a missing one is a dash."""
     if value is None or not math.isfinite(value):
         return "-"
     text = f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
@@ -46,7 +46,7 @@ def format_number(value: float | None, unit: str = "") -> str:
 
 
 def print_result(result: Any) -> None:
-    """Print the verdict table of a run and the paths of what it wrote."""
+    """Print the table of requirements of a run and the paths of its files."""
     console = new_console()
     table = new_table(
         "Requirements", "requirement", "value", "limit", "measured in", "", right=("value",)
@@ -62,7 +62,7 @@ def print_result(result: Any) -> None:
         console.print(f"not judged: {why}", markup=False)
     failed = sum(not r.passed for r in result.requirements)
     verdict = "all requirements met" if not failed else f"{failed} not met"
-    said = not result.reason or result.reason.startswith("not met:")  # in the table
+    said = not result.reason or result.reason.startswith("not met:")  # already in the table
     reason = "" if said else f" ({result.reason})"
     console.print(f"{result.outcome}{reason}: {verdict}", markup=False)
     directory = Path(result.directory)
@@ -74,7 +74,7 @@ def print_result(result: Any) -> None:
 
 
 def _describe_kept(result: Any) -> str:
-    """Say how much of an unfinished run its directory holds."""
+    """Return how much of an unfinished run its directory holds, as text."""
     from skywright.run.directory import load_run
 
     flown = float(result.samples["t"][-1]) if len(result.samples) else 0.0
@@ -88,7 +88,7 @@ def _describe_kept(result: Any) -> str:
 
 
 def print_plan(plan: MissionPlan) -> None:
-    """Print whether a plan exists, how good it is, or what blocks it."""
+    """Print the quality of a plan, or what blocks it."""
     console = new_console()
     if not plan.feasible:
         console.print(f"no plan: {plan.blocked_by}", style="bold red")
@@ -113,7 +113,7 @@ def print_plan(plan: MissionPlan) -> None:
 
 
 def print_campaign(verdict: Verdict, folder: Path) -> None:
-    """Print the answer of a campaign, its requirements and where the results are."""
+    """Print the answer of a campaign, its requirements and the paths of the results."""
     console = new_console()
     table = new_table(
         "Requirements", "requirement", "median", "worst", "limit", "failed",
@@ -140,7 +140,7 @@ def print_campaign(verdict: Verdict, folder: Path) -> None:
 def print_capability(
     capability: Capability, picture: Path, windy: tuple[float, float] | None = None
 ) -> None:
-    """Print the limits of a robot; `windy`: a wind (m/s) and the tilt (rad) that it leaves."""
+    """Print the limits of a robot; `windy`: a wind (m/s) and the remaining hover tilt (rad)."""
     console = new_console()
     k = capability
     table = new_table(f"Capability of {k.robot}", "quantity", "value")
@@ -177,7 +177,7 @@ def print_capability(
 
 
 def print_summary(summary: Summary) -> None:
-    """Print what `skywright show` found."""
+    """Print a summary of `skywright show`."""
     console = new_console()
     console.print(f"{summary.kind} {summary.name}", style="bold")
     console.print(summary.description)
@@ -199,7 +199,7 @@ def print_summary(summary: Summary) -> None:
 
 
 def print_weld(report: Any, picture: Path) -> None:
-    """Print what was found in an instrument's file."""
+    """Print the results of processing an instrument's file."""
     console = new_console()
     found = report.to_json()
     table = new_table("Weld scan", "quantity", "value")

@@ -1,4 +1,4 @@
-"""What `skywright records` prints for people."""
+"""Terminal output of `skywright records`."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,7 +13,7 @@ from skywright.run.records import Record
 
 
 def print_records(records: Sequence[Record], path: Path) -> None:
-    """Print the records as a table, and how the force at them changed over the flights."""
+    """Print the records as a table."""
     console = new_console()
     flights = list(dict.fromkeys(r.flight for r in records))
     console.print(
@@ -37,7 +37,7 @@ def print_records(records: Sequence[Record], path: Path) -> None:
 
 
 def print_history(places: Sequence[Location], path: Path) -> None:
-    """Print thickness, rates and remaining life of each location, and what to note of it."""
+    """Print thickness, rates and remaining life of each location, and its notes."""
     console = new_console()
     console.print(f"{len(places)} locations in {path}", style="bold", markup=False)
     if not places:
@@ -69,7 +69,7 @@ def _write_rate(rate: Rate | None) -> str:
 
 
 def print_indications(found: Sequence[StoredIndication], path: Path) -> None:
-    """Print the indications with size, place and disposition."""
+    """Print the indications with size, position and disposition."""
     console = new_console()
     console.print(f"{len(found)} indications in {path}", style="bold", markup=False)
     if not found:
@@ -96,7 +96,7 @@ def print_indications(found: Sequence[StoredIndication], path: Path) -> None:
 
 
 def print_readings(found: Sequence[StoredReading], path: Path) -> None:
-    """Print the readings with uncertainty, place and acceptance."""
+    """Print the readings with uncertainty, position and acceptance."""
     console = new_console()
     accepted = sum(r.reading.accepted for r in found)
     console.print(
@@ -120,7 +120,7 @@ def print_readings(found: Sequence[StoredReading], path: Path) -> None:
 
 
 def print_registrations(found: Mapping[str, Registration | None], asset: str, points: int) -> None:
-    """Print where the frame of each flight lies in that of its asset, and what to note of it."""
+    """Print the registration of each flight in the frame of its asset, and its notes."""
     console = new_console()
     console.print(f"{points} datum points of {asset}", style="bold", markup=False)
     table = new_table("", "flight", "common", "shift (mm)", "turn (deg)", "residual (mm)")

@@ -1,4 +1,4 @@
-"""The tip's path judged by contact quality, and the legend of the 3-D views."""
+"""The tip's path coloured by contact quality, and the legend of the 3-D views."""
 
 import math
 from typing import Any
@@ -17,7 +17,7 @@ from skywright.reports.scene3d import AREA, CCW, CW, ESTIMATE, PLAN, WELD, Colou
 FREE, GOOD, TILTED, LIFTED = range(4)
 """Qualities of the path: away from the surface, within limits, tilted, lifted."""
 COLOURS: tuple[Colour, ...] = ((165, 172, 182), (0, 114, 178), (240, 200, 0), (213, 94, 0))
-"""Of the qualities: apart for colour-blind eyes, too (Okabe and Ito's palette)."""
+"""Colours of the qualities, colour-blind safe (Okabe and Ito's palette)."""
 
 JUDGED = ("settle", "scan")
 """Phases in which contact quality counts, see `list_judged`."""
@@ -31,9 +31,9 @@ def list_judged(robot: Robot, world: World) -> tuple[str, ...]:
 def judge_trace(
     shown: NDArray[Any], judged: Mask, arm: bool, gap_limit: float = GAP_LIMIT
 ) -> tuple[Array, Array]:
-    """Points (n, 3) of the tip's trace (the platform's without an `arm`) and qualities (n,).
+    """Return points (n, 3) of the tip's trace (the platform's without an `arm`) and qualities (n,).
 
-    `judged` (n,): where contact quality counts; `gap_limit` (m): from which the tip is lifted.
+    `judged` (n,): where contact quality counts; `gap_limit` (m): gap from which the tip is lifted.
     """
     quality = np.full(len(shown), float(FREE))
     if not arm:
@@ -42,7 +42,7 @@ def judge_trace(
     quality[judged] = GOOD
     quality[judged & (shown["tilt"] >= TILT_LIMIT)] = TILTED
     quality[judged & (gap >= gap_limit)] = LIFTED
-    # in contact the trace is lifted off the surface by the tip's own size, or it would hide in it
+    # offset the trace in contact by the size of the tip, so that the surface does not hide it
     lift = np.where(judged, 0.002, 0.0)[:, None] * shown["ref_normal_W"]
     return shown["p_WT"] + lift, quality
 
@@ -50,7 +50,7 @@ def judge_trace(
 def build_legend(
     robot: Robot, world: World, found: bool, gap_limit: float = GAP_LIMIT
 ) -> list[list[str]]:
-    """Pairs of colour (#rrggbb) and meaning; `found`: an estimated weld line is drawn."""
+    """Return pairs of colour (#rrggbb) and meaning; `found`: an estimated weld line is drawn."""
     what = "platform" if robot.arm is None else "left hand" if is_compliant(robot) else "tip"
     free, good, tilted, lifted = COLOURS
     entries = [(free, f"path of the {what}, in the air")]

@@ -1,4 +1,4 @@
-"""Where the camera of a 3-D view starts, and the views that a page offers."""
+"""Camera poses of the 3-D views that a page offers."""
 
 import math
 from typing import NamedTuple
@@ -13,7 +13,7 @@ from skywright.description.world.surface import build_cylinder
 
 
 class View(NamedTuple):
-    """A place of the camera."""
+    """A camera pose."""
 
     name: str
     position: Array  # (3,) m
@@ -21,7 +21,7 @@ class View(NamedTuple):
 
 
 FOV = math.radians(45.0)
-ASPECT = 1.3  # narrower than most windows, so that what must be seen fits
+ASPECT = 1.3  # narrower than most windows, so that all points fit
 
 
 def build_view(name: str, points: Array, look_at: Array, side: Array, margin: float = 1.15) -> View:
@@ -43,7 +43,7 @@ def build_view(name: str, points: Array, look_at: Array, side: Array, margin: fl
 
 
 def build_views(robot: Robot, world: World, flown: Array) -> list[View]:
-    """Return places to look from; the first is the start. `flown` (n, 3): platform positions."""
+    """Return the camera poses; the first is the default. `flown` (n, 3): platform positions."""
     reach = 0.5 * robot.platform.diameter_m
     around = reach * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-0.4, 0.6)])
     points = (flown[:, None] + around).reshape(-1, 3)
@@ -53,14 +53,14 @@ def build_views(robot: Robot, world: World, flown: Array) -> list[View]:
             build_view("overview", points, look_at, np.array([-0.5, -1.0, 0.5])),
             build_view("from above", points, look_at, np.array([-1e-3, -1e-2, 1.0])),
         ]
-        if get_structures(world).area is not None:  # gaps are seen along the way
+        if get_structures(world).area is not None:  # gaps are visible along the path
             views.append(build_view("from behind", points, look_at, np.array([-1.0, 0.0, 0.15])))
         return views
     cyl = build_cylinder(world.pipe)
     ends = cyl.p_WP + np.outer([-cyl.half_length, cyl.half_length], cyl.R_WP[:, 1])
     distance = np.linalg.norm(flown - cyl.p_WP, axis=1)
     near = flown[distance <= distance.min() + 0.3].mean(axis=0)
-    way = near - cyl.p_WP  # from the pipe to where the robot works
+    way = near - cyl.p_WP  # from the pipe to the working position
     flat = way * [1, 1, 0]
     size = float(np.linalg.norm(flat))
     flat = flat / size if size > 0.05 else np.array([-1.0, 0.0, 0.0])
@@ -69,7 +69,7 @@ def build_views(robot: Robot, world: World, flown: Array) -> list[View]:
     close = touch + 0.35 * way
     seen = np.concatenate([points, ends, ends * [1, 1, 0]])
     middle = 0.5 * (0.5 * (seen.min(axis=0) + seen.max(axis=0)) + close)
-    # a probe works on the side that the platform is on; hands reach around, above or below
+    # a probe works on the platform's side; hands reach around, above or below
     near_by, rise, work = 0.16, 0.7, touch
     if robot.probe is None:
         near_by, rise, work = cyl.radius + 0.4, 0.0, cyl.p_WP

@@ -1,4 +1,4 @@
-"""The weld map: the unrolled surface with what the probe read, the crossings and the line."""
+"""The weld map: the unrolled surface with the probe's signal, the crossings and the lines."""
 
 import math
 from collections.abc import Sequence
@@ -39,7 +39,7 @@ def draw_weld_map(
     """Draw the map of a scan; `truth` are the true welds in the same unrolled coordinates."""
     cal = result.calibration
     on_surface = result.contact & np.isfinite(result.s + result.c)
-    # lost contact is drawn where the probe was near the surface: the approach is not a fault
+    # lost contact is drawn only near the surface: the approach is not a fault
     lost = np.isfinite(result.s + result.c) & ~result.contact & (np.abs(result.gap) < 0.005)
     seen = on_surface | lost
     if seen.any():
@@ -90,7 +90,7 @@ def draw_weld_map(
         true = build_weld_curve(weld, result.surface.radius)
         s, c = true.follow(max(abs(box[0]), abs(box[1])), 4001)
         turn = 2.0 * math.pi * result.surface.radius
-        c = c - turn * np.round((c - 0.5 * (box[2] + box[3])) / turn)  # where the scan counts it
+        c = c - turn * np.round((c - 0.5 * (box[2] + box[3])) / turn)  # at the turn of the scan
         inside = _find_inside(s, c, box)
         if inside.any():
             s, c = np.where(inside, s, np.nan), np.where(inside, c, np.nan)
@@ -153,7 +153,7 @@ def draw_weld_map(
             labels,
             loc="upper center",
             bbox_to_anchor=(0.5, 0.0),
-            borderaxespad=4.1,  # font sizes, below the axis' label however high the map is
+            borderaxespad=4.1,  # in font sizes: below the axis label for any height of the map
             ncols=2,
             fontsize=8,
             frameon=False,
@@ -162,7 +162,7 @@ def draw_weld_map(
 
 
 def draw_impedance_plane(ax: Axes, ec: np.ndarray, result: WeldResult, zoom: bool = False) -> None:
-    """Draw the instrument's display: the signal and the calibrated axes; `zoom`: near contact."""
+    """Draw the instrument's display: signal and calibrated axes; `zoom`: near contact."""
     cal = result.calibration
     w = to_complex(ec)
     finite = np.isfinite(w)
@@ -192,7 +192,7 @@ def draw_impedance_plane(ax: Axes, ec: np.ndarray, result: WeldResult, zoom: boo
             ax.text(
                 tip.real, tip.imag, "weld", color=_ESTIMATE, fontsize=8, ha="center", va="center"
             )
-        # the strip of lift-off within its threshold is contact
+        # between these lines the lift-off signal means contact
         side = cal.weld_axis or 1j * cal.lift_off_axis
         for sign in (-1, 1):
             edge = cal.lift_off_threshold * (sign * cal.lift_off_axis + side * np.array([-3, 3]))
@@ -246,7 +246,7 @@ def draw_weld_signal(ax: Axes, result: WeldResult) -> None:
 def build_weld_figure(
     result: WeldResult, ec: np.ndarray, title: str, truth: Sequence[Weld] = ()
 ) -> Figure:
-    """The whole picture: map, impedance plane and signals."""
+    """Build the whole figure: map, impedance plane and signals."""
     figure = Figure(figsize=(11, 8.2), layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(3, 2, height_ratios=[1.1, 1.5, 1], width_ratios=[1.9, 1])
@@ -266,9 +266,9 @@ def write_weld_map(
     truth: Sequence[Weld] = (),
     title: str | None = None,
 ) -> None:
-    """Write the picture (PNG, SVG or PDF by the suffix) of a processed file or scan.
+    """Write the figure (PNG, SVG or PDF by the suffix) of a processed file or scan.
 
-    A WeldResult needs its signal `ec` (n, 2) too. Raises InputError if the path is unwritable.
+    A WeldResult also needs its signal `ec` (n, 2). Raises InputError if the path is unwritable.
     """
     if isinstance(report, WeldReport):
         result, ec = report.result, report.scan.ec

@@ -9,6 +9,7 @@ import numpy as np
 
 from skywright.core.record import Array, Record
 from skywright.errors import InputError
+from skywright.models.fixed_body import list_moving
 from skywright.vehicle.bus import MuJoCo
 from skywright.vehicle.component import Component, words
 
@@ -32,7 +33,7 @@ class GivenForces(Component):
 
         Raises InputError for an unknown body.
         """
-        names = [self._model.body(i).name for i in range(1, self._model.nbody)]
+        names = list_moving(self._model)
         if body not in names:
             raise InputError(f"unknown body {body!r}; valid: {', '.join(names)}")
         self.given[self._model.body(body).id, :3] = f_W

@@ -1,4 +1,4 @@
-"""A campaign from start to end: check, open the folder, fly what is missing, judge, write."""
+"""Run a campaign: check the input, open the folder, fly the missing runs, evaluate, write."""
 
 import time
 from collections.abc import Generator, Iterator
@@ -40,25 +40,25 @@ from skywright.run.warm_up import is_compiled
 PAGE = "campaign.html"
 
 MOST = 1_000_000
-"""Runs of one campaign."""
+"""Maximum number of runs of a campaign."""
 
 TARGET = 0.9
-"""Success rate that an inspection needs unless told otherwise."""
+"""Default success rate that the campaign has to demonstrate."""
 
 
 class CampaignResult(NamedTuple):
-    """A campaign's rows in order of their runs, and what they say."""
+    """Rows of a campaign in the order of their runs, and the verdict."""
 
     rows: list[Row]
     verdict: Verdict
     folder: Path
     wall_s: float
-    """Of this call; runs that were there already cost nothing."""
+    """Duration (s) of this call, without runs of earlier calls."""
     interrupted: bool
 
     @property
     def exit_code(self) -> int:
-        """0 when every run met every requirement or the target is shown; else 1."""
+        """0 if every run met every requirement or the target is demonstrated, else 1."""
         v = self.verdict
         good = v.answer == GO or v.succeeded == v.runs
         return 0 if good and not self.interrupted else 1
@@ -99,15 +99,15 @@ def run_campaign(
     parquet: bool = False,
     progress: bool = False,
 ) -> CampaignResult:
-    """Fly the runs that are missing, write table and page, and return all rows.
+    """Fly the missing runs, write the table and the page, and return all rows.
 
-    `workers` processes fly on this machine (default: all cores); `ray` is "local" or the address
-    of a Ray cluster. `record` ("none", "failed", "all") keeps run directories under `runs/`.
-    The table is results.csv, with `parquet` (an extra) also results.parquet.
-    `out` may hold the same campaign, unfinished or with fewer runs: it is continued. With more
-    runs, all of them are judged: nothing that was flown is lost.
-    Raises InputError before anything flies, and when the folder cannot be written any more;
-    finished runs are then in the folder.
+    `workers` processes fly on this machine (default: all cores); `ray` is "local" or the address of
+    a Ray cluster. `record` ("none", "failed", "all") selects the runs whose directories are kept
+    under `runs/`. The table is results.csv, with `parquet` (an extra) also results.parquet.
+
+    If `out` holds the same campaign, unfinished or with fewer runs, the call continues it. If `out`
+    holds more runs than `runs`, all of them are evaluated. Raises InputError for wrong input before
+    a run flies, and if the folder can no longer be written; finished runs are then in the folder.
     """
     start = time.perf_counter()
     _check(campaign, runs, record, target)
@@ -159,7 +159,7 @@ def run_campaign(
 
 
 def choose_folder(campaign: Campaign, identity: dict[str, Any]) -> Path:
-    """Choose `campaigns/<mission>`, numbered on until it is free or holds this campaign."""
+    """Return `campaigns/<mission>`, with the first number that is free or holds this campaign."""
     base = Path("campaigns") / campaign.base.mission.name
     folder, i = base, 1
     while folder.exists() and compare_identity(folder, identity) is not None:
@@ -193,20 +193,20 @@ def _check_ray_workers(ray: str, workers: int | None) -> int | None:
 def _iterate_tasks(
     campaign: Campaign, missing: list[int], record: str, folder: Path
 ) -> Iterator[Task]:
-    """Build tasks one by one, as workers ask for them."""
+    """Build the tasks one by one, when a worker requests the next."""
     for run in missing:
         one = draw_run(campaign, run)
         command = write_command(campaign, one)
         runs_folder = str((folder / "runs").resolve())
         try:
             description, refused = load_run(campaign, one), ""
-        except InputError as error:  # values that each are valid, but not together
+        except InputError as error:  # each value is valid, but not their combination
             description, refused = campaign.base, str(error)
         yield Task(one, description, command, record, runs_folder, refused)
 
 
 def _fly(tasks: Iterator[Task], workers: int | None, ray: str | None) -> Generator[Row, None, None]:
-    """Fly on this machine or on a cluster."""
+    """Fly the tasks on this machine or on a cluster."""
     if ray is None:
         assert workers is not None
         yield from fly_local(tasks, workers, warm_first=not is_compiled())
@@ -239,7 +239,7 @@ def _conclude(
     wall: float,
     interrupted: bool,
 ) -> CampaignResult:
-    """Judge the rows and write table and page."""
+    """Evaluate the rows; write the table and the page."""
     from skywright.analysis.campaign.report import Facts, write_campaign_page
 
     base = campaign.base

@@ -1,8 +1,9 @@
-"""Runs on a Ray cluster (optional extra `cluster`): `--ray local` or an address.
+"""Run on a Ray cluster (optional extra `cluster`): `--ray local` or an address.
 
-The rows are those of the local executor: a run depends on its description and seed only. A run
-whose worker dies is tried again elsewhere, as often as locally. Machines of a cluster need the
-same version of this program; one with another is refused, because its rows would differ.
+The rows equal those of the local executor, because a run depends on its description and seed only.
+A run whose worker dies is repeated on another worker, with the same number of attempts as locally.
+All machines of a cluster need the same version of this program. Another version is an error,
+because its rows would differ.
 """
 
 import importlib.util
@@ -20,15 +21,15 @@ from skywright.errors import InputError
 from skywright.run.source_hash import collect_code_versions
 
 AHEAD = 2
-"""Runs handed over for each core, so that no core waits for the next."""
+"""Runs submitted per core, so that no core idles."""
 
 
 PATIENCE_S = 10.0
-"""Time that a cluster has to answer."""
+"""Timeout (s) of the connection to a cluster."""
 
 
 def check_address(address: str) -> None:
-    """Raise InputError where Ray is not installed or nothing answers at an address with a port."""
+    """Raise InputError if Ray is not installed or if nothing listens at the address."""
     if importlib.util.find_spec("ray") is None:
         raise InputError(
             "--ray needs Ray, which is not installed: pip install 'skywright[cluster]'"
@@ -39,14 +40,14 @@ def check_address(address: str) -> None:
     valid = "valid: local, or HOST:PORT as `ray start --head` prints it"
     if not colon or not port.isdecimal():
         raise InputError(f"--ray {address!r}: is not an address; {valid}")
-    try:  # Ray itself would try for more than a minute
+    try:  # without this check, Ray retries for more than a minute
         socket.create_connection((host, int(port)), timeout=PATIENCE_S).close()
     except (OSError, OverflowError) as error:
         raise InputError(f"--ray {address}: no cluster found ({error}); {valid}") from None
 
 
 def check_workers(address: str, workers: int | None) -> int | None:
-    """Return the number of workers to start Ray with; raises InputError on a wrong one."""
+    """Return the number of workers to start Ray with. Raises InputError on an invalid number."""
     check_address(address)
     if workers is None:
         return None
@@ -58,13 +59,13 @@ def check_workers(address: str, workers: int | None) -> int | None:
 
 
 def connect(address: str, workers: int | None) -> bool:
-    """Start a Ray of this machine (`local`) or join the cluster at `address`.
+    """Start Ray on this machine (`local`) or join the cluster at `address`.
 
-    Returns whether it has to be left again: a program that has connected to Ray itself stays
-    connected, and its cluster is used. Raises InputError where connecting fails.
+    Return True if the caller has to disconnect. If the program is already connected to Ray, that
+    connection is used and stays open. Raises InputError if the connection fails.
     """
     os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is sent anywhere
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # sends no usage data
     import ray
 
     if ray.is_initialized():
@@ -79,36 +80,37 @@ def connect(address: str, workers: int | None) -> bool:
             ray.init("local", num_cpus=workers, include_dashboard=False, **options)
         else:
             ray.init(address, **options)
-    except Exception as error:  # Ray raises a different one for each kind of wrong address
+    except Exception as error:  # Ray raises a different exception for each kind of wrong address
         reason = " ".join(str(error).split())
         raise InputError(f"--ray {address}: cannot be joined ({reason})") from None
     return True
 
 
 def disconnect() -> None:
-    """Leave the cluster; a local one ends."""
+    """Leave the cluster; a local one is shut down."""
     import ray
 
     ray.shutdown()
 
 
 def count_cluster_cores() -> int:
-    """Cores of the connected cluster."""
+    """Return the number of cores of the connected cluster."""
     import ray
 
     return max(int(ray.cluster_resources().get("CPU", 1)), 1)
 
 
 def fly_if_same(task: Flyable, versions: dict[str, str]) -> Any:
-    """Fly one run, or return this machine's versions where they are not the campaign's."""
+    """Fly one run, or return the versions of this machine if they differ from the campaign's."""
     mine = collect_code_versions(*DRAWING)
     return task.fly() if mine == versions else mine
 
 
 def fly_cluster(tasks: Iterator[Flyable]) -> Generator[Any, None, None]:
-    """Fly tasks (or jobs) on the connected cluster; rows come as they finish.
+    """Fly tasks (or jobs) on the connected cluster; yield the rows in the order in which they
+    finish.
 
-    Closing the iterator cancels what is in flight.
+    Closing the iterator cancels the runs in flight.
     """
     import ray
     from ray.exceptions import RayError

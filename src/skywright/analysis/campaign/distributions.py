@@ -1,8 +1,8 @@
-"""What `--vary` says: `KEY=DIST`, parsed, checked and drawn.
+"""Parse, check and draw the variations of `--vary`: `KEY=DIST`.
 
-Draws of a run depend on the campaign's seed, the run's number and the key only: not on how many
-runs there are, in which order they fly, or which other keys vary. So a campaign can be extended,
-and adding a key leaves the draws of the others as they were.
+The draws of a run depend only on the campaign's seed, the number of the run and the key. They do
+not depend on the number of runs, on their order or on the other varied keys. Therefore a campaign
+can be extended, and a further key leaves the draws of the others unchanged.
 """
 
 import csv
@@ -29,20 +29,20 @@ FORMS = {
     "choice": "choice(a,b,...)",
     "csv": "csv(FILE) or csv(FILE,COLUMN)",
 }
-"""Names of the distributions and how they are written."""
+"""Names of the distributions and their syntax."""
 
 _CALL = re.compile(r"\s*([A-Za-z_]\w*)\s*\((.*)\)\s*", re.S)
 
 
 class Variation(NamedTuple):
-    """A key and how it varies from run to run."""
+    """A key and the distribution of its values over the runs."""
 
     key: str
     kind: str
     text: str
-    """The distribution as it was written."""
+    """The distribution as written in `--vary`."""
     values: tuple[Value, ...]
-    """Parameters; the choices of `choice`, the cells of `csv`."""
+    """Parameters; for `choice` the alternatives, for `csv` the cells."""
 
     @property
     def numeric(self) -> bool:
@@ -51,14 +51,14 @@ class Variation(NamedTuple):
 
 
 def parse_variations(texts: Sequence[str]) -> tuple[Variation, ...]:
-    """Parse every `--vary`; a text that names a CSV file varies each of its columns.
+    """Parse all texts of `--vary`; a text that names a CSV file varies each of its columns.
 
     Raises InputError on a malformed text, an unknown distribution, wrong parameters, a bad CSV
-    file, and on a key that varies twice.
+    file, or a key that varies twice.
     """
     out: list[Variation] = []
     problems: list[str] = []
-    for text in texts:  # all that is wrong is told at once
+    for text in texts:  # report all problems at once
         try:
             out += _parse_text(text)
         except InputError as error:
@@ -110,7 +110,7 @@ def parse_variation(text: str) -> Variation:
 
 def draw(variation: Variation, seed: int, run: int) -> Value:
     """Draw the value of a key for run number `run` of the campaign with `seed`."""
-    if variation.kind == "csv":  # runs take the rows in order, from the top again at the end
+    if variation.kind == "csv":  # runs take the rows in order, then start again at the first
         return variation.values[run % len(variation.values)]
     rng = np.random.Generator(np.random.PCG64(_build_sequence(seed, run, variation.key)))
     if variation.kind == "choice":
@@ -125,7 +125,7 @@ def draw(variation: Variation, seed: int, run: int) -> Value:
 
 
 def draw_seed(seed: int, run: int) -> int:
-    """Seed of run number `run`: spawned, below 2**48 so that spreadsheets keep every digit."""
+    """Return the seed of run number `run`: below 2**48, so that spreadsheets keep every digit."""
     words = _build_sequence(seed, run, "").generate_state(1, np.uint64)
     return int(words[0] >> np.uint64(16))
 
@@ -137,7 +137,7 @@ def _build_sequence(seed: int, run: int, key: str) -> np.random.SeedSequence:
 
 
 def _split_values(inside: str) -> tuple[Value, ...]:
-    """Read a list of values: as TOML where possible, else bare words between commas."""
+    """Parse a list of values as TOML if possible, else as bare words separated by commas."""
     if not inside.strip():
         return ()
     whole = parse_value(f"[{inside}]")
@@ -187,9 +187,9 @@ def _load_column(inside: str, key: str, label: str) -> tuple[Value, ...]:
 
 
 def load_columns(path: Path, label: str) -> dict[str, tuple[Value, ...]]:
-    """Read a CSV file with a header: column name -> cells, each a number, true/false, text or list.
+    """Read a CSV file with a header: column name -> cells, each a number, boolean, text or list.
 
-    Raises InputError naming the line of a missing, surplus, empty or NaN cell.
+    Raises InputError that names the line of a missing, surplus, empty or NaN cell.
     """
     text = read_text(path, LARGEST_TABLE, label=f"{label}: {path}")
     try:
@@ -212,7 +212,7 @@ def load_columns(path: Path, label: str) -> dict[str, tuple[Value, ...]]:
             )
         for name, cell in zip(header, row, strict=True):
             value = parse_value(cell.strip())
-            if isinstance(value, list):  # stays as it is written until a run takes it
+            if isinstance(value, list):  # lists are parsed when a run uses them
                 value = cell.strip()
             if isinstance(value, dict) or value == "":
                 raise InputError(f"{label}: {path}, line {number}: column {name!r} has no value")

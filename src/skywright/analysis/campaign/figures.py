@@ -1,4 +1,4 @@
-"""Pictures of a campaign: where in the varied space it fails, how near, and what drives it."""
+"""Figures of a campaign: failures over the varied keys, use of the limits, sensitivities."""
 
 import math
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ from skywright.run.rows import Row
 from skywright.run.verdict import LIMIT_USE, Verdict, add_limit_use
 
 TOP = 1.6
-"""Limit use at which the scale ends; what lies beyond, or was never measured, sits there."""
+"""Largest drawn use of a limit; larger or missing values are drawn there."""
 
 MARKERS = "XPsD^v*"
 FAILURES = (RED, BLACK, PURPLE, ORANGE, GREEN)
@@ -31,9 +31,9 @@ MAX_PANELS = 12
 
 
 def draw_conditions(rows: Sequence[Row], keys: Sequence[str], verdict: Verdict) -> Figure | None:
-    """One panel a varied key: how near every run came to its tightest limit; failures marked.
+    """Draw one panel per varied key: each run's use of its tightest limit, with failures marked.
 
-    Of more than MAX_PANELS keys those that act most are drawn, in the order in which they came.
+    If more than MAX_PANELS keys vary, the most influential ones are drawn, in the given order.
     """
     if not keys:
         return None
@@ -72,7 +72,8 @@ def draw_conditions(rows: Sequence[Row], keys: Sequence[str], verdict: Verdict) 
 
 
 def draw_map(rows: Sequence[Row], keys: Sequence[str], verdict: Verdict) -> Figure | None:
-    """Draw the two keys that matter most: every run, coloured by how near it came to a limit."""
+    """Draw all runs over the two most influential keys, coloured by the use of their tightest
+    limit."""
     if len(keys) < 2:
         return None
     chosen = rank_keys(keys, verdict)[:2]
@@ -110,7 +111,7 @@ def draw_map(rows: Sequence[Row], keys: Sequence[str], verdict: Verdict) -> Figu
 
 
 def draw_headroom(rows: Sequence[Row], verdict: Verdict) -> Figure | None:
-    """One line a requirement: every run between the median (0) and the limit (1)."""
+    """Draw one line per requirement: all runs between the median (0) and the limit (1)."""
     shown = [
         h for h in verdict.headroom
         if h.measured and h.sense != "==" and math.isfinite(h.limit - h.median)
@@ -121,7 +122,7 @@ def draw_headroom(rows: Sequence[Row], verdict: Verdict) -> Figure | None:
     height = 0.9 + 0.42 * len(shown)
     figure = new_figure(WIDTH, height)
     ax = figure.add_axes((0.24, 0.5 / height, 0.5, (height - 0.75) / height))
-    rng = np.random.default_rng(0)  # only spreads the dots of a line
+    rng = np.random.default_rng(0)  # only spreads the dots vertically
     for line, h in enumerate(shown):
         values = np.array([row.metrics.get(h.name, math.nan) for row in rows])
         x = (values - h.median) / (h.limit - h.median)
@@ -180,14 +181,14 @@ def draw_sensitivities(keys: Sequence[str], verdict: Verdict, most: int = 14) ->
 
 
 def _compute_use(rows: Sequence[Row], verdict: Verdict) -> Array:
-    """Height (n,) of each run; a failure that no scale explains (a count, not completed) is TOP."""
+    """Return the drawn height (n,) of each run; TOP for a failure without a finite limit use."""
     use = np.array([row.metrics[LIMIT_USE] for row in add_limit_use(rows, verdict.headroom)])
     unexplained = ~np.isfinite(use) | (~(use >= 1.0) & [not row.succeeded for row in rows])
     return np.where(unexplained, TOP, np.clip(use, -0.3, TOP))
 
 
 def _choose_styles(verdict: Verdict) -> dict[str, tuple[str, str]]:
-    """Colour and marker of each reason to fail."""
+    """Return colour and marker of each cause of failure."""
     return {
         g.requirement: (FAILURES[i % len(FAILURES)], MARKERS[i % len(MARKERS)])
         for i, g in enumerate(verdict.failures)
@@ -195,7 +196,7 @@ def _choose_styles(verdict: Verdict) -> dict[str, tuple[str, str]]:
 
 
 def rank_keys(keys: Sequence[str], verdict: Verdict) -> list[str]:
-    """Keys by how much they act on the limits, those that separate failures first."""
+    """Sort keys by their influence on the limits; keys that separate failures come first."""
     share = {k: 0.0 for k in keys}
     for s in verdict.sensitivities:
         if s.metric == LIMIT_USE and s.significant:
@@ -203,12 +204,12 @@ def rank_keys(keys: Sequence[str], verdict: Verdict) -> list[str]:
     for group in reversed(verdict.failures):
         if group.key:
             share[group.key] += 1.0
-    others = {s.key for s in verdict.sensitivities if s.significant}  # on some metric
+    others = {s.key for s in verdict.sensitivities if s.significant}  # on any metric
     return sorted(keys, key=lambda k: (-share[k], k not in others))
 
 
 def _place(rows: Sequence[Row], key: str) -> tuple[Array, list[str]]:
-    """Values (n,) of a key; words become 0, 1, ... and are returned as names."""
+    """Return the values (n,) of a key; words become 0, 1, ... and are returned as names."""
     values = [row.varied.get(key) for row in rows]
     if all(isinstance(v, int | float) and not isinstance(v, bool) for v in values):
         return np.array(values, float), []

@@ -1,10 +1,10 @@
-"""Worker processes as forks of one process that has imported the simulator.
+"""Start worker processes as forks of one process that has imported the simulator.
 
-An interpreter of its own spends 2.2 s of processor time and 240 MB on imports and on loading
-compiled code. That is paid once: a fork starts at once and shares that memory. One worker gains
-nothing; each further one saves that, and so does one that replaces a killed one. The caller is not
-forked, because threads (numba, BLAS, a notebook) do not survive a fork: the process that is forked,
-`python -m skywright.analysis.campaign.forks FD`, has one thread. It ends with the caller.
+A new interpreter spends 2.2 s of processor time and 240 MB on imports and on loading compiled code.
+A fork starts at once and shares that memory, so the cost arises once for all workers and for the
+replacements of killed ones. A single worker gains nothing. The caller itself is not forked, because
+threads (numba, BLAS, a notebook) do not survive a fork. The forked process, `python -m
+skywright.analysis.campaign.forks FD`, has one thread and ends with the caller.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ ONE_THREAD = {
     "MKL_NUM_THREADS": "1",
     "NUMBA_NUM_THREADS": "1",
 }
-"""Workers share the cores: a library's own threads would only get in each other's way."""
+"""Environment of a worker: one thread per library, because the workers already use all cores."""
 
 POLL_S = 0.002
 GONE = -int(signal.SIGKILL)
-"""Exit code of a worker about which nobody can be asked, because the source was killed."""
+"""Exit code of a worker whose real exit code is lost, because the source was killed."""
 RUNS = 1 << 16
-"""In place of an exit code: it has not ended."""
+"""Returned instead of an exit code while the worker runs."""
 
 
 class Source:
-    """The process that is forked, seen from the caller."""
+    """Handle of the caller to the process that is forked."""
 
     def __init__(self) -> None:
         ours, theirs = Pipe()
@@ -55,7 +55,8 @@ class Source:
         theirs.close()
 
     def ask(self, request: tuple[Any, ...], files: Sequence[int] = ()) -> int:
-        """Return the answer to a request; raises OSError or EOFError where the process is gone."""
+        """Send a request and return the answer. Raises OSError or EOFError if the process has
+        ended."""
         with self._lock:
             try:
                 self._connection.send(request)
@@ -63,13 +64,13 @@ class Source:
                     reduction.send_handle(self._connection, file, self._process.pid)
                 answer: int = self._connection.recv()
                 return answer
-            except BaseException:  # an answer that nobody took would be taken for the next one
+            except BaseException:  # an unread answer would be taken for the next one
                 self._process.kill()
                 self._process.wait()
                 raise
 
     def close(self) -> None:
-        """End it; workers go on."""
+        """End the process; its workers continue."""
         self._connection.close()
         try:
             self._process.wait(timeout=5.0)
@@ -79,20 +80,20 @@ class Source:
 
 
 class Fork:
-    """A worker process, with the methods of `subprocess.Popen` that its owner needs."""
+    """A worker process with the methods of `subprocess.Popen` that its owner needs."""
 
     def __init__(self, pid: int, source: Source) -> None:
         self.pid, self._source = pid, source
         self._code: int | None = None
 
     def kill(self) -> None:
-        """End it; its number is its own until somebody has waited for it."""
+        """Kill the process. Its pid cannot be reused before somebody has waited for it."""
         if self._code is None:
             with suppress(ProcessLookupError):
                 os.kill(self.pid, signal.SIGKILL)
 
     def wait(self, timeout: float | None = None) -> int:
-        """Return its exit code; raises subprocess.TimeoutExpired after `timeout` (s)."""
+        """Return the exit code. Raises subprocess.TimeoutExpired after `timeout` (s)."""
         if self._code is None:
             try:
                 code = self._source.ask(("wait", self.pid, timeout))
@@ -108,10 +109,10 @@ _source: Source | None = None
 
 
 def start_fork(module: str, files: Sequence[int], *, silent: bool = False) -> Fork:
-    """Start `module.serve(*files)` in a process of its own, in this folder and environment.
+    """Start `module.serve(*files)` in a new process, with this folder and environment.
 
-    `silent`: what it prints is dropped. The files' descriptors stay open here. Raises
-    SimulationError where no process can be started.
+    `silent` discards its output. The file descriptors stay open in the caller. Raises
+    SimulationError if no process can be started.
     """
     global _source
     request = ("start", module, os.getcwd(), dict(os.environ), len(files), silent)
@@ -120,7 +121,7 @@ def start_fork(module: str, files: Sequence[int], *, silent: bool = False) -> Fo
             if _source is None or _source.owner != os.getpid():
                 _source = Source()
             return Fork(_source.ask(request, files), _source)
-        except (OSError, EOFError):  # it was killed
+        except (OSError, EOFError):  # the process was killed
             _source = None
     raise SimulationError(
         "no worker process could be started: each one ended at once (out of memory?)"
@@ -128,9 +129,9 @@ def start_fork(module: str, files: Sequence[int], *, silent: bool = False) -> Fo
 
 
 def end_source() -> None:
-    """End the process that is forked, if there is one; the next worker starts another.
+    """End the process that is forked, if any; the next worker starts a new one.
 
-    Its processor time, with that of the workers that have ended, counts as the caller's children's.
+    Its processor time, and that of its ended workers, then counts for the caller's children.
     """
     global _source
     if _source is not None and _source.owner == os.getpid():
@@ -142,11 +143,11 @@ atexit.register(end_source)
 
 
 def main() -> None:
-    """Fork for the connection whose file descriptor is the first argument, until it is closed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
+    """Fork for the connection with the file descriptor in argv[1], until the connection closes."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
     gc.set_threshold(50_000)  # as in cli/group.py
     control = Connection(int(sys.argv[1]))
-    with suppress(Exception):  # what is wrong with an installed part is told where it flies
+    with suppress(Exception):  # a faulty user component is reported by the run that uses it
         _load()
     gc.freeze()
     while True:
@@ -157,8 +158,8 @@ def main() -> None:
                 continue
             module, folder, environment, count, silent = request
             files = [reduction.recv_handle(control) for _ in range(count)]
-        except (EOFError, OSError):  # the caller is gone
-            os._exit(0)  # taking libraries down in order would cost half a second
+        except (EOFError, OSError):  # the caller has ended
+            os._exit(0)  # an orderly shutdown of the libraries would take half a second
         pid = os.fork()
         if pid == 0:
             control.close()
@@ -169,7 +170,7 @@ def main() -> None:
 
 
 def _load() -> None:
-    """Import what flies; load its compiled code where there is some."""
+    """Import the simulator and load its compiled code if it is cached."""
     from skywright.analysis.campaign import runner  # noqa: F401
     from skywright.description.loader import load_description
     from skywright.run.backends import build_vehicle
@@ -198,7 +199,7 @@ def _wait(pid: int, timeout: float | None) -> int:
 def _serve(
     module: str, folder: str, environment: dict[str, str], files: list[int], silent: bool
 ) -> None:
-    """Be the worker; never returns."""
+    """Run the worker in the forked process; never returns."""
     code = 1
     try:
         if silent:
@@ -207,7 +208,7 @@ def _serve(
             os.dup2(null, 2)
         os.environ.clear()
         os.environ.update({**environment, **ONE_THREAD})
-        with suppress(OSError):  # it was removed: a run that needs it says so
+        with suppress(OSError):  # the folder was removed; a run that needs it reports the error
             os.chdir(folder)
         import_module(module).serve(*files)
         code = 0

@@ -1,7 +1,7 @@
-"""Flights that are no campaign's runs: any function and its arguments, on workers or a cluster.
+"""Run any function with its arguments on worker processes or a cluster.
 
-They fly where a campaign's runs do, and a worker that dies costs as little. The function is one of
-a module, and what it takes and returns can be pickled.
+Jobs use the same workers as the runs of a campaign, with the same handling of dead workers. The
+function must be a module-level function; its arguments and result must be picklable.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from skywright.run.warm_up import is_compiled
 
 
 class Done(NamedTuple):
-    """What a job returned, or why it has nothing to return."""
+    """Result of a job, or its error."""
 
     number: int
     value: Any
@@ -25,7 +25,7 @@ class Done(NamedTuple):
 
 
 class Job(NamedTuple):
-    """A call of a function of a module."""
+    """A call of a module-level function."""
 
     number: int
     what: str  # for progress and messages
@@ -33,14 +33,14 @@ class Job(NamedTuple):
     arguments: tuple[Any, ...]
 
     def fly(self) -> Done:
-        """Call it; what it raises is raised again where the jobs were asked for."""
+        """Call the function; `fly_jobs` raises its exception again."""
         try:
             return Done(self.number, self.function(*self.arguments))
         except Exception as error:
             return Done(self.number, None, error)
 
     def fail(self, outcome: str, reason: str) -> Done:
-        """Return what stands for a job that never came back."""
+        """Return the result of a job whose worker died."""
         return Done(self.number, None, SimulationError(f"{self.what}: {outcome}: {reason}"))
 
 
@@ -48,10 +48,10 @@ def fly_jobs(
     jobs: Sequence[Job], *, workers: int | None = None, ray: str | None = None,
     step: Callable[[str], None] | None = None,
 ) -> list[Any]:  # fmt: skip
-    """Return what each job returns, in their order; raises what the first of them raised.
+    """Return the results of the jobs in their order; raise the first exception of a job.
 
-    Without `workers` and `ray` they are called one after the other, in this process. `step` is told
-    of each before it is called here, or when it comes back.
+    Without `workers` and `ray` the jobs run one after the other in this process. `step` receives
+    the name of each job before it runs here, or when its result arrives.
     """
     check_places(len(jobs), workers, ray)
     tell = step or (lambda what: None)
@@ -72,7 +72,7 @@ def fly_jobs(
 
 
 def check_places(n: int, workers: int | None, ray: str | None) -> None:
-    """Raise InputError where `n` jobs cannot fly on what is asked for."""
+    """Raise InputError if `n` jobs cannot run on these workers or this cluster."""
     if ray is not None:
         from skywright.analysis.campaign.cluster import check_workers
 

@@ -1,8 +1,8 @@
-"""Runs on this machine: one warm process a worker, one run at a time in each.
+"""Run on this machine: persistent worker processes that fly one run at a time.
 
-A worker that dies is known at once by its closed connection, and with it exactly the one run that
-it was flying. That run is tried again in a fresh process, because a worker is more often killed
-(memory, an administrator) than brought down by its run.
+The closed connection of a worker that died identifies the one run that it flew. That run is
+repeated in a new process, because workers are more often killed from outside (out of memory, an
+administrator) than by their run.
 """
 
 import os
@@ -19,18 +19,18 @@ from skywright.analysis.campaign.runner import Flyable
 from skywright.errors import InputError
 
 ATTEMPTS = 3
-"""Times that a run may take its worker down before it becomes a row."""
+"""Maximum number of attempts of a run whose worker dies."""
 
 
 def count_cores() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def choose_workers(workers: int | None, runs: int) -> int:
-    """Number of workers: all cores unless told; never more than runs. Raises InputError."""
+    """Return the number of workers (default: all cores), at most `runs`. Raises InputError."""
     cores = count_cores()
     if workers is None:
         return max(min(cores, runs), 1)
@@ -52,7 +52,7 @@ _KEPT: list[_Worker] | None = None
 
 @contextmanager
 def keep_workers() -> Iterator[None]:
-    """Inside, workers that one campaign leaves idle fly for the next: a start takes seconds."""
+    """Keep idle workers of one campaign for the next inside this context; a start takes seconds."""
     global _KEPT
     outer, _KEPT = _KEPT, [] if _KEPT is None else _KEPT
     try:
@@ -67,10 +67,10 @@ def keep_workers() -> Iterator[None]:
 def fly_local(
     tasks: Iterator[Flyable], workers: int, *, warm_first: bool = False
 ) -> Generator[Any, None, None]:
-    """Fly tasks (or jobs) on `workers` processes; rows come as they finish.
+    """Fly tasks (or jobs) on `workers` processes; yield the rows in the order in which they finish.
 
-    With `warm_first` one worker flies the first run alone, so that code is compiled once.
-    Closing the iterator stops the workers and drops what they are flying.
+    With `warm_first` one worker flies the first run alone, so that code is compiled only once.
+    Closing the iterator stops the workers and discards their runs.
     """
     idle: list[_Worker] = [] if _KEPT is None else _KEPT
     busy: dict[Connection, tuple[_Worker, Flyable, int]] = {}
@@ -89,7 +89,7 @@ def fly_local(
                         continue
                     task, attempt = following, 1
                 worker = idle.pop() if idle else _start_worker()
-                with suppress(BrokenPipeError, ConnectionResetError):  # dead: wait() tells
+                with suppress(BrokenPipeError, ConnectionResetError):  # dead: wait() detects it
                     worker.connection.send(task)
                 busy[worker.connection] = (worker, task, attempt)
             if not busy:
@@ -119,14 +119,14 @@ def fly_local(
 
 def _start_worker() -> _Worker:
     ours, theirs = Pipe()
-    # a user's law may print: standard output is for --json, standard error shows the progress
+    # discard prints of user code: standard output is for --json, standard error shows the progress
     process = start_fork(f"{__package__}.worker", [theirs.fileno()], silent=True)
     theirs.close()
     return _Worker(process, ours)
 
 
 def _stop_worker(worker: _Worker, kill: bool = False) -> str:
-    """End a worker and say how it ended."""
+    """Stop a worker and return its exit code or signal as text."""
     worker.connection.close()
     if kill:
         worker.process.kill()

@@ -8,14 +8,14 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from skywright.run.rows import Row
 
 LINE_S = 30.0
-"""Seconds between two lines where standard error is no terminal."""
+"""Interval (s) between two lines if standard error is not a terminal."""
 
 
 class CampaignProgress:
-    """A bar on a terminal; elsewhere a line every half minute. `quiet` writes nothing."""
+    """A progress bar on a terminal, else a line every LINE_S; `quiet` writes nothing."""
 
     def __init__(self, runs: int, done: int, failed: int, *, quiet: bool = False) -> None:
-        """`done` and `failed` runs are there already, from an earlier start."""
+        """`done` runs, `failed` of them failed, exist from an earlier call."""
         self._console = Console(stderr=True, highlight=False)
         self._quiet, self._runs, self._done, self._failed = quiet, runs, done, failed
         self._told = time.perf_counter()
@@ -42,7 +42,7 @@ class CampaignProgress:
             self._console.print(text, markup=False)
 
     def on_row(self, row: Row) -> None:
-        """A run is finished."""
+        """Count a finished run and update the display."""
         self._done += 1
         self._failed += not row.succeeded
         if self._quiet:

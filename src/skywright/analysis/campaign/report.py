@@ -1,4 +1,4 @@
-"""The page of a campaign: one HTML file that opens offline, go or no-go in its first line."""
+"""The page of a campaign: one HTML file that opens offline and begins with go or no-go."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -12,11 +12,11 @@ from skywright.run.rows import CONFIDENCE, Row, Value
 from skywright.run.verdict import LIMIT_USE, Verdict
 
 MANY_FAILURES = 200
-"""Failed runs that the page lists; the others are in results.csv."""
+"""Maximum number of failed runs listed in the page; results.csv holds all."""
 
 
 class Facts(NamedTuple):
-    """What the page tells about how the campaign was made."""
+    """Settings of the campaign that the page shows."""
 
     mission: str
     description: str
@@ -27,13 +27,13 @@ class Facts(NamedTuple):
     vary: dict[str, str]
     fixed: tuple[str, ...]
     flown_now: int
-    """Runs of the last call, which took `wall_s`; the others were there already."""
+    """Runs of the last call, which took `wall_s`; the others are from earlier calls."""
     wall_s: float
     versions: Mapping[str, str]
 
 
 def write_campaign_page(path: Path, rows: Sequence[Row], verdict: Verdict, facts: Facts) -> None:
-    """Write campaign.html; everything that it shows is inside it."""
+    """Write campaign.html, a self-contained page."""
     keys = list(facts.vary)
     decisive = any(s.significant for s in verdict.sensitivities) or any(
         group.key for group in verdict.failures
@@ -90,7 +90,7 @@ def write_campaign_page(path: Path, rows: Sequence[Row], verdict: Verdict, facts
 
 
 def format_value(value: Value | None) -> str:
-    """Write a number with four significant digits, anything else as it is."""
+    """Format a float with four significant digits; a missing value is a dash."""
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return "–"
     if isinstance(value, float):
@@ -99,7 +99,7 @@ def format_value(value: Value | None) -> str:
 
 
 def _list_ranges(rows: Sequence[Row], vary: Mapping[str, str]) -> list[tuple[str, str, str]]:
-    """(key, distribution, what was drawn) of each varied key."""
+    """Return (key, distribution, drawn range or values) of each varied key."""
     out = []
     for key, text in vary.items():
         drawn = [row.varied[key] for row in rows if key in row.varied]
@@ -113,7 +113,7 @@ def _list_ranges(rows: Sequence[Row], vary: Mapping[str, str]) -> list[tuple[str
 
 
 def _list_silent(verdict: Verdict, keys: Sequence[str]) -> list[str]:
-    """Varied keys without any effect beyond chance on any metric."""
+    """Return the varied keys without a significant effect on any metric."""
     if not verdict.sensitivities:
         return []
     acting = {s.key for s in verdict.sensitivities if s.significant}

@@ -1,4 +1,4 @@
-"""The results of a campaign as a table, one row a run: CSV always, Parquet if asked for."""
+"""The results of a campaign as a table with one row per run: CSV, and Parquet on request."""
 
 import csv
 import json
@@ -15,7 +15,7 @@ PARQUET = "results.parquet"
 
 
 def check_parquet() -> None:
-    """Raise InputError where Parquet cannot be written."""
+    """Raise InputError if pyarrow is not installed."""
     try:
         import pyarrow.parquet  # noqa: F401
     except ImportError:
@@ -28,7 +28,7 @@ def check_parquet() -> None:
 def tabulate(rows: Sequence[Row]) -> dict[str, list[Any]]:
     """Return the columns: seed, outcome, varied keys and metrics by name, timing, command.
 
-    Keys of the description and metrics keep their dotted names; "not measured" is None.
+    Keys of the description and metrics keep their dotted names. Non-finite values become None.
     """
 
     def gather(name: str) -> list[str]:
@@ -57,7 +57,7 @@ def tabulate(rows: Sequence[Row]) -> dict[str, list[Any]]:
 
 
 def write_csv(rows: Sequence[Row], path: Path) -> None:
-    """Write the table as CSV: nothing where there is no value, `failed` separated by spaces."""
+    """Write the table as CSV: missing values are empty cells, `failed` is separated by spaces."""
     table = tabulate(rows)
     table["failed"] = [" ".join(names) for names in table["failed"]]
     with path.open("w", newline="", encoding="utf-8") as file:
@@ -69,7 +69,7 @@ def write_csv(rows: Sequence[Row], path: Path) -> None:
 def write_parquet(rows: Sequence[Row], path: Path, identity: dict[str, Any]) -> None:
     """Write the table as Parquet, with the campaign's identity in its metadata.
 
-    The identity stands under `skywright.campaign`. Needs pyarrow (see `check_parquet`).
+    The metadata key is `skywright.campaign`. Needs pyarrow (see `check_parquet`).
     """
     import pyarrow
     import pyarrow.parquet

@@ -1,4 +1,4 @@
-"""One run of a campaign, from task to row, in whatever process it flies."""
+"""Fly one run of a campaign in any process and return its row."""
 
 import math
 import traceback
@@ -12,50 +12,51 @@ from skywright.run.rows import Row
 from skywright.run.run import RunResult, fly_and_evaluate, run_mission
 
 RECORD = ("none", "failed", "all")
-"""Runs of which the directory with the recording is kept."""
+"""Valid values of `record`: the runs whose directory is kept."""
 
 INTERRUPTED = "interrupted"
-"""Outcome of a run that was cut short from outside; it is flown again, and never a row."""
+"""Outcome of a run that was stopped from outside; it is repeated and never becomes a row."""
 
 TIMING_METRICS = ("plan.wall_s",)
-"""Metrics that depend on the machine; a row keeps them apart, so that it is repeatable."""
+"""Metrics that depend on the machine. A row omits them, so that it is repeatable."""
 
 
 class Task(NamedTuple):
-    """Everything that a worker needs to fly one run."""
+    """Input of a worker for one run."""
 
     draw: Draw
     description: Description
     command: str
     record: str
     folder: str
-    """Where directories of recorded runs go."""
+    """Folder of the directories of recorded runs."""
     refused: str = ""
-    """Why the description could not be loaded; such a run does not fly."""
+    """Reason why the description could not be loaded; such a run does not fly."""
 
     def fly(self) -> Row:
-        """Fly the run."""
+        """Fly the run and return its row."""
         return fly_row(self)
 
     def fail(self, outcome: str, reason: str) -> Row:
-        """Return the row of a run whose worker died, or could not read it."""
+        """Return the row of a run whose worker died or could not read the task."""
         return build_failed_row(self, outcome, reason)
 
 
 class Flyable(Protocol):
-    """What workers fly: a run of a campaign (Task), or a job (jobs.py)."""
+    """A unit of work for the workers: a run of a campaign (Task) or a job (jobs.py)."""
 
     def fly(self) -> Any:
-        """Do it, in whatever process; never raises."""
+        """Run in any process; never raises."""
 
     def fail(self, outcome: str, reason: str) -> Any:
-        """Return what stands for it where it never came back."""
+        """Return the result of a unit of work whose worker died."""
 
 
 def fly_row(task: Task) -> Row:
-    """Fly one run. Whatever goes wrong becomes a row with its reason; never raises.
+    """Fly one run. Any error becomes a row with its reason; never raises.
 
-    A run whose directory could not be written is `interrupted`: no result of the campaign.
+    A run whose directory could not be written gets the outcome `interrupted`, which is not a
+    result.
     """
     if task.refused:
         return build_failed_row(task, "refused", task.refused)
@@ -66,7 +67,7 @@ def fly_row(task: Task) -> Row:
         else:
             result = fly_and_evaluate(task.description)
             if task.record == "failed" and result.outcome != "succeeded":
-                _record(task.description, folder)  # the same again: runs are repeatable
+                _record(task.description, folder)  # fly again with a recording: runs are repeatable
         return _build_row(task, result)
     except _UnrecordedError as error:
         return build_failed_row(task, INTERRUPTED, str(error))
@@ -76,14 +77,14 @@ def fly_row(task: Task) -> Row:
         return build_failed_row(task, "refused", str(error))
     except SimulationError as error:
         return build_failed_row(task, "diverged", str(error))
-    except Exception as error:  # a run must not end the campaign
+    except Exception as error:  # an error in one run does not end the campaign
         last = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{Path(last.filename).name}:{last.lineno}"
         return build_failed_row(task, "crashed", f"{type(error).__name__}: {error} ({where})")
 
 
 def build_failed_row(task: Task, outcome: str, reason: str) -> Row:
-    """Build the row of a run that has no result."""
+    """Build the row of a run without a result."""
     d = task.draw
     return Row(
         d.run, d.seed, outcome, outcome, (), " ".join(reason.split()), d.varied, {}, {}, 1,
@@ -96,9 +97,9 @@ class _UnrecordedError(Exception):
 
 
 def _record(description: Description, folder: Path) -> RunResult:
-    """Fly with a run directory; what an interrupted campaign left half-written is replaced.
+    """Fly with a run directory; replaces incomplete files of an interrupted campaign.
 
-    Raises _UnrecordedError when the disk does not take it; nothing of it stays then.
+    Raises _UnrecordedError if writing fails, and removes the incomplete directory.
     """
     import shutil
 
@@ -113,7 +114,7 @@ def _record(description: Description, folder: Path) -> RunResult:
     except (OSError, InputError) as error:
         disk = isinstance(error, OSError) or isinstance(error.__cause__, OSError)
         if not disk and not partial.exists():
-            raise  # the description is wrong: nothing was opened
+            raise  # the description is wrong; no file was opened
         why = str(error)
     shutil.rmtree(partial, ignore_errors=True)
     raise _UnrecordedError(why)

@@ -1,4 +1,4 @@
-"""What a campaign is: mission, layers, seed and variations; and what each of its runs is."""
+"""Definition of a campaign (mission, layers, seed, variations) and of each of its runs."""
 
 import hashlib
 import os
@@ -22,13 +22,13 @@ from skywright.errors import InputError
 from skywright.run.source_hash import collect_code_versions
 
 DRAWING = tuple(f"analysis/campaign/{name}.py" for name in ("distributions", "runner", "spec"))
-"""Files of this package that decide a row."""
+"""Files of this package on which a row depends."""
 COMPANY = 8
-"""Drawn runs in whose company an extreme value is tried before it is refused."""
+"""Number of draws of the other keys that are tried with an extreme value before it is refused."""
 
 
 class Campaign(NamedTuple):
-    """A campaign without its number of runs: what decides every row."""
+    """A campaign without its number of runs: everything on which a row depends."""
 
     mission: str
     robot: str | None
@@ -37,11 +37,11 @@ class Campaign(NamedTuple):
     seed: int
     variations: tuple[Variation, ...]
     base: Description
-    """The description before anything is varied."""
+    """The description before variations are applied."""
 
 
 class Draw(NamedTuple):
-    """One run of a campaign, before it flies."""
+    """Seed and drawn values of one run."""
 
     run: int
     seed: int
@@ -58,7 +58,7 @@ def build_campaign(
     sets: Sequence[str] = (),
     seed: int | None = None,
 ) -> Campaign:
-    """Load the mission and parse what varies; without `seed` the mission's own is the base.
+    """Load the mission and parse the variations; `seed` defaults to the mission's.
 
     Raises InputError on a wrong key, distribution or file.
     """
@@ -81,29 +81,30 @@ def build_campaign(
 
 
 def draw_run(campaign: Campaign, run: int) -> Draw:
-    """Draw the seed and the varied values of run number `run` (from 0)."""
+    """Draw the seed and the varied values of run number `run`, counted from 0."""
     varied = {v.key: draw(v, campaign.seed, run) for v in campaign.variations}
     return Draw(run, draw_seed(campaign.seed, run), varied)
 
 
 def _read_list(value: Value) -> object:
-    """The list that a cell of a table writes, or the value itself."""
+    """Parse a table cell that contains a list; return other values unchanged."""
     return parse_value(value) if isinstance(value, str) and value.startswith("[") else value
 
 
 def load_run(campaign: Campaign, one: Draw) -> Description:
-    """Load the description of one run. Raises InputError when its values do not go together."""
+    """Load the description of one run. Raises InputError if its combination of values is
+    invalid."""
     drawn = {key: _read_list(value) for key, value in one.varied.items()}
     sets = {**dict(split_assignments(campaign.sets)), **drawn}
     return load_description(campaign.mission, campaign.robot, campaign.world, sets, one.seed)
 
 
 def check_variations(campaign: Campaign, runs: int) -> None:
-    """Try the extreme draws of every key, so that a bad range is told before anything flies.
+    """Load the extreme draws of every key, so that an invalid range is reported before any flight.
 
-    Raises InputError naming key and distribution.
+    Raises InputError that names key and distribution.
     """
-    # a value may need its company (dryden needs a mean wind): it is bad if no company helps
+    # a value may be valid only with others (dryden needs a mean wind): try several combinations
     company = [draw_run(campaign, i).varied for i in range(min(runs, COMPANY))]
     for variation in campaign.variations:
         for value in _list_extremes(variation, campaign.seed, runs):
@@ -115,14 +116,14 @@ def check_variations(campaign: Campaign, runs: int) -> None:
                     break
                 except InputError as error:
                     if isinstance(error.__cause__, PythonEndedError):
-                        break  # such runs are refused one by one, the others fly
+                        break  # such runs are refused individually, the others fly
                     refused = error
             else:
                 raise InputError(_tell_refusal(variation, value, str(refused)))
 
 
 def _tell_refusal(variation: Variation, value: Value, why: str) -> str:
-    """Say why a variation is refused; a key that does not exist is no matter of the draw."""
+    """Return why a variation is refused; for an unknown key the text omits the drawn value."""
     why = why.removeprefix("--set: ").removeprefix(f"--set {variation.key}: ")
     drawn = "" if why.startswith("unknown") else f"the draw {write_value(value)} is refused: "
     return f"--vary {variation.key}={variation.text}: {drawn}{why}"
@@ -131,7 +132,7 @@ def _tell_refusal(variation: Variation, value: Value, why: str) -> str:
 def _list_extremes(variation: Variation, seed: int, runs: int) -> list[Value]:
     if variation.kind in ("uniform", "loguniform"):
         return [float(v) for v in variation.values]
-    if variation.kind == "choice":  # a misspelt word is told even where few runs do not draw it
+    if variation.kind == "choice":  # check all choices, even those that few runs do not draw
         return list(dict.fromkeys(variation.values))
     drawn = list(dict.fromkeys(draw(variation, seed, i) for i in range(runs)))
     if not variation.numeric:
@@ -140,7 +141,7 @@ def _list_extremes(variation: Variation, seed: int, runs: int) -> list[Value]:
 
 
 def write_command(campaign: Campaign, one: Draw) -> str:
-    """Write the command line that repeats one run alone, bit for bit."""
+    """Return the command line that repeats one run bit for bit."""
     words = ["skywright", "run", campaign.mission]
     for flag, value in (("--robot", campaign.robot), ("--world", campaign.world)):
         if value is not None:
@@ -153,14 +154,14 @@ def write_command(campaign: Campaign, one: Draw) -> str:
 
 
 def write_value(value: Value) -> str:
-    """Write a value as TOML that reads back to exactly the same one."""
+    """Format a value as TOML that parses to exactly the same value."""
     if isinstance(value, bool):
         return "true" if value else "false"
     return value if isinstance(value, str) else repr(value)
 
 
 def build_identity(campaign: Campaign) -> dict[str, Any]:
-    """Return what must agree for two campaigns to have the same rows; what tells most is first."""
+    """Return what must be equal for two campaigns to have the same rows, most informative first."""
     text = dump_description(campaign.base)
     return {
         "mission": campaign.mission,
@@ -179,9 +180,9 @@ def build_identity(campaign: Campaign) -> dict[str, Any]:
 
 
 def _hash_laws(campaign: Campaign) -> str | None:
-    """Return the hash of the users' sources, fixed or varied, and of robots and worlds varied.
+    """Return a hash of the user's source files, fixed or varied, and of varied robots and worlds.
 
-    With other files the rows are others; what is fixed of robot and world is in the description.
+    Rows depend on these files. A fixed robot or world is part of the description.
     """
     names = [f"{path}:" for path in list_sources(campaign.base)]
     texts = [v for x in campaign.variations for v in x.values if isinstance(v, str)]

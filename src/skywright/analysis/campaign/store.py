@@ -1,7 +1,7 @@
 """The folder of a campaign: identity and journal.
 
-Each finished run is appended to `runs.jsonl` at once and forced to disk, so that whatever ends a
-campaign costs at most the runs in flight. The same command continues where it stopped.
+Each finished run is appended to `runs.jsonl` and synced to disk immediately, so that an
+interruption loses only the runs in flight. The same command continues the campaign.
 """
 
 import fcntl
@@ -36,16 +36,17 @@ _CHANGED = {
     "values": "the values of a CSV file",
     "law": "the file of a control law, or of a robot or world that varies",
 }
-"""Parts of an identity that are hashes, in words."""
+"""Descriptions of the identity's entries that are hashes."""
 
 
 class Store:
-    """An open campaign folder; a lock on the journal keeps a second writer out."""
+    """An open campaign folder; a lock on the journal excludes a second writer."""
 
     def __init__(self, folder: Path, identity: dict[str, Any]) -> None:
-        """Open `folder` for the campaign with this identity, making it where it is missing.
+        """Open `folder` for the campaign with this identity; create the folder if it does not
+        exist.
 
-        Raises InputError when it holds something else, is in use, or cannot be written.
+        Raises InputError if it holds other content, is in use, or cannot be written.
         """
         self.folder, self.rows = folder, dict[int, Row]()
         check_folder(folder, identity)
@@ -67,7 +68,7 @@ class Store:
         self.rows = {row.run: row for row in self._load_journal()}
 
     def append(self, row: Row) -> None:
-        """Add a finished run. Raises InputError when the disk does not take it."""
+        """Append a finished run. Raises InputError if writing fails."""
         line = json.dumps(encode_row(row), allow_nan=False) + "\n"
         try:
             self._file.write(line.encode())
@@ -78,7 +79,7 @@ class Store:
         self.rows[row.run] = row
 
     def write(self, name: str, write: Callable[[Path], object]) -> Path:
-        """Write one file of the folder under another name and rename it when it is complete."""
+        """Write a file of the folder under a temporary name and rename it when it is complete."""
         path = self.folder / name
         partial = path.with_name(name + ".partial")
         try:
@@ -91,7 +92,7 @@ class Store:
 
     def close(self) -> None:
         """Release the folder."""
-        with suppress(OSError):  # what could not be written was told when it was appended
+        with suppress(OSError):  # `append` has reported what could not be written
             self._file.close()
 
     def _explain(self, name: str, error: OSError) -> str:
@@ -101,7 +102,7 @@ class Store:
         )
 
     def _load_journal(self) -> list[Row]:
-        """Read the rows and cut off a last line that was never finished."""
+        """Read the rows and truncate an incomplete last line."""
         path = self.folder / JOURNAL
         data = read_bytes(path, LARGEST_RECORDING)
         complete = data.rfind(b"\n") + 1
@@ -120,7 +121,7 @@ class Store:
 
 
 def check_folder(folder: Path, identity: dict[str, Any]) -> None:
-    """Refuse a folder that holds something else. Raises InputError saying what differs."""
+    """Check that `folder` can hold this campaign. Raises InputError that states the difference."""
     if not folder.exists():
         return
     if not folder.is_dir():
@@ -133,7 +134,7 @@ def check_folder(folder: Path, identity: dict[str, Any]) -> None:
 
 
 def compare_identity(folder: Path, identity: dict[str, Any]) -> str | None:
-    """Say how the campaign in a folder differs from this one; None if it is the same."""
+    """Return how the campaign in `folder` differs from this one; None if it is the same."""
     path = folder / IDENTITY
     if not path.is_file():
         return "is not empty and contains no campaign"
@@ -158,7 +159,7 @@ def compare_identity(folder: Path, identity: dict[str, Any]) -> str | None:
 
 
 def encode_row(row: Row) -> dict[str, Any]:
-    """Turn a row into what JSON can hold; NaN becomes null."""
+    """Convert a row to JSON types; NaN becomes null."""
     out = row._asdict()
     out["failed"] = list(row.failed)
     for name in ("metrics", "timing"):
@@ -167,7 +168,7 @@ def encode_row(row: Row) -> dict[str, Any]:
 
 
 class _Line(Stored):
-    """A row as `encode_row` writes it."""
+    """Schema of a row that `encode_row` writes."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -186,7 +187,7 @@ class _Line(Stored):
 
 
 def decode_row(data: Any) -> Row:
-    """The inverse of `encode_row`; raises ValueError for anything else."""
+    """Invert `encode_row`. Raises ValueError on other data."""
     line = _Line.read(data)
     metrics, timing = (
         {k: math.nan if v is None else v for k, v in told.items()}

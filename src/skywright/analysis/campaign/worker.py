@@ -1,7 +1,7 @@
 """A local worker process (forks.py).
 
-Takes tasks from a connection and answers with rows (or what jobs return), or with why a task cannot
-be read, until the other end is gone.
+Receives tasks from a connection and sends their rows (or results of jobs), or the reason why a task
+cannot be read, until the other end closes.
 """
 
 from multiprocessing.connection import Connection
@@ -10,14 +10,14 @@ from skywright.core.find import explain
 
 
 def serve(file: int) -> None:
-    """Serve the connection with this file descriptor."""
+    """Serve the connection with the file descriptor `file`."""
     connection = Connection(file)
     while True:
         try:
             answer: object = connection.recv().fly()
         except (EOFError, OSError):
-            return  # the parent is gone, or has no more work
-        except (Exception, SystemExit) as error:  # a file of the user's is gone, or wrong
+            return  # the parent has ended or has no more work
+        except (Exception, SystemExit) as error:  # a user's file is missing or wrong
             answer = explain(error)
         try:
             connection.send(answer)

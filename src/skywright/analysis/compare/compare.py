@@ -1,4 +1,4 @@
-"""Two robots side by side: quasi-static numbers first, flown ones last."""
+"""Compare two robots: first quasi-static values, then flights."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -50,19 +50,19 @@ COLLISIONS = {
     "passive link": {"impact.link_torque_nm": "impact.peak_torque_nm",
                      "impact.link_force_n": "impact.peak_force_n"},
 }  # fmt: skip
-"""What hits -> row -> metric of impact."""
+"""Impacting part -> row -> metric of impact."""
 
 
 def compare_robots(
     first: str, second: str, *, sets: Sequence[str] = (), fly: bool = True, seeds: int = 2,
     step: Step | None = None, workers: int | None = None, ray: str | None = None,
 ) -> Comparison:  # fmt: skip
-    """Compare two robots with arms: names or files.
+    """Compare two robots with arms, given by name or file.
 
-    `sets` change the world of the mission sensor-install (`world.*`); `seeds` flights a wind.
-    The flights run one after the other, or on `workers` processes, or on a Ray cluster (`ray`, as
-    of a campaign); the result is the same.
-    Raises InputError for unknown robots, robots without an arm, the same robot twice.
+    `sets` change the world of the mission sensor-install (`world.*`); `seeds` is the number of
+    flights per wind speed. The flights run one after the other, on `workers` processes, or on a Ray
+    cluster (`ray`, as for a campaign), with the same result. Raises InputError for unknown robots,
+    robots without an arm, and if both robots are the same.
     """
     for text in sets:
         key, _ = parse_assignment(text)
@@ -104,7 +104,7 @@ def compare_robots(
 
 
 def measure(d: Description, step: Step) -> Side:
-    """Find out what does not need a flight."""
+    """Compute the values that need no flight."""
     robot, values, notes = d.robot, {}, {}
     q = work_pose(d)
     step(f"{robot.name}: clearance")
@@ -150,7 +150,7 @@ def measure(d: Description, step: Step) -> Side:
 
 
 def work_pose(d: Description) -> Array:
-    """Return q (n_joints,) rad: forearms level as in sensor-install where that is for the robot."""
+    """Return q (n_joints,) rad: forearms level as in sensor-install if the robot can fly it."""
     assert d.world.pipe is not None
     try:
         q = build_pose(d.robot, "L", 0.5 * d.world.pipe.diameter_m)
@@ -160,7 +160,7 @@ def work_pose(d: Description) -> Array:
 
 
 def measure_force(robot: Robot, q: Array, values: dict[str, float], notes: Any) -> TorqueMap:
-    """Add what a force on the hand does, and return its map."""
+    """Add the effects of a force on the hand to `values` and return the torque map."""
     arms = Loaded(robot, q)
     torque, swing = compute_reaction_map(arms, FORCE, AZIMUTH, ELEVATION)
     for axis, name in enumerate(("roll", "pitch", "yaw")):
@@ -178,7 +178,7 @@ def measure_force(robot: Robot, q: Array, values: dict[str, float], notes: Any) 
 
 
 def list_flights(side: Side, d: Description, name: str, seeds: int) -> list[Job]:
-    """Return the flights of a robot: sensor-install where it has a plan, collisions, hovers."""
+    """Return the flights of a robot: sensor-install if it has a plan, collisions, hovers."""
     jobs = []
     if _has_way(side):
         jobs.append(Job(0, f"{d.robot.name}: sensor-install", fly_install, (d,)))
@@ -202,13 +202,13 @@ def _has_way(side: Side) -> bool:
 
 
 def _find_parts(robot: Robot) -> tuple[bool, bool]:
-    """Return whether its joints have springs, and whether it has a passive link."""
+    """Return whether the joints have springs and whether the robot has a passive link."""
     springs = any(x.link.flex_stiffness_nm_per_rad for x in list_joints(robot))
     return springs, robot.pendulum is not None
 
 
 def add_flights(side: Side, found: Sequence[Any]) -> Side:
-    """Add what the flights of `list_flights` returned."""
+    """Add the results of the flights of `list_flights`."""
     values, notes, rest = dict(side.values), dict(side.notes), list(found)
     not_flown = Install({}, math.nan, math.nan, "not flown, no feasible path")
     install = rest.pop(0) if _has_way(side) else not_flown
@@ -239,7 +239,7 @@ def add_flights(side: Side, found: Sequence[Any]) -> Side:
 
 
 def add_install(found: Install, values: dict[str, float], notes: dict[str, str]) -> None:
-    """Add what sensor-install told; says why a number is missing."""
+    """Add the results of sensor-install; note why a value is missing."""
     values["install.propellers_m"], values["install.gear_m"] = found.propellers, found.gear
     for key, metric in INSTALL.items():
         values[key] = found.metrics.get(metric, math.nan)

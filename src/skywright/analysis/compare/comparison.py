@@ -1,4 +1,4 @@
-"""What a comparison of two robots holds: plain values for tables, pictures and `--json`."""
+"""Result of a comparison of two robots: plain values for tables, figures and `--json`."""
 
 import math
 from typing import Any, NamedTuple
@@ -11,58 +11,58 @@ from skywright.models.reach import ReachMap
 
 
 class Way(NamedTuple):
-    """The planned way of sensor-install and what it keeps clear of the pipe."""
+    """Planned path of sensor-install and its distances to the pipe."""
 
-    distance: Array  # (n,) m, flown
-    propellers: Array  # (n,) m, least distance to the pipe; negative: they overlap
+    distance: Array  # (n,) m, along the path
+    propellers: Array  # (n,) m, minimum distance to the pipe; negative: penetration
     gear: Array  # (n,) m
-    blocked_by: str  # why there is no plan, "" where there is one
+    blocked_by: str  # why there is no plan, else ""
     q: Array  # (n_joints,) rad, arms at the contact
     p_contact: Array  # (3,) m, platform at the contact
 
 
 class TorqueMap(NamedTuple):
-    """Torque on the platform per newton at the left hand, over the force's direction."""
+    """Torque on the platform per newton at the left hand, over the direction of the force."""
 
     azimuth: Array  # (n,) rad, from ahead to the left
     elevation: Array  # (m,) rad, up
-    torque: Array  # (m, n, 3) m, about x, y, z of B; NaN where a passive link finds no rest
-    swing: Array  # (m, n) rad, by which a passive link turns; likewise
-    force: float  # N that it was computed with
+    torque: Array  # (m, n, 3) m, about x, y, z of B; NaN: a passive link has no equilibrium
+    swing: Array  # (m, n) rad, rotation of a passive link; NaN likewise
+    force: float  # N, at which the map was computed
 
 
 class Collision(NamedTuple):
-    """One flight into the pad."""
+    """One flight of the mission impact."""
 
-    what: str  # hits: hand, hand with stiff joints, passive link
+    what: str  # impacting part: hand, hand with stiff joints, passive link
     metrics: dict[str, float]
-    reason: str  # why there are none
+    reason: str  # why there are no metrics
 
 
 class Install(NamedTuple):
-    """The mission sensor-install, flown."""
+    """Result of the flown mission sensor-install."""
 
     metrics: dict[str, float]
-    propellers: float  # m, least distance to the pipe between take-off and landing; NaN: not flown
+    propellers: float  # m, minimum distance to the pipe from take-off to landing; NaN: not flown
     gear: float  # m
-    reason: str  # what went wrong, "" where nothing did
+    reason: str  # what went wrong, else ""
 
 
 class Hover(NamedTuple):
-    """Flights that keep the tip in place in gusty wind."""
+    """Flights that hold the tip at a point in gusty wind."""
 
     wind: Array  # (n,) m/s
-    tip: Array  # (n, seeds) m, rms distance of the tip from its place; NaN: control was lost
+    tip: Array  # (n, seeds) m, rms distance of the tip from its reference; NaN: control was lost
     platform: Array  # (n, seeds) m
 
 
 class Side(NamedTuple):
-    """One of the two robots with everything that was found out about it."""
+    """All results of one of the two robots."""
 
     name: str
     robot: Robot
     values: dict[str, float]  # by row; NaN: not measured
-    notes: dict[str, str]  # why, or what else is to be said
+    notes: dict[str, str]  # why a value is missing, or a remark
     way: Way | None
     reach: ReachMap | None
     reaction: TorqueMap | None
@@ -72,7 +72,7 @@ class Side(NamedTuple):
 
 
 class Row(NamedTuple):
-    """A number of both robots."""
+    """One value of both robots."""
 
     name: str
     title: str
@@ -84,7 +84,7 @@ class Row(NamedTuple):
 
     @property
     def winner(self) -> int | None:
-        """0 or 1: whose number is better by more than 2 %; None where neither is."""
+        """Index of the robot whose value is better by more than 2 %, else None."""
         a, b = self.values
         if not self.better or not (math.isfinite(a) and math.isfinite(b)):
             return None
@@ -93,7 +93,7 @@ class Row(NamedTuple):
         return int((a > b) == (self.better == "low"))
 
     def write(self, i: int) -> str:
-        """Write a robot's number for people, without its unit; a dash where there is none."""
+        """Format a robot's value without its unit; a missing value is a dash."""
         v = self.values[i]
         if math.isnan(v):
             return "–"
@@ -107,7 +107,7 @@ class Row(NamedTuple):
 
 
 class Statement(NamedTuple):
-    """A trade-off of the paper's table 3, and whether the numbers bear it out."""
+    """A trade-off of the paper's table 3 and whether the values support it."""
 
     about: str  # standard, long reach
     text: str
@@ -117,7 +117,7 @@ class Statement(NamedTuple):
 
 
 class Comparison(NamedTuple):
-    """Two robots side by side."""
+    """Comparison of two robots."""
 
     sides: tuple[Side, Side]
     rows: list[Row]
@@ -127,7 +127,7 @@ class Comparison(NamedTuple):
     seeds: int
 
     def to_json(self) -> dict[str, Any]:
-        """Return the command line's `--json` object; numbers that do not exist are null."""
+        """Return the object of `--json`; missing numbers are null."""
         return {
             "robots": [s.name for s in self.sides],
             "world": self.world,

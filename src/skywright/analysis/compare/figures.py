@@ -1,4 +1,4 @@
-"""Pictures of a comparison: the robots at the pipe, reach, torque maps, collisions, accuracy."""
+"""Figures of a comparison: robots at the pipe, reach, torque maps, collisions, accuracy."""
 
 import math
 
@@ -27,7 +27,7 @@ COLOURS = (BLUE, ORANGE)
 
 
 def draw_pair(c: Comparison, pipe: Pipe) -> Figure:
-    """Both robots from the side with the hand at the pipe's underside."""
+    """Draw both robots from the side with the hand at the underside of the pipe."""
     figure = new_figure(WIDTH, 4.4)
     axes = figure.subplots(1, 2, sharex=True, sharey=True)
     figure.subplots_adjust(left=0.07, right=0.99, top=0.92, bottom=0.11, wspace=0.06)
@@ -61,7 +61,8 @@ def draw_pair(c: Comparison, pipe: Pipe) -> Figure:
 
 
 def draw_clearance(c: Comparison) -> Figure | None:
-    """Distance of propellers and gear to the pipe along the way of sensor-install."""
+    """Draw the distance of propellers and landing gear to the pipe along the path of
+    sensor-install."""
     if all(s.way is None for s in c.sides):
         return None
     figure = new_figure(WIDTH, 3.2)
@@ -82,7 +83,7 @@ def draw_clearance(c: Comparison) -> Figure | None:
 
 
 def draw_reach(c: Comparison) -> Figure:
-    """Where around the pipe the hand can be."""
+    """Draw the reachable positions of the hand around the pipe."""
     figure = new_figure(WIDTH, 4.9)
     axes = figure.subplots(1, 2, sharex=True, sharey=True)
     figure.subplots_adjust(left=0.07, right=0.99, top=0.93, bottom=0.1, wspace=0.06)
@@ -113,7 +114,7 @@ def draw_reach(c: Comparison) -> Figure:
 
 
 def draw_reaction(c: Comparison) -> Figure:
-    """Torque on the platform per newton at the hand, over the force's direction."""
+    """Draw the torque on the platform per newton at the hand, over the direction of the force."""
     figure = new_figure(WIDTH, 5.4)
     grid = figure.add_gridspec(
         2, 3, width_ratios=[1, 1, 0.04], left=0.07, right=0.93, top=0.94, bottom=0.09,
@@ -147,7 +148,7 @@ def draw_reaction(c: Comparison) -> Figure:
 
 
 def draw_recoil(c: Comparison) -> Figure | None:
-    """Angle of the passive link under the force, over its direction."""
+    """Draw the angle of the passive link under the force, over the force's direction."""
     sides = [s for s in c.sides if s.robot.pendulum is not None and s.reaction is not None]
     if not sides:
         return None
@@ -175,7 +176,7 @@ def _name_directions(ax: Axes) -> None:
 
 
 def draw_collisions(c: Comparison) -> Figure | None:
-    """Peak torque and force on the platform of every collision flown."""
+    """Draw peak torque, peak force and tilt of the platform for every collision."""
     bars = [
         (f"{s.name}: {x.what}", x.metrics, colour)
         for s, colour in zip(c.sides, COLOURS, strict=True) for x in s.collisions if x.metrics
@@ -206,7 +207,7 @@ def draw_collisions(c: Comparison) -> Figure | None:
 
 
 def draw_accuracy(c: Comparison) -> Figure | None:
-    """Distance of tip and platform from their places against the wind."""
+    """Draw the rms distances of tip and platform from their references over the wind speed."""
     if all(s.hover is None for s in c.sides):
         return None
     figure = new_figure(WIDTH, 3.2)
@@ -227,7 +228,7 @@ def draw_accuracy(c: Comparison) -> Figure | None:
 
 
 def _draw_spread(ax: Axes, side: Side, table: np.ndarray, colour: str) -> None:
-    """Mean over the seeds, and each flight as a dot."""
+    """Draw the mean over the seeds, and each flight as a dot."""
     assert side.hover is not None
     wind = side.hover.wind
     known = np.isfinite(table).any(axis=1)

@@ -1,4 +1,4 @@
-"""What is measured by flying: collisions, and how well the tip keeps its place in wind."""
+"""Measurements by flights: collisions, and the accuracy of the tip in wind."""
 
 import math
 from typing import Any, NamedTuple
@@ -35,7 +35,8 @@ class _Lost(Exception):
 
 
 class Still(NamedTuple):
-    """A hover: rms distances from their places (NaN: control was lost), and the springs' mean."""
+    """A hover: rms distances from the references (NaN: control was lost), mean deflection of
+    springs."""
 
     tip: float  # m
     platform: float  # m
@@ -43,12 +44,12 @@ class Still(NamedTuple):
 
 
 def list_collisions(springs: bool, link: bool) -> list[str]:
-    """List what hits: a hand, where there are springs first without, and a passive link."""
+    """Return the impacting parts: a hand (with springs also without them), and a passive link."""
     return [*["hand, stiff joints"] * springs, "hand", *["passive link"] * link]
 
 
 def fly_collision(robot: str, name: str) -> Collision:
-    """Fly `impact` with what `list_collisions` names."""
+    """Fly `impact` with a part that `list_collisions` names."""
     sets = {
         "mission.task.joints": "stiff" if "stiff" in name else "compliant",
         "mission.task.part": "link" if "link" in name else "arm",
@@ -62,7 +63,7 @@ def fly_collision(robot: str, name: str) -> Collision:
 
 
 def fly_install(d: Description) -> Install:
-    """Fly sensor-install and ask for the distances to the pipe between take-off and landing."""
+    """Fly sensor-install and compute the distances to the pipe between take-off and landing."""
     try:
         result = fly_and_evaluate(d)
     except SkywrightError as error:
@@ -85,19 +86,19 @@ def fly_install(d: Description) -> Install:
 
 
 def build_hover(found: list[tuple[float, float]]) -> Hover:
-    """Return the table of what `hover_once` found, seed by seed in each of WINDS."""
+    """Arrange results of `hover_once`, ordered by wind of WINDS, then seed, as a table."""
     both = np.array(found, float).reshape(len(WINDS), -1, 2)
     return Hover(np.array(WINDS), both[..., 0], both[..., 1])
 
 
 def hover_once(robot: str, q: Array, wind: float, seed: int) -> tuple[float, float]:
-    """Return the rms distance (m) of tip and of platform from their places; NaN: control lost."""
+    """Return the rms distances (m) of tip and platform from their references; NaN: control lost."""
     found = hover_in(robot, q, wind, seed, {})
     return found.tip, found.platform
 
 
 def hover_in(robot: str, q: Array, wind: float, seed: int, sets: dict[str, object]) -> Still:
-    """Hover once in gusty wind of a mean (m/s), with the joints at q (n_joints,) rad."""
+    """Hover once in gusty wind with mean speed `wind` (m/s) and joints at q (n_joints,) rad."""
     if wind > 0.0:
         sets = {**sets, "world.wind": {"kind": "dryden", "mean_mps": wind, "toward_deg": 45.0}}
     lost = Still(math.nan, math.nan, np.full(len(q), math.nan))
@@ -121,7 +122,7 @@ def hover_in(robot: str, q: Array, wind: float, seed: int, sets: dict[str, objec
 
 
 def _settle(vehicle: SimulatedVehicle, q: Array) -> tuple[Array, Array]:
-    """Take off, bring the arms to q; returns where tip and platform shall stay (3,) m."""
+    """Take off, move the arms to q; return the references of tip and platform, each (3,) m."""
     uav, arms = Moves(vehicle), Arms(vehicle)
     _wait(vehicle, 1.0)
     uav.motors(True)
@@ -133,7 +134,7 @@ def _settle(vehicle: SimulatedVehicle, q: Array) -> tuple[Array, Array]:
     row = np.array(vehicle.reference)
     place = row["p_WB"].copy()
     goal = place + row["R_WB"] @ find_hands(model, q)[0]
-    if "hands" in vehicle.offers:  # the arms make up for what the platform does
+    if "hands" in vehicle.offers:  # the arms compensate the motion of the platform
         row["t"] = 0.0
         for field in ("v_WB", "a_WB", "w_WB_B", "wd_WB_B", "qd", "v_WT", "v_WH"):
             row[field] = 0.0

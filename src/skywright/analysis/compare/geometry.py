@@ -1,4 +1,4 @@
-"""What is measured without flying, from shapes: clearance on the way, access, height, balance."""
+"""Geometric measures without flights: clearance along the path, access, height, balance."""
 
 import math
 
@@ -19,9 +19,9 @@ from skywright.models.scene import build_scene
 from skywright.models.statics import UP, build_layout, wrench_at
 from skywright.run.planning import plan_mission
 
-STEP = 0.02  # m, along the way
-FAR = 10.0  # m, from which on distances are not resolved
-SHAFT = 0.5  # m, width of the narrow place that a hand is lowered into
+STEP = 0.02  # m, along the path
+FAR = 10.0  # m, beyond which distances are not resolved
+SHAFT = 0.5  # m, width of the shaft for `measure_access`
 
 
 class PipeDistance:
@@ -39,15 +39,16 @@ class PipeDistance:
         return core._replace(pairs=pairs, n_world=len(pairs), probe=np.zeros(len(pairs)))
 
     def __call__(self, p_WB: Array, R_WB: Array, q: Array) -> tuple[float, float]:
-        """Ask at a pose of the platform, p (3,) m and R (3, 3), and joints q (n_joints,) rad."""
+        """Return both distances for the platform at p (3,) m, R (3, 3) and joints q (n_joints,)
+        rad."""
         near, gear = (query_clearance(g, p_WB, R_WB, q, 0.0, FAR)[0] for g in self._groups)
         return near, gear
 
 
 def measure_way(d: Description) -> Way:
-    """Compute the distances along the legs that sensor-install plans, feasible or not.
+    """Compute the distances along the planned legs of sensor-install, feasible or not.
 
-    Raises InputError where the mission is not for this robot.
+    Raises InputError if the robot does not fit the mission.
     """
     plan = plan_mission(d)
     way = plan.way
@@ -69,14 +70,14 @@ def measure_way(d: Description) -> Way:
 
 
 def _hand_below(way: InstallPlan, d: Description) -> Array:
-    """Where the hand is at the stand-off (3,) m."""
+    """Return the position of the hand at the stand-off, (3,) m."""
     return np.asarray(way.contact - d.mission.task.stand_off_m * way.normal)
 
 
 def measure_access(robot: Robot, hang: Array) -> float:
-    """Depth (m) to which the lowest hand goes into a shaft SHAFT wide, arms hanging down.
+    """Return the depth (m) that the lowest hand reaches in a shaft of width SHAFT, arms hanging.
 
-    The robot is centred over it; what is wider stays above its rim.
+    The robot is centred above the shaft; wider parts stay above its rim.
     """
     _, low, high = compute_extents(robot, hang)
     wide = np.max(np.maximum(-low[:, :2], high[:, :2]), axis=1) > 0.5 * SHAFT
@@ -84,13 +85,13 @@ def measure_access(robot: Robot, hang: Array) -> float:
 
 
 def measure_height(robot: Robot, q: Array) -> float:
-    """Height (m) of the rotor plane above the lowest part, arms at work."""
+    """Return the height (m) of the rotor plane above the lowest part at q."""
     _, low, _ = compute_extents(robot, q)
     return float(build_rotors(robot.rotors).position[:, 2].mean() - np.min(low[:, 2]))
 
 
 def hang(robot: Robot) -> Array:
-    """Return q (n_joints,) rad with links along -z hanging straight down."""
+    """Return q (n_joints,) rad at which links along -z hang straight down."""
     q = posture(robot, "working")
     for j, limb in enumerate(list_joints(robot)):
         if limb.link.along == "-z":
@@ -99,10 +100,11 @@ def hang(robot: Robot) -> Array:
 
 
 def measure_take_off(robot: Robot) -> tuple[float, float]:
-    """Return how far ahead the centre of mass is on the ground (m), and the most loaded rotor.
+    """Return the horizontal offset (m) of the centre of mass on the ground, and the rotor load.
 
-    The latter is its share of the largest thrust when all weight is lifted as the robot stands
-    there; above 1 it cannot, and a passive link has to come under the robot on the way up.
+    The rotor load is the thrust of the most loaded rotor over its maximum when the rotors carry the
+    whole weight in the landed posture. Above 1 the robot cannot lift off level; a passive link must
+    first swing under the robot.
     """
     model = build_body_model(robot)
     mass, p_BC, _ = compute_body(model, posture(robot, "landed"))
@@ -112,10 +114,11 @@ def measure_take_off(robot: Robot) -> tuple[float, float]:
 
 
 def measure_agility(robot: Robot, q: Array, torque: Array) -> dict[str, float]:
-    """Return angular accelerations (rad/s^2) that the rotors can give, and the link's period (s).
+    """Return the angular accelerations (rad/s^2) from the rotors, and the link's period (s).
 
-    `torque` (v, 3) N m are the corners of what the rotors can make at hover. A passive link does
-    not turn with the platform about its joint's axis: there the platform's own inertia counts.
+    `torque` (v, 3) N m are the vertices of the attainable torques at hover. A passive link does not
+    rotate with the platform about its joint axis; about that axis the platform's own inertia
+    counts.
     """
     model = build_body_model(robot)
     mass, p, inertia = compute_body(model, q)
@@ -132,5 +135,5 @@ def measure_agility(robot: Robot, q: Array, torque: Array) -> dict[str, float]:
 
 
 def _largest(torque: Array, axis: int) -> float:
-    """Largest torque (N m) about an axis that can be made in both directions."""
+    """Return the largest torque (N m) about an axis that is attainable in both directions."""
     return float(min(np.max(torque[:, axis]), -np.min(torque[:, axis])))

@@ -1,4 +1,4 @@
-"""A comparison for people: a page that opens offline, and tables."""
+"""Output of a comparison: a self-contained HTML page, and tables on the terminal."""
 
 import sys
 from collections import Counter
@@ -23,26 +23,26 @@ VERDICTS = {"holds": "good", "does not hold": "bad", "partly": "open"}
 
 
 def _count(verdicts: Sequence[str]) -> str:
-    """Say how many of the statements hold."""
+    """Count the verdicts as text."""
     plural = {"holds": "hold", "does not hold": "do not hold", "does not apply": "do not apply"}
     found = Counter(verdicts).most_common()
     return ", ".join(f"{n} {plural.get(v, v) if n != 1 else v}" for v, n in found)
 
 
 def tell_step(text: str) -> None:
-    """Say on stderr what is being measured."""
+    """Print the current measurement to stderr."""
     print(f"  {text}", file=sys.stderr, flush=True)
 
 
 def write_compare_page(c: Comparison, path: Path) -> None:
-    """Write compare.html; everything that it shows is inside it. Raises InputError if it cannot."""
+    """Write compare.html, a self-contained page. Raises InputError if it cannot be written."""
     pipe = load_description(MISSION, sets=list(c.fixed)).world.pipe
     assert pipe is not None
     write_page(path, render_compare_page(c, pipe, collect_versions()))
 
 
 def render_compare_page(c: Comparison, pipe: Pipe, versions: Mapping[str, str]) -> str:
-    """Return the page."""
+    """Return the HTML of the page."""
     with house_style():
         pictures = [
             build_picture(
@@ -105,7 +105,7 @@ def render_compare_page(c: Comparison, pipe: Pipe, versions: Mapping[str, str]) 
 
 
 def print_comparison(c: Comparison, page: Path) -> None:
-    """Print both tables and the page's place."""
+    """Print both tables and the path of the page."""
     console = new_console()
     names = [s.name for s in c.sides]
     table = new_table("", "", names[0], names[1], "unit", right=(names[0], names[1]))

@@ -1,4 +1,4 @@
-"""The rows of a comparison, and what they say about the trade-offs that the paper states."""
+"""Rows of a comparison, and their verdicts on the trade-offs that the paper states."""
 
 import math
 from collections.abc import Sequence
@@ -69,7 +69,7 @@ ENTRIES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
         ("ground.thrust_share", "most loaded rotor at lift-off, share of its limit", "", "low"),
     ),
 }
-"""All rows by group, in the order of the table: name, title, unit, which is better."""
+"""All rows by group, in the order of the table: name, title, unit, which value is better."""
 
 STANDARD, LONG = "standard", "long reach"
 _ACCURACY = ("accuracy.tip_calm_mm", "accuracy.tip_wind_mm", "recoil.tip_mm")
@@ -91,7 +91,7 @@ TRADE_OFFS = (
     (LONG, "heavier", STANDARD, ("mass_kg", "power.endurance_min")),
     (LONG, "harder take-off and landing", STANDARD, _GROUND),
 )
-"""Suarez 2020, table 3: whom it is about, what it says, who has the better numbers then, rows.
+"""Suarez 2020, table 3: subject, statement, robot with the better values if it holds, rows.
 
 `skywright reproduce` takes its verdicts on table 3 from here.
 """
@@ -100,7 +100,7 @@ HOLDS = {"holds": 1.0, "partly": 0.5, "does not hold": 0.0}
 
 
 def build_rows(a: Side, b: Side) -> list[Row]:
-    """Return the rows in which at least one robot has a number or a reason."""
+    """Return the rows in which at least one robot has a value or a note."""
     out = []
     for group, entries in ENTRIES.items():
         for name, title, unit, better in entries:
@@ -112,7 +112,7 @@ def build_rows(a: Side, b: Side) -> list[Row]:
 
 
 def judge_statements(sides: tuple[Side, Side], rows: Sequence[Row]) -> list[Statement]:
-    """Hold the numbers against the paper's table 3; it is about one robot with a passive link."""
+    """Compare the values with the paper's table 3; exactly one robot must have a passive link."""
     hanging = [s.robot.pendulum is not None for s in sides]
     if sum(hanging) != 1:
         which = "both have" if all(hanging) else "neither has"
@@ -129,7 +129,7 @@ def judge_statements(sides: tuple[Side, Side], rows: Sequence[Row]) -> list[Stat
 def _judge(
     who: str, text: str, winner: int, rows: Sequence[Row], sides: tuple[Side, Side]
 ) -> Statement:
-    """Compare what the statement expects with the winners of its rows."""
+    """Compare the robot that the statement favours with the better values of its rows."""
     names = tuple(r.name for r in rows)
     told = [r for r in rows if r.winner is not None]
     for_it = [r for r in told if r.winner == winner]

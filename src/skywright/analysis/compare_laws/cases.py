@@ -1,4 +1,4 @@
-"""The cases in which laws are compared: the mission as it is, and one deviation at a time."""
+"""The cases in which laws are compared: the unchanged mission, and one deviation at a time."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from skywright.errors import InputError
 
 NOMINAL = "nominal"
 FRICTION = 1.5
-"""Factor of the surface's friction in the case `friction`."""
+"""Factor on the surface's friction in the case `friction`."""
 
 
 class Case(NamedTuple):
-    """One condition that all laws fly."""
+    """One condition in which all laws fly."""
 
     name: str
     sets: tuple[str, ...]  # assignments, KEY=VALUE
 
 
 def list_law_sets(law: str) -> list[str]:
-    """Return the assignments that choose a law: NAME or FILE.py:CLASS, then any :KEY=VALUE."""
+    """Return the assignments that select a law: NAME or FILE.py:CLASS, then any :KEY=VALUE."""
     kind, *options = re.split(r":(?=\w+(?:\.\w+)*=)", law)
     return [f"mission.law={kind}", *(f"mission.law.{option}" for option in options)]
 
@@ -45,10 +45,10 @@ def list_cases(base: Description[Any]) -> list[Case]:
 
 
 def choose_cases(base: Description[Any], texts: Sequence[str]) -> list[Case]:
-    """Return the nominal case and those that `--case` names or defines; all without any.
+    """Return the nominal case and those that `--case` names or defines; all cases without `texts`.
 
-    A text is the name of a built-in case, or NAME:KEY=VALUE; several of one name go together.
-    Raises InputError on a name that is neither.
+    A text is the name of a built-in case, or NAME:KEY=VALUE; assignments with the same NAME form
+    one case. Raises InputError on any other text.
     """
     known = {c.name: c for c in list_cases(base)}
     if not texts:

@@ -1,4 +1,4 @@
-"""Whether the file of a law is right, told before anything flies."""
+"""Check the file of a user's law before any flight."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ from skywright.run.setup import Setup
 
 
 def check_law(description: Description[Any]) -> None:
-    """Build and compile the mission's law if it is a user's; raises InputError for its file.
+    """Build and compile the mission's law if it is a user's. Raises InputError for errors in its
+    file.
 
-    What a law or its robot refuses is a result of its flights, and none of this check: an
-    InputError that the law's own code raises, or that comes before its code is asked.
+    If the law or its robot refuses the mission, the flights report it. This check therefore ignores
+    an InputError that the law's own code raises, or that occurs before its code runs.
     """
     part = description.law
     file = None if part is None else find("law", part.kind).file

@@ -1,4 +1,4 @@
-"""Fly each law in each case with the same seeds, and compare what was measured in pairs."""
+"""Fly each law in each case with the same seeds, and compare the metrics in pairs."""
 
 from __future__ import annotations
 
@@ -40,33 +40,33 @@ from skywright.run.rows import Row
 from skywright.run.setup import Setup
 
 RUNS = 10
-"""Flights of a law in a case; see `paired.FEWEST`."""
+"""Default number of flights per law and case; see `paired.FEWEST`."""
 SHOWN = (
     "position.rms_m", "tip.tracking_rms_m", "tip.tangential_rms_mm", "tip.hover_rms_mm",
     "force.mean_n", "force.min_n", "force.max_n", "force.rms_error_n", "platform.tilt_max_deg",
     "flight.saturated_s", "flight.energy_wh", "response.landed", "response.deviation_max_m",
 )  # fmt: skip
-"""Metrics that are shown beside the requirements, where a mission has them."""
+"""Metrics that the report shows besides the requirements, if the mission has them."""
 
 
 class Flown(NamedTuple):
-    """What a law did in a case."""
+    """Flights of one law in one case."""
 
     law: str
     case: str
     rows: list[Row]
-    refused: str  # why nothing flew, or ""
+    refused: str  # why no run flew, or ""
 
     @property
     def succeeded(self) -> int:
-        """Runs that met every requirement."""
+        """Number of runs that met every requirement."""
         return sum(r.succeeded for r in self.rows)
 
     @property
     def reason(self) -> str:
-        """Most frequent reason of the runs that did not meet every requirement, with their number.
+        """Most frequent reason of failure, with its count; "" if no run failed.
 
-        Reasons that differ in numbers alone, such as the time, count as one; "": there is no run.
+        Reasons that differ only in numbers, such as the time, count as one.
         """
         lost = [r.reason or f"{r.requirement} not met" for r in self.rows if not r.succeeded]
         if not lost:
@@ -76,14 +76,14 @@ class Flown(NamedTuple):
         return f"{count} of {len(self.rows)}: {lost[plain.index(most)]}"
 
     def compute_median(self, metric: str) -> float:
-        """Return the median over the runs that have the metric, NaN where none has."""
+        """Return the median over the runs that have the metric; NaN if none has."""
         values = [r.metrics.get(metric, math.nan) for r in self.rows]
         known = [v for v in values if math.isfinite(v)]
         return float(np.median(known)) if known else math.nan
 
 
 class LawComparison(NamedTuple):
-    """Laws on the same flights; the first law is the reference of all differences."""
+    """Comparison of laws on the same flights; the first law is the reference of all differences."""
 
     mission: str
     robot: str
@@ -93,15 +93,15 @@ class LawComparison(NamedTuple):
     laws: list[str]
     cases: list[Case]
     requirements: dict[str, Requirement]
-    metrics: list[str]  # shown: the requirements' and SHOWN
-    measures: dict[str, tuple[str, str]]  # unit and meaning
+    metrics: list[str]  # shown: those of the requirements, and SHOWN
+    measures: dict[str, tuple[str, str]]  # unit and description
     flown: list[Flown]
     differences: list[Difference]
     significant: set[tuple[str, str, str]]
-    cost_s: dict[str, float]  # of a step; NaN: not measured
+    cost_s: dict[str, float]  # time of a step; NaN: not measured
 
     def list_constant(self) -> dict[str, float]:
-        """Return the metrics that are the same in every flight, with their value."""
+        """Return the metrics with equal values in all flights, and their values."""
         out = {}
         for metric in self.metrics:
             seen = {r.metrics.get(metric, math.nan) for f in self.flown for r in f.rows}
@@ -110,11 +110,11 @@ class LawComparison(NamedTuple):
         return out
 
     def find(self, law: str, case: str) -> Flown:
-        """Return what a law did in a case."""
+        """Return the flights of a law in a case."""
         return next(f for f in self.flown if (f.law, f.case) == (law, case))
 
     def find_difference(self, law: str, case: str, metric: str) -> Difference | None:
-        """Return the difference to the reference law, or None where nothing was paired."""
+        """Return the difference to the reference law; None without pairs."""
         name = (law, case, metric)
         return next((d for d in self.differences if (d.law, d.case, d.metric) == name), None)
 
@@ -167,11 +167,12 @@ def compare_laws(
 ) -> LawComparison:
     """Fly `runs` flights of each law in each case; all laws fly the same seeds and conditions.
 
-    A law is the name of a built-in one or FILE.py:CLASS, and :KEY=VALUE for each key of
-    [mission.law] that it changes. `cases` as `choose_cases` reads them.
-    The campaigns are kept in `out`/LAW/CASE, where the same call continues them. A law that a robot
-    or a case refuses is told, not left out. Raises InputError on a wrong name or key, for a law
-    whose file is wrong, before anything flies, and where every law is refused.
+    A law is the name of a built-in one or FILE.py:CLASS, followed by :KEY=VALUE for each key of
+    [mission.law] that it changes. `choose_cases` parses `cases`.
+
+    The campaigns are kept in `out`/LAW/CASE; the same call continues them. The result includes laws
+    that a robot or a case refuses, with the reason. Raises InputError on a wrong name or key, for
+    an error in a law's file, before any flight, and if every law is refused.
     """
     given = [law.strip() for law in laws if law.strip()]
     names = list(dict.fromkeys(given))
@@ -196,7 +197,7 @@ def compare_laws(
                     sets=assignments,
                 )))  # fmt: skip
             except InputError as error:
-                if case.name == NOMINAL or case not in known or vary:  # what was asked is wrong
+                if case.name == NOMINAL or case not in known or vary:  # the input is wrong
                     raise
                 planned.append((law, case, str(error)))
     for _, case, campaign in planned:
@@ -216,11 +217,11 @@ def compare_laws(
             )
             if found.interrupted:
                 raise KeyboardInterrupt
-            rows = [r for r in found.rows if r.run < runs]  # the folder may hold more
+            rows = [r for r in found.rows if r.run < runs]  # the folder may hold more runs
             flown.append(Flown(law, case.name, rows, _find_refusal(rows)))
     if all(f.refused for f in flown):
         if new:
-            shutil.rmtree(out, ignore_errors=True)  # only refusals are in it
+            shutil.rmtree(out, ignore_errors=True)  # it contains only refusals
         reasons = "; ".join(f"{f.law}: {f.refused}" for f in flown if f.case == NOMINAL)
         raise InputError(f"no law can fly {mission}: {reasons}")
     required = load_kind(base.mission.kind).requirements(Setup(base), None)
@@ -241,13 +242,13 @@ def compare_laws(
 
 
 def _name_folder(law: str) -> str:
-    """Return a folder's name that no other law has."""
+    """Return a folder name that is unique to the law."""
     plain = re.sub(r"[^\w.-]", "_", law)
     return plain if plain == law else f"{plain}-{hashlib.sha256(law.encode()).hexdigest()[:8]}"
 
 
 def _find_refusal(rows: Sequence[Row]) -> str:
-    """Return the reason where no run took off."""
+    """Return the reason if no run took off, else ""."""
     if any(r.outcome not in ("infeasible", "refused") for r in rows):
         return ""
     return rows[0].reason if rows else ""
@@ -276,5 +277,5 @@ def _measure(
         return measure_cost(
             load_description(mission, robot, world, [*sets, *list_law_sets(law)], seed)
         )
-    except Exception:  # a law of the user's may raise; its flights say so
+    except Exception:  # a user's law may raise; its flights report the error
         return math.nan

@@ -1,4 +1,4 @@
-"""What a law costs in a control tick: its step alone, on the records of a hover."""
+"""Computing time of a law: its step alone, on the records of a hover."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ CALLS, ROUNDS = 500, 15
 
 
 def measure_cost(description: Description[Any]) -> float:
-    """Return the median time (s) of a step of the mission's law, processor time of this process.
+    """Return the median processor time (s) of a step of the mission's law.
 
     A law in Python is called through the interpreter, as in flight.
     """
@@ -25,10 +25,10 @@ def measure_cost(description: Description[Any]) -> float:
     a = law.assembly
     mine = [i for i, step in enumerate(a.steps) if step.component is law.vehicle.law]
     at, clock = int(a.rows.ctypes.data), a.address(Clock)
-    law.step()  # compiled, and its inputs are filled
+    law.step()  # compiles the step and fills its inputs
     every = int(a.rows["every"][mine[0]])
     tick = a.get(Clock)
-    tick["tick"] += (int(a.rows["phase"][mine[0]]) - int(tick["tick"])) % every  # it is due
+    tick["tick"] += (int(a.rows["phase"][mine[0]]) - int(tick["tick"])) % every  # make the step due
     spent = []
     for _ in range(ROUNDS):
         begin = time.process_time()

@@ -1,4 +1,4 @@
-"""The figure of a comparison of laws: each metric's medians over the cases."""
+"""The figure of a comparison of laws: medians of each metric over the cases."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ COLUMNS = 2
 
 
 def draw_medians(c: LawComparison) -> Figure | None:
-    """Draw a panel a metric: the runs of each law in each case, the median as a bar."""
+    """Draw one panel per metric: the runs of each law in each case as dots, their median as a
+    bar."""
     same = c.list_constant()
     shown = [
         m for m in c.metrics

@@ -1,7 +1,7 @@
-"""Paired differences of two laws that flew the same runs: how large, and whether by chance.
+"""Paired differences of two laws on the same runs: size and significance.
 
-Both laws fly run i with the same seed and the same drawn conditions, so the difference of a metric
-within a run is free of what differs between runs.
+Both laws fly run i with the same seed and the same drawn conditions. The difference of a metric
+within a run therefore excludes the variation between runs.
 """
 
 from __future__ import annotations
@@ -11,41 +11,42 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # loads scipy.stats (1 s) at its first use
+import scipy  # scipy loads scipy.stats (1 s) at its first use
 
 from skywright.core.arrays import Array
 from skywright.run.rows import CONFIDENCE, Row
 
 FEWEST = 6
-"""Pairs below which no p-value and no interval are given: the exact test of 5 cannot fall below
-0.0625, and the bootstrap of so few covers too little. With 6 pairs a difference is found only where
-most tests of the page agree; 10 leave room for a single one in 25."""
+"""Minimum number of pairs for a p-value and an interval. The exact test of 5 pairs cannot fall
+below 0.0625, and the bootstrap interval of so few has too little coverage. With 6 pairs a
+difference is significant only if most tests of the page agree; 10 pairs suffice for a single one in
+25 tests."""
 ENDED = ("succeeded", "failed")
-"""Outcomes of flights that went to their end; what others measured is of a part of the mission."""
+"""Outcomes of complete flights; metrics of the others cover only a part of the mission."""
 RESAMPLES = 2000
 
 
 class Difference(NamedTuple):
-    """A metric of a law less that of the reference law, over the runs that both flew."""
+    """Difference of a metric between a law and the reference law, over the runs that both flew."""
 
     law: str
     case: str
     metric: str
     pairs: int
     reference: float  # median of the reference law over these runs
-    median: float  # of the differences; below zero: the law has less of it
+    median: float  # of the differences; negative: the law has the smaller value
     low: float  # 95 % interval of that median, bootstrap
     high: float
     p: float  # Wilcoxon's signed-rank test, two-sided; NaN below FEWEST pairs
 
     @property
     def is_zero(self) -> bool:
-        """Whether no run differs."""
+        """Whether all differences are zero."""
         return self.low == self.high == self.median == 0.0
 
 
 def pair_rows(reference: Sequence[Row], rows: Sequence[Row], metric: str) -> tuple[Array, Array]:
-    """Return the metric's values (n,) of both, of the runs that both flew to their end."""
+    """Return the metric's values (n,) of both laws, for the runs that both completed."""
     known = {r.run: r.metrics.get(metric, math.nan) for r in reference if r.outcome in ENDED}
     both = [
         (known[r.run], r.metrics.get(metric, math.nan))
@@ -59,7 +60,7 @@ def pair_rows(reference: Sequence[Row], rows: Sequence[Row], metric: str) -> tup
 def compare_metric(
     law: str, case: str, metric: str, reference: Array, values: Array
 ) -> Difference | None:
-    """Compare paired values (n,), or return None where there is no pair."""
+    """Compare paired values (n,); return None without pairs."""
     n = len(values)
     if n == 0:
         return None
@@ -78,10 +79,10 @@ def compare_metric(
 
 
 def find_significant(differences: Sequence[Difference]) -> set[tuple[str, str, str]]:
-    """Return (law, case, metric) of the differences that are not by chance.
+    """Return (law, case, metric) of the significant differences.
 
-    Benjamini and Hochberg's procedure over all tests keeps the share of false ones at 5 %. Where no
-    run differs nothing is tested.
+    The procedure of Benjamini and Hochberg over all tests limits the false discovery rate to 5 %.
+    Differences that are zero in all runs are not tested.
     """
     tested = [d for d in differences if math.isfinite(d.p) and not d.is_zero]
     if not tested:

@@ -1,4 +1,4 @@
-"""A comparison of laws for people: a page that opens offline, and a table."""
+"""Output of a comparison of laws: a self-contained HTML page, and a table on the terminal."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from skywright.run.versions import collect_versions
 
 
 def tell_step(text: str) -> None:
-    """Say on stderr what is being flown."""
+    """Print the current flight to stderr."""
     print(f"  {text}", file=sys.stderr, flush=True)
 
 
 def write_laws_page(c: LawComparison, path: Path) -> None:
-    """Write the page; everything that it shows is inside it."""
+    """Write the self-contained page."""
     with house_style():
         picture = build_picture(
             "Metrics over the cases", draw_medians(c),
@@ -38,7 +38,7 @@ def write_laws_page(c: LawComparison, path: Path) -> None:
 
 
 def print_laws(c: LawComparison, page: Path) -> None:
-    """Print how many runs succeeded, and the differences that are not by chance."""
+    """Print the number of successful runs and the significant differences."""
     console = new_console()
     table = new_table(
         f"{c.mission}, robot {c.robot}, seed {c.seed}: runs that met every requirement",
@@ -72,12 +72,12 @@ def print_laws(c: LawComparison, page: Path) -> None:
 
 
 def tell_state(f: Flown) -> str:
-    """Return how many runs succeeded, or that none took off."""
+    """Return the number of successful runs, or that the law was refused."""
     return "refused" if f.refused else f"{f.succeeded} of {len(f.rows)}"
 
 
 def tell_difference(d: Difference | None) -> str:
-    """Return the difference with its interval."""
+    """Format the difference with its interval."""
     if d is None:
         return "–"
     if d.low == d.high:
@@ -86,5 +86,5 @@ def tell_difference(d: Difference | None) -> str:
 
 
 def format_number(x: float) -> str:
-    """Return four digits, or a dash for what was not measured."""
+    """Format with four digits; a dash for a missing value."""
     return f"{x:.4g}" if math.isfinite(x) else "–"

@@ -1,1 +1,1 @@
-"""Two runs laid over each other: `skywright compare runs A B`."""
+"""Comparison of two runs: `skywright compare runs A B`."""

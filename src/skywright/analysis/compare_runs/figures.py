@@ -1,4 +1,4 @@
-"""The main series of two runs over each other."""
+"""Figure of the main series of two runs."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,7 @@ from skywright.reports.figures.style import BLUE, ORANGE, WIDTH, draw_line, new_
 
 
 def draw_overlay(series: Sequence[Series], names: tuple[str, str]) -> Figure:
-    """Draw a panel a quantity, the first run blue and the second orange and dashed."""
+    """Draw one panel per quantity, the first run blue and the second orange and dashed."""
     figure = new_figure(WIDTH, 1.0 + 1.75 * len(series))
     strip, axes = stack_panels(figure, len(series))
     strip.set_axis_off()

@@ -1,4 +1,4 @@
-"""What two runs have in common and what differs: settings, metrics, main series."""
+"""Comparison of two runs: settings, metrics, main series."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from skywright.run.results import Run
 
 
 class Metric(NamedTuple):
-    """A number of both runs; NaN where a run has it not."""
+    """A metric of both runs; NaN if a run does not have it."""
 
     name: str
     a: float
@@ -24,7 +24,7 @@ class Metric(NamedTuple):
 
     @property
     def difference(self) -> float:
-        """The second less the first."""
+        """Value of the second run minus that of the first."""
         return self.b - self.a
 
 
@@ -38,11 +38,11 @@ class Series(NamedTuple):
 
 
 class Overlay(NamedTuple):
-    """Two runs."""
+    """Comparison of two runs."""
 
     a: Run
     b: Run
-    settings: list[tuple[str, Any, Any]]  # key and both values, where they differ; None: not set
+    settings: list[tuple[str, Any, Any]]  # key and both values, if they differ; None: not set
     metrics: list[Metric]
     series: list[Series]
 
@@ -77,7 +77,7 @@ def _list_settings(a: Run, b: Run) -> list[tuple[str, Any, Any]]:
 
 
 def _iterate_leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the dotted keys of a tree of tables with their values."""
+    """Yield the dotted keys and the values of a tree of tables."""
     if not isinstance(value, dict):
         yield key, value
         return
@@ -86,7 +86,7 @@ def _iterate_leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _list_metrics(a: Run, b: Run) -> list[Metric]:
-    """Those that are required come first."""
+    """Return the metrics of both runs; required ones come first."""
     required = [{r["name"]: r for r in run.requirements} for run in (a, b)]
     names = list(dict.fromkeys([*required[0], *required[1], *sorted({*a.metrics, *b.metrics})]))
     out = []
@@ -101,7 +101,8 @@ def _list_metrics(a: Run, b: Run) -> list[Metric]:
 
 
 def _distance(first: str, second: str) -> Callable[[Run], Array]:
-    """Return a distance in mm, NaN while the motors are off: the estimator may not be ready."""
+    """Return a function for a distance in mm; NaN while the motors are off, before estimates are
+    valid."""
 
     def compute(run: Run) -> Array:
         distance: Array = 1e3 * np.linalg.norm(run[first] - run[second], axis=1)
@@ -130,7 +131,8 @@ _QUANTITIES: list[tuple[str, str, tuple[str, ...], Callable[[Run], Array]]] = [
 
 
 def _list_series(a: Run, b: Run) -> list[Series]:
-    """What both recorded; what stays zero in both is left out, and a tip of a robot without arm."""
+    """Return the series that both runs recorded, except all-zero ones and the tip without an
+    arm."""
     out = []
     for title, unit, needed, compute in _QUANTITIES:
         if any(set(needed) - set(run.names) or not len(run["t"]) for run in (a, b)):

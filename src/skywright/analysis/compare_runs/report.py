@@ -1,4 +1,4 @@
-"""Two runs for people: a page that opens offline, and a table."""
+"""Output of a comparison of two runs: a self-contained HTML page, and a table on the terminal."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from skywright.reports.terminal import new_console, new_table
 
 
 def write_overlay_page(found: Overlay, path: Path) -> None:
-    """Write the page; everything that it shows is inside it."""
+    """Write the self-contained page."""
     names = found.a.directory.name, found.b.directory.name
     with house_style():
         picture = found.series and build_picture(
@@ -28,7 +28,7 @@ def write_overlay_page(found: Overlay, path: Path) -> None:
 
 
 def print_overlay(found: Overlay, page: Path) -> None:
-    """Print what differs."""
+    """Print the metrics and the settings that differ."""
     console = new_console()
     table = new_table(
         f"A: {found.a.directory} ({found.a.outcome}); B: {found.b.directory} ({found.b.outcome})",
@@ -43,7 +43,7 @@ def print_overlay(found: Overlay, page: Path) -> None:
 
 
 def format_number(x: float) -> str:
-    """Return four digits, or a dash for what a run has not."""
+    """Format with four digits; a dash for a missing value."""
     return f"{x:.4g}" if math.isfinite(x) else "–"
 
 

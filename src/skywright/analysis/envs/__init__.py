@@ -1,1 +1,1 @@
-"""Environments of Gymnasium on the compiled vehicle; `skywright.envs` has the public names."""
+"""Gymnasium environments on the compiled vehicle; `skywright.envs` has the public names."""

@@ -1,8 +1,8 @@
-"""An environment of Gymnasium on the compiled vehicle, in contact or just before it.
+"""Base of Gymnasium environments on the compiled vehicle, in contact or just before it.
 
-A step is one mission tick (20 ms) of the whole vehicle, or several with the same action: sensors,
-link, estimator, law, allocation, plant. What is particular of a task stands in three components
-(parts.py) and in a few attributes.
+A step is one mission tick (20 ms) of the whole vehicle (sensors, link, estimator, law, allocation,
+plant), or several with the same action. Three components (parts.py) and a few class attributes
+define a task.
 """
 
 from __future__ import annotations
@@ -45,25 +45,25 @@ ACT, OBSERVE, JUDGE = "env action", "env observation", "env judge"
 
 
 class ContactEnv(gymnasium.Env[Numbers, Numbers]):
-    """Base of the environments; see docs/howto/learn-a-policy.md."""
+    """Base class of the environments; see docs/howto/learn-a-policy.md."""
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": []}  # type: ignore[misc]
     mission: ClassVar[str]
-    robot: ClassVar[str | None] = None  # None: the mission's
+    robot: ClassVar[str | None] = None  # None: the mission's robot
     sets: ClassVar[tuple[str, ...]] = ()
     phase: ClassVar[str]
-    """Of the mission: where episodes begin."""
+    """Phase of the mission in which episodes begin."""
     spread_s: ClassVar[tuple[float, float]] = (0.0, 1.0)
     episode_s: ClassVar[float] = 5.0
     act: ClassVar[type[Act]]
     observe: ClassVar[type[Observe]]
     judge: ClassVar[type[Judge]]
     reasons: ClassVar[tuple[str, ...]] = ("",)
-    """Why an episode ends, by `Judgement.ended`; 0 goes on."""
+    """Reasons for the end of an episode, indexed by `Judgement.ended`; 0 continues."""
     values: ClassVar[tuple[Signal, ...]] = ()
-    """What `info` tells, the mean over the last step, by `Judgement.values`; truth."""
+    """Entries of `info`: means over the last step of `Judgement.values`, from the true state."""
     penalty: ClassVar[float] = 20.0
-    """Taken off the reward of a step that ends an episode early."""
+    """Subtracted from the reward of a step that ends an episode early."""
     bonus: ClassVar[float] = 20.0
     """Added to the reward of the step that reaches the goal."""
 
@@ -82,14 +82,15 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
         first: int = 0,
         every: int = 1,
     ) -> None:
-        """Fly `conditions` flights to where episodes begin; each gives `states` of them.
+        """Fly `conditions` flights to the start of episodes; each provides `states` initial states.
 
-        `vary` are `KEY=DISTRIBUTION` texts or CSV files of conditions, as of `skywright campaign`;
-        condition i has the values that run i of that campaign with this `seed` has. `sets` are
-        `KEY=VALUE` texts. A step lasts `ticks` times 20 ms, with one action; its reward is the mean
-        over them. Of several environments of one vector, number `first` of `every` takes the
-        conditions first, first + every, ...
-        Raises InputError on anything that is wrong, before a flight where that can be told.
+        `vary` are `KEY=DISTRIBUTION` texts or CSV files of conditions, as in `skywright campaign`;
+        condition i has the values of run i of that campaign with this `seed`. `sets` are
+        `KEY=VALUE` texts. A step lasts `ticks` times 20 ms with one action; its reward is the mean
+        over the ticks. In a vector of `every` environments, number `first` uses the conditions
+        first, first + every, ...
+
+        Raises InputError on wrong input, if possible before a flight.
         """
         for name, value, least in (
             ("conditions", conditions, 1), ("states", states, 1), ("ticks", ticks, 1),
@@ -118,7 +119,7 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
         wanted = Wanted(self.phase, self._build_parts, self._begin, self.spread_s)
         numbers = range(first, first + conditions * every, every)
         self.starts, self.refused = build_starts(campaign, wanted, numbers, states)
-        """The conditions that came to the phase, and what was said of the others."""
+        """The conditions that reached the phase; `refused` has the reasons of the others."""
         self._places = [self._find(start) for start in self.starts]
         self.running = False
 
@@ -138,11 +139,12 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
         cls, s: Supervisor[Any], setup: Setup[Any], plan: MissionPlan[Any], act: View,
         observe: View, judge: View,
     ) -> None:  # fmt: skip
-        """Track what shall be followed in an episode, and fill what the components must know."""
+        """Start tracking the reference of an episode, and initialize the records of the
+        components."""
         raise NotImplementedError
 
     def _find(self, start: Start) -> tuple[Any, Any, Any]:
-        """Return (action, observation, judgement) of a vehicle: views of its records."""
+        """Return (action, observation, judgement) of a vehicle as views of its records."""
         records = start.vehicle.assembly.records
         action = records[self.act.Me, ACT]["action"][0][: len(self.act.signals)]
         seen = records[Observation, ""]["values"][0][: len(self.observe.signals)]
@@ -152,10 +154,10 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Numbers, dict[str, Any]]:
-        """Begin an episode: a state of a condition, both drawn, and noise that was never drawn.
+        """Begin an episode with a drawn condition, a drawn state and new noise.
 
-        `options` may choose {"condition": i} among `starts`. Equal seeds and actions give equal
-        episodes, bit for bit.
+        `options` may select {"condition": i} among `starts`. Equal seeds and actions give
+        bit-identical episodes.
         """
         if options is not None and not isinstance(options, dict):
             raise InputError(f"options = {options!r}; valid: a dict, {{'condition': NUMBER}}")
@@ -174,7 +176,7 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
         self.start = start = self.starts[i]
         self.vehicle = vehicle = start.vehicle
         k, noise = int(rng.integers(len(start.states))), int(rng.integers(SEED_MAX))
-        vehicle.restore(start.states[k], noise)  # its first tick draws, as every 50th one does
+        vehicle.restore(start.states[k], noise)  # its first tick draws noise, as every 50th does
         self._action, self._seen, self._judged = self._places[i]
         self._action[:] = 0.0
         self._step, self.running, self.broken = 0, True, ""
@@ -183,19 +185,17 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
         }  # fmt: skip
 
     def step(self, action: Numbers) -> tuple[Numbers, float, bool, bool, dict[str, Any]]:
-        """Fly `ticks` of 20 ms with an action in [-1, 1]; what is beyond is cut to it.
+        """Fly `ticks` of 20 ms with an action, which is clipped to [-1, 1].
 
-        A step in which the episode ends is as short as that takes.
-
-        Raises InputError for an action of another shape or that is not finite, and where no episode
-        runs.
+        A step in which the episode ends is shorter. Raises InputError for an action of another
+        shape or with non-finite values, and if no episode is running.
         """
         self._take(action)
         self.fly()
         return self.conclude()
 
     def fly(self) -> None:
-        """Fly a step with the action that the vehicle has by now; `conclude` tells the outcome.
+        """Fly a step with the action that is in the vehicle; `conclude` returns the outcome.
 
         A vector writes and reads the vehicles of all environments at once.
         """
@@ -211,7 +211,7 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
             self.broken = str(error)
 
     def conclude(self) -> tuple[Numbers, float, bool, bool, dict[str, Any]]:
-        """Return what `step` does, of the step that was flown."""
+        """Return the result of `step` for the step that `fly` has flown."""
         if self.broken:
             self.running = False
             seen = np.clip(np.nan_to_num(self._seen), -LIMIT, LIMIT).astype(np.float32)
@@ -230,15 +230,15 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
 
     @property
     def places(self) -> tuple[Any, Any, Any]:
-        """Arrays of action, observation and judgement in the vehicle that flies now."""
+        """Arrays of action, observation and judgement in the current vehicle."""
         return self._action, self._seen, self._judged
 
     def close(self) -> None:
-        """Let go of the vehicles; nothing can be flown afterwards."""
+        """Release the vehicles; the environment cannot be used afterwards."""
         self.running, self.starts, self._places = False, [], []
 
     def _take(self, action: Any) -> None:
-        """Write an action into the vehicle; raises InputError."""
+        """Write an action into the vehicle. Raises InputError."""
         if not self.running:
             why = "call reset() first, and after an episode has ended"
             raise InputError(f"no episode runs: {why if self.starts else 'it was closed'}")

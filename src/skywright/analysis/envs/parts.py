@@ -1,8 +1,9 @@
-"""What an environment adds to a vehicle: three components that run in the compiled tick.
+"""Components of an environment that run in the compiled tick: action, observation, reward.
 
-The action changes the reference before the law reads it (robot's side), the observation is made of
-what the robot knows (robot's side: the assembly refuses the plant's records there), and the reward
-is judged from the truth (plant's side). So a step of an environment costs a tick of the vehicle.
+The action changes the reference before the law reads it (robot's side). The observation is computed
+from the robot's records (the assembly refuses records of the plant there). The reward is computed
+from the true state (plant's side). A step of an environment therefore costs one tick of the
+vehicle.
 """
 
 from __future__ import annotations
@@ -15,39 +16,39 @@ from skywright.vehicle.component import Component, Output, helper
 
 MAX_ACTIONS, MAX_SIGNALS, MAX_VALUES = 4, 16, 4
 LIMIT = 10.0
-"""Observations are bounded to this, in their units of size."""
+"""Bound of observations, in units of `Signal.size`."""
 
 
 class Signal(NamedTuple):
-    """A number of an observation, an action or an `info`."""
+    """An entry of an observation, an action or an `info`."""
 
     name: str
     unit: str
     size: float
-    """What an observation of 1, or an action of 1, stands for."""
+    """Value that corresponds to an observation of 1 or an action of 1."""
     meaning: str = ""
 
 
 class Steered(Output):
-    """What the action has made of the reference by now."""
+    """State of the reference as modified by the action."""
 
     values: Annotated[Array, MAX_ACTIONS]
 
 
 class Observation(Output):
-    """What the learner sees, each signal over its size."""
+    """Observation of the learner, each signal divided by its size."""
 
     values: Annotated[Array, MAX_SIGNALS]
 
 
 class Judgement(Output):
-    """What the learner is told of its last step; the environment clears it before each."""
+    """Reward and end of the last step; the environment clears it before each step."""
 
     ticks: float  # control ticks since it was cleared
-    reward: float  # sum over them
-    ended: float  # index into the environment's reasons, 0: goes on
-    success: float  # 1: what was asked for is done
-    values: Annotated[Array, MAX_VALUES]  # sums over the ticks of what `info` tells the mean of
+    reward: float  # sum over the ticks
+    ended: float  # index into the environment's reasons; 0: continues
+    success: float  # 1: the goal is reached
+    values: Annotated[Array, MAX_VALUES]  # sums over the ticks; `info` contains the means
 
 
 class Act(Component):
@@ -58,12 +59,12 @@ class Act(Component):
 
     class Me(Record):
         dt: float  # s, control period
-        on: float  # 1: an episode may run; on the way there the mission flies as it is
+        on: float  # 1: episode; 0: the mission flies unchanged
         action: Annotated[Array, MAX_ACTIONS]  # -1 to 1, written between mission ticks
         size: Annotated[Array, MAX_ACTIONS]
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Fill what all actions have."""
+        """Initialize the fields that all actions have."""
         me.dt = context.dt
         me.size[: len(self.signals)] = [s.size for s in self.signals]
 
@@ -79,13 +80,13 @@ class Observe(Component):
         inverse: Annotated[Array, MAX_SIGNALS]  # 1 over the size of each signal
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Fill what all observations have."""
+        """Initialize the fields that all observations have."""
         me.dt = context.dt
         me.inverse[: len(self.signals)] = [1.0 / s.size for s in self.signals]
 
 
 class Judge(Component):
-    """Base of the component that fills Judgement, from the truth."""
+    """Base of the component that fills Judgement from the true state."""
 
     slot, side = "derive", "plant"
 
@@ -93,19 +94,19 @@ class Judge(Component):
         dt: float  # s, control period
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Fill what all judges have."""
+        """Initialize the fields that all judges have."""
         me.dt = context.dt
 
 
 @helper
 def see(me: Any, out: Any, i: int, value: float) -> None:
-    """Put a signal into an observation."""
+    """Write a signal into an observation."""
     out.values[i] = min(max(value * me.inverse[i], -LIMIT), LIMIT)
 
 
 @helper
 def low_pass(old: float, new: float, share: float) -> float:
-    """Return the filtered value; `share` is the step over the time constant."""
+    """Return the filtered value; `share` is the time step divided by the time constant."""
     return old + share * (new - old)
 
 

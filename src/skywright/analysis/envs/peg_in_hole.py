@@ -1,7 +1,8 @@
-"""PegInHole: put the peg below a bar that hangs in both hooks into a hole, in flight.
+"""PegInHole: insert the peg below a bar, which hangs in both hooks, into a hole in flight.
 
-The end of `bar-insertion`: the bar hangs over the socket. The learner leads the platform, and lets
-the hands pass the bar's weight on. Motion capture tells where peg and hole are, to a millimetre.
+This is the end of `bar-insertion`, with the bar above the socket. The learner commands the velocity
+of the platform and the rate at which the hands release the bar's weight. Motion capture measures
+the poses of peg and hole to one millimetre.
 """
 
 from __future__ import annotations
@@ -38,19 +39,19 @@ from skywright.vehicle.bus import Estimate, Reference
 from skywright.vehicle.component import InOut, Out
 from skywright.vehicle.observers.objects import Objects
 
-SPEED, ACCELERATION = 0.04, 0.2  # m/s and m/s^2, of the platform: those of the classical leader
-ASIDE, ABOVE, BELOW = 0.06, 0.06, 0.2  # m, of the platform from where the episode begins
-EXCESS_N = 20.0  # N, what the socket may exert on the peg
-LOST_ANGLE = math.radians(15.0)  # of a bar that is not in the hooks any more
-LOST_M = 0.3  # m, of the peg's end from the hole
-SEATED = 0.95  # of the peg's length: it is in
-SEATED_S = 0.2  # s, for which it has to be
+SPEED, ACCELERATION = 0.04, 0.2  # m/s and m/s^2, of the platform; the speed is the mission's
+ASIDE, ABOVE, BELOW = 0.06, 0.06, 0.2  # m, limits of the platform's displacement
+EXCESS_N = 20.0  # N, maximum force of the socket on the peg
+LOST_ANGLE = math.radians(15.0)  # tilt beyond which the bar has left the hooks
+LOST_M = 0.3  # m, horizontal distance of the peg's end from the hole beyond which the bar is lost
+SEATED = 0.95  # insertion depth for success, as a share of the peg's length
+SEATED_S = 0.2  # s, for which the depth must be exceeded
 WATCH_TICKS = 50
-"""Mission ticks over which the weight that is felt is called the bar's."""
+"""Mission ticks over which the external force is averaged, to find its value without the bar."""
 
 
 class LeadBar(Act):
-    """A velocity of the platform, and a rate at which the hands let the weight go."""
+    """Command the platform's velocity and the rate at which the hands release the weight."""
 
     signals = (
         Signal("forward", "m/s", SPEED, "along x of the socket"),
@@ -64,9 +65,9 @@ class LeadBar(Act):
         acceleration: float  # m/s^2
         low: Vec3  # m
         high: Vec3
-        p: Vec3  # m, from where the episode begins, in S
+        p: Vec3  # m, displacement since the start of the episode, in S
         v: Vec3  # m/s
-        share: float  # of the weight that is let go
+        share: float  # share of the weight that is released
 
     @staticmethod
     def step(
@@ -93,7 +94,7 @@ class LeadBar(Act):
 
 
 class SeePeg(Observe):
-    """Peg against hole as motion capture has them, the weight that is felt, the platform."""
+    """Observe peg relative to hole by motion capture, the estimated weight, and the platform."""
 
     signals = (
         Signal("peg forward", "m", 0.01, "end of the peg from the hole, along x of the socket"),
@@ -113,12 +114,12 @@ class SeePeg(Observe):
     )
 
     class Me(Observe.Me):
-        p_WS: Vec3  # m, of the hole, as surveyed
+        p_WS: Vec3  # m, surveyed position of the hole
         R_WS: Mat3
-        p_OM: Vec3  # m, of the marker on the bar
+        p_OM: Vec3  # m, marker on the bar
         R_OM: Mat3
-        tip: Vec3  # m, end of the peg in O
-        zero: float  # N, external force upward with no bar
+        tip: Vec3  # m, end of the peg, in O
+        zero: float  # N, upward external force without the bar
         weight: float  # N
         felt: float  # N
 
@@ -163,20 +164,20 @@ class SeePeg(Observe):
 
 
 class JudgePeg(Judge):
-    """How deep the true peg is in the true hole, less how far aside and how hard it presses."""
+    """Reward true depth in the hole; penalize lateral distance and force."""
 
     class Me(Judge.Me):
         bar: int  # index among the movable things
-        p_WS: Vec3  # m, of the hole, true
+        p_WS: Vec3  # m, true position of the hole
         R_WS: Mat3
         length: float  # m, of the peg
         weight: float  # N
         excess: float  # N
         lost_m: float
-        upright: float  # least cosine of the bar's tilt
+        upright: float  # cosine of the maximum tilt of the bar
         seated: float  # m
         seated_s: float  # s
-        inside: float  # s, by now
+        inside: float  # s, current duration
 
     @staticmethod
     def step(me: Me, things: Objects, hands: HandTruth, judged: Out[Judgement]) -> None:
@@ -223,7 +224,7 @@ class PegInHole(ContactEnv):
 
     @classmethod
     def begin(cls, s: Any, setup: Any, plan: Any, act: Any, observe: Any, judge: Any) -> None:
-        """Hold the bar where it hangs, and feel its weight."""
+        """Hold the bar at rest and measure the external force with its weight."""
         vehicle, d = s.vehicle, setup.description
         row = set_rest(vehicle.reference)
         s.body.track(row[None])

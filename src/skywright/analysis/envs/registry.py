@@ -1,4 +1,4 @@
-"""The environments by name, for `make`, for Gymnasium's own registry and for workers."""
+"""Registry of the environments by name, for `make`, Gymnasium and the workers."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ PLACES = {
     "WeldPress": "weld_press", "WallSlide": "wall_slide", "PegInHole": "peg_in_hole",
     "SensorInstall": "sensor_install",
 }  # fmt: skip
-"""Name of a class -> its module beside this one."""
+"""Name of a class -> module in this package."""
 
 
 def find_class(name: str) -> type[ContactEnv]:
-    """Return the class of an environment; raises InputError that lists them."""
+    """Return the class of an environment. Raises InputError with the valid names."""
     if not isinstance(name, str) or name not in PLACES:
         valid = neighbours(str(name), PLACES)
         raise InputError(f"environment {name!r} is unknown; valid: {valid}")
@@ -28,9 +28,9 @@ def find_class(name: str) -> type[ContactEnv]:
 
 
 def make(name: str, **options: Any) -> ContactEnv:
-    """Build an environment by name; `options` are those of its class.
+    """Build an environment by name; `options` are the arguments of its class.
 
-    Raises InputError for an unknown name or option, and where its class does.
+    Raises InputError for an unknown name or option, and for invalid values of the options.
     """
     cls = find_class(name)
     known = [k for k in ContactEnv.__init__.__annotations__ if k != "return"]
@@ -42,7 +42,7 @@ def make(name: str, **options: Any) -> ContactEnv:
 
 
 def register() -> None:
-    """Tell Gymnasium: `gymnasium.make("skywright/WeldPress-v0")`."""
+    """Register the environments with Gymnasium: `gymnasium.make("skywright/WeldPress-v0")`."""
     for name in PLACES:
         where = f"skywright/{name}-v0"
         if where not in gymnasium.registry:

@@ -1,7 +1,7 @@
 """SensorInstall: press a sensor on a pipe from below with a hand of a long, compliant arm.
 
-The end of `sensor-install`: the hand is a few centimetres below its place. The learner leads the
-hand; its force is estimated from the springs of the joints.
+This is the end of `sensor-install`, with the hand a few centimetres below the contact point. The
+learner commands the velocity of the hand. Its force is estimated from the springs of the joints.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ from skywright.vehicle.bus import Estimate, Reference
 from skywright.vehicle.component import InOut, Out
 
 SPEED = 0.04  # m/s, of the hand
-EXCESS_N = 8.0  # N, four times what is asked for
-TOLERANCE = 0.15  # of the asked force
-HOLD_S = 2.0  # s, for which the force has to be within it
-LOST_M = 0.12  # m, of the hand from its place
+EXCESS_N = 8.0  # N, four times the desired force
+TOLERANCE = 0.15  # of the desired force
+HOLD_S = 2.0  # s, for which the force must be within the tolerance
+LOST_M = 0.12  # m, distance of the hand from the contact point
 
 
 class LeadHand(Act):
-    """A velocity of the hand: out of the pipe is down."""
+    """Command a velocity of the hand."""
 
     signals = (
         Signal("towards", "m/s", SPEED, "along the inward normal of the pipe"),
@@ -51,7 +51,7 @@ class LeadHand(Act):
     )
 
     class Me(Act.Me):
-        frame: Mat3  # columns: towards, along, around, in W
+        frame: Mat3  # columns: towards, along, around; in W
         task: float
 
     @staticmethod
@@ -70,7 +70,7 @@ class LeadHand(Act):
 
 
 class SeeHand(Observe):
-    """The estimated force and place of the hand, and how far the arm is from its limits."""
+    """Observe estimated force and position of the hand, and the limits of the arm."""
 
     signals = (
         Signal("force error", "N", 1.0, "estimated from the springs, less what is asked for"),
@@ -91,8 +91,8 @@ class SeeHand(Observe):
 
     class Me(Observe.Me):
         frame: Mat3
-        p_W: Vec3  # m, the expected place of contact
-        force: float  # N, asked for
+        p_W: Vec3  # m, expected contact point
+        force: float  # N, desired
         slow: float  # N
 
     @staticmethod
@@ -125,17 +125,17 @@ class SeeHand(Observe):
 
 
 class JudgeHand(Judge):
-    """Nearer to the asked force is better; in the air nearer to the place."""
+    """Reward a force near the desired one; without contact, a position near the contact point."""
 
     class Me(Judge.Me):
         frame: Mat3
-        p_W: Vec3  # m, of the place, as the hand's end was when the episode was prepared
+        p_W: Vec3  # m, contact point, from the hand's reference at the start of the episode
         force: float  # N
-        tolerance: float  # of it
+        tolerance: float  # share of `force`
         hold: float  # s
         excess: float  # N
         lost: float  # m
-        held: float  # s, by now
+        held: float  # s, current duration
 
     @staticmethod
     def step(me: Me, hands: HandTruth, judged: Out[Judgement]) -> None:
@@ -165,7 +165,7 @@ class JudgeHand(Judge):
 
 
 class SensorInstall(ContactEnv):
-    """Bring a hand into contact and hold a force; the long-reach dual arm below a pipe."""
+    """Bring a hand into contact and hold a force: the long-reach dual arm below a pipe."""
 
     mission, phase = "sensor-install", "touch"
     sets = ("mission.record_raw=false",)
@@ -180,9 +180,9 @@ class SensorInstall(ContactEnv):
 
     @classmethod
     def begin(cls, s: Any, setup: Any, plan: Any, act: Any, observe: Any, judge: Any) -> None:
-        """Hold the platform; the hand waits for its first velocity."""
+        """Hold the platform; the hand rests until its first velocity command."""
         row, way = set_rest(s.vehicle.reference), plan.get_way()
-        up = np.asarray(way.normal)  # from below: the hand moves along it
+        up = np.asarray(way.normal)  # the hand approaches from below, along the normal
         contact = np.array(row["p_WH"][0]) - SEARCH * up
         row["v_WH"][0] = 0.0
         s.body.track(row[None])

@@ -1,4 +1,4 @@
-"""Memory that the processes of a vector of environments share: a row an environment."""
+"""Shared memory of the processes of a vector of environments: one row per environment."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Shared(NamedTuple):
 
     actions: NDArray[np.float32]  # (n, actions)
     seen: NDArray[np.float32]  # (n, signals)
-    last: NDArray[np.float32]  # (n, signals), of an episode that ended
+    last: NDArray[np.float32]  # (n, signals), final observation of an episode that ended
     reward: NDArray[np.float64]  # (n,)
     values: NDArray[np.float64]  # (n, values)
     terminated: NDArray[np.bool_]  # (n,)
@@ -34,14 +34,14 @@ class Shared(NamedTuple):
 
 
 def open_file() -> int:
-    """Return the descriptor of a new file that has no name; who holds it may map it."""
+    """Return the descriptor of a new unlinked file, which processes with the descriptor can map."""
     file, path = tempfile.mkstemp(prefix="skywright-envs-")
     os.unlink(path)
     return file
 
 
 def map_arrays(file: int, layout: Layout) -> Shared:
-    """Map the arrays; the file grows to what they need."""
+    """Map the arrays; the file is extended to their size."""
     n, actions, signals, values = layout
     shapes: list[tuple[tuple[int, ...], type]] = [
         ((n, actions), np.float32), ((n, signals), np.float32), ((n, signals), np.float32),

@@ -1,9 +1,9 @@
-"""Where episodes begin: a mission is flown to a phase, and its vehicle saved there.
+"""Initial states of episodes: fly a mission to a phase and save its vehicle there.
 
-Every condition has a vehicle of its own, because masses, frictions and places are parts of its
-model, and several saved states, each flown on for another time with other noise. To begin an
-episode one of them is restored: records, physics and the state of the components. Blocks of
-noise are not copied; a new seed draws them.
+Every condition has its own vehicle, because masses, friction and positions are parts of its model,
+and several saved states, which differ in flight time and noise. An episode begins by restoring a
+state: records, physics and the state of the components. Blocks of noise are not copied; a new seed
+draws them.
 """
 
 from __future__ import annotations
@@ -28,25 +28,25 @@ SEED_MAX = 2**48
 
 
 class Start(NamedTuple):
-    """A condition: its vehicle, and the states from which episodes begin."""
+    """A condition: its vehicle, and the initial states of its episodes."""
 
     vehicle: SimulatedVehicle
     states: list[Saved]
     condition: int
     varied: dict[str, Any]
-    """What differs from the mission, by key."""
+    """Values that differ from the mission, by key."""
     seed: int
 
 
 class Wanted(NamedTuple):
-    """What a start needs of an environment."""
+    """Requirements of an environment on its initial states."""
 
     phase: str
     parts: Callable[[], Sequence[Component]]
     begin: Callable[[Supervisor[Any], Setup[Any], MissionPlan[Any]], None]
-    """Called at the phase: tells the parts what they need to know, and what is tracked."""
+    """Called at the phase: initializes the records of the parts and starts tracking."""
     spread_s: tuple[float, float]
-    """s, least and most, for which a state is flown on with no action before it is saved."""
+    """s, range of the flight time without action before a state is saved."""
 
 
 class _ReachedError(Exception):
@@ -57,17 +57,17 @@ def build_conditions(
     mission: str, vary: Sequence[str], robot: str | None, world: str | None,
     sets: Sequence[str], seed: int | None,
 ) -> Campaign:  # fmt: skip
-    """Return what is varied, as a campaign has it; raises InputError on a wrong key or file."""
+    """Return the conditions as a campaign. Raises InputError on a wrong key or file."""
     return build_campaign(mission, vary, robot=robot, world=world, sets=sets, seed=seed)
 
 
 def build_starts(
     campaign: Campaign, wanted: Wanted, conditions: Sequence[int], states: int
 ) -> tuple[list[Start], list[str]]:
-    """Fly each of the `conditions` (numbers of runs of the campaign) to where episodes begin.
+    """Fly each of the `conditions` (run numbers of the campaign) to the phase.
 
-    Returns the starts, and what was said of conditions that never came there. Raises InputError
-    where none did.
+    Return the starts, and the errors of conditions that did not reach the phase. Raises InputError
+    if none reached it.
     """
     out, refused = list[Start](), list[str]()
     for i in conditions:
@@ -84,7 +84,7 @@ def build_starts(
 
 
 class _NeverReachedError(Exception):
-    """A flight ended before the phase."""
+    """The flight ended before the phase."""
 
 
 @on_one_thread
@@ -99,7 +99,7 @@ def build_start(campaign: Campaign, wanted: Wanted, i: int, states: int) -> Star
     vehicle = build_vehicle(description, setup=setup, parts=wanted.parts())
 
     def on_tick(_: float, phase: str) -> None:
-        if phase == wanted.phase:  # after its first tick: what it follows is tracked
+        if phase == wanted.phase:  # after its first tick: its reference is tracked
             raise _ReachedError
 
     supervisor: Supervisor[Any] = Supervisor(

@@ -1,8 +1,8 @@
-"""Environments beside each other, over processes: a gymnasium.vector.VectorEnv.
+"""Several environments in several processes: a gymnasium.vector.VectorEnv.
 
-The caller and each further process step their shares of the environments, one environment after
-the other; a process answers once a step, so that the cost of messages is shared. Observations and
-actions are in memory that all map. The caller flies too, since a core is idle while it waits.
+The caller and each further process step their share of the environments, one environment after the
+other. A process answers once per step, to limit the cost of messages. Observations and actions are
+in shared memory. The caller flies as well, because its core would be idle while it waits.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class _Worker(NamedTuple):
 
 
 class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
-    """`num_envs` environments of skywright.envs over `workers` processes."""
+    """`num_envs` environments of skywright.envs in `workers` processes."""
 
     metadata: dict[str, Any] = {"render_modes": []}
 
@@ -50,12 +50,12 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
         self, name: str, num_envs: int, *, workers: int | None = None,
         autoreset: str = "next_step", **options: Any,
     ) -> None:  # fmt: skip
-        """`options` are those of the environment; `conditions` are flown for each of them.
+        """Start the processes; `options` are those of the environment.
 
-        `workers` is the number of processes that fly, the caller's among them; by default one for
-        each core. `autoreset`: an environment that ended begins anew in the next step
-        ("next_step") or in the same ("same_step"), as Gymnasium has it.
-        Raises InputError on anything that is wrong.
+        `conditions` are flown for each environment. `workers` is the number of processes, including
+        the caller (default: one per core). `autoreset`: an environment that ended is reset in the
+        next step ("next_step") or in the same one ("same_step"), as in Gymnasium. Raises InputError
+        on wrong input.
         """
         self._mine: Share | None = None
         self._workers: list[_Worker] = []
@@ -107,7 +107,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
         self, *, seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Numbers, dict[str, Any]]:  # fmt: skip
-        """Begin episodes; from a `seed` environment i has seed + i."""
+        """Begin an episode in each environment; environment i gets the seed `seed` + i."""
         n = self.num_envs
         if seed is None or not isinstance(seed, Sequence | np.ndarray):
             one = int(seed) if isinstance(seed, int | np.integer) else None
@@ -131,7 +131,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
     def step(
         self, actions: Any
     ) -> tuple[Numbers, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """Step all; raises InputError for actions of another shape or with NaN in them."""
+        """Step all environments. Raises InputError for actions of another shape or with NaN."""
         mine = self._check_open()
         try:
             given = np.asarray(actions, np.float32)
@@ -154,7 +154,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
         )  # fmt: skip
 
     def tick(self, n: int) -> list[float]:
-        """Tick the bare vehicles of every process `n` times; returns the time (s) of each."""
+        """Tick the vehicles of every process `n` times without environments; return the times
+        (s)."""
         mine = self._check_open()
         return self._do(lambda w: (MORE, ("tick", n)), lambda: mine.tick(n))
 
@@ -166,10 +167,10 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
     def _do(
         self, command: Callable[[_Worker], tuple[bytes, Any]], own: Callable[[], list[Any]]
     ) -> list[Any]:
-        """Command the processes, do the caller's share, and return what all say, in order.
+        """Send the command, do the caller's share, and return all answers in order.
 
-        Raises the first InputError after all have answered. The vector is closed where something
-        else ends this, an interrupt for example: answers would stay unread, and answer the next
+        Raises the first InputError after all processes have answered. Any other exception, such as
+        an interrupt, closes the vector, because unread answers would be taken for those of the next
         command.
         """
         told, error = list[Any](), None
@@ -191,13 +192,13 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
         return told
 
     def _send(self, worker: _Worker, what: bytes, more: Any = None) -> None:
-        with suppress(BrokenPipeError, ConnectionResetError):  # dead: hearing tells
+        with suppress(BrokenPipeError, ConnectionResetError):  # dead: _hear detects it
             worker.connection.send_bytes(what)
             if more is not None:
                 worker.connection.send(more)
 
     def _hear_all(self) -> list[Any]:
-        """Return what all say, in order; raises the first error after all have answered."""
+        """Return all answers in order. Raises the first error after all have answered."""
         out, error = list[Any](), None
         for w in list(self._workers):
             try:
@@ -224,7 +225,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
         return answer
 
     def _tell(self, told: list[Info]) -> dict[str, Any]:
-        """Return infos as Gymnasium has them: arrays, and under `_key` which are meant."""
+        """Return the infos as in Gymnasium: arrays, with a mask under `_key`."""
         infos: dict[str, Any] = {}
         final: dict[str, Any] = {}
         same = self.metadata["autoreset_mode"] == AutoresetMode.SAME_STEP

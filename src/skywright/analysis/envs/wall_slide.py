@@ -1,7 +1,7 @@
-"""WallSlide: slide a probe along a wall in flight, quickly and without losing it.
+"""WallSlide: slide a probe along a wall in flight, fast and without losing contact.
 
-The slide of `wall-contact`, flown as the learner wants: how fast the platform moves along the wall,
-and with what force the arm presses (law `backstepping`).
+This is the slide of `wall-contact`. The learner commands the speed of the platform along the wall
+and the force of the arm (law `backstepping`).
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ from skywright.vehicle.component import InOut, Out
 from skywright.vehicle.follower import Press
 from skywright.vehicle.plant import Surface
 
-SPEED = 0.1  # m/s, twice what the mission flies
+SPEED = 0.1  # m/s, twice the speed of the mission
 ACCELERATION = 0.2  # m/s^2, of the platform along the wall
-FORCE_RANGE = 0.8  # of the asked force, that the learner may add or take off
+FORCE_RANGE = 0.8  # share of the desired force that the learner may add or subtract
 LOST_S = 0.5  # s without contact
 EXCESS_N = 6.0  # N
 
 
 class SlideAndPress(Act):
-    """A speed along the wall, reached at a bounded acceleration, and a rate of force."""
+    """Command a speed along the wall with bounded acceleration, and a rate of force."""
 
     signals = (
         Signal("speed", "m/s", SPEED, "wanted along the way; backwards where it is negative"),
@@ -48,10 +48,10 @@ class SlideAndPress(Act):
     class Me(Act.Me):
         way: Vec3  # unit, in W
         length: float  # m
-        most: float  # N
-        least: float  # N, that is asked for at least
+        most: float  # N, maximum of |push|
+        least: float  # N, minimum desired force
         acceleration: float  # m/s^2
-        v: float  # m/s, by now
+        v: float  # m/s, current speed
         s: float  # m
         push: float  # N
 
@@ -63,7 +63,7 @@ class SlideAndPress(Act):
         most = me.acceleration * me.dt
         me.v += min(max(change, -most), most)
         me.s += me.dt * me.v
-        if me.s < 0.0 or me.s > me.length:  # the way's ends
+        if me.s < 0.0 or me.s > me.length:  # ends of the path
             me.s = min(max(me.s, 0.0), me.length)
             me.v = 0.0
         me.push += me.dt * me.size[1] * me.action[1]
@@ -78,7 +78,7 @@ class SlideAndPress(Act):
 
 
 class SeeSlide(Observe):
-    """The measured force, the way that is left, and how tip and platform move."""
+    """Observe measured force, remaining path, and motion of tip and platform."""
 
     signals = (
         Signal("force error", "N", 1.0, "measured, less what is asked for"),
@@ -96,7 +96,7 @@ class SeeSlide(Observe):
     class Me(Observe.Me):
         way: Vec3
         length: float  # m
-        force: float  # N, asked for
+        force: float  # N, desired
         slow: float  # N
 
     @staticmethod
@@ -122,18 +122,18 @@ class SeeSlide(Observe):
 
 
 class JudgeSlide(Judge):
-    """What the tip comes on while it touches, less a force that is off."""
+    """Reward progress of the tip in contact; penalize the force error."""
 
     class Me(Judge.Me):
-        on: float  # 1: p_WT begins is known
+        on: float  # 1: `last` and `begin` are set
         way: Vec3
         speed: float  # m/s, at which a step earns 1
         length: float  # m
-        force: float  # N, asked for
+        force: float  # N, desired
         excess: float  # N
         patience: float  # s
-        off: float  # s, without force by now
-        last: float  # m, of the tip along the way
+        off: float  # s, current duration without contact
+        last: float  # m, position of the tip along the path
         begin: float  # m
 
     @staticmethod
@@ -162,7 +162,7 @@ class JudgeSlide(Judge):
 
 
 class WallSlide(ContactEnv):
-    """Slide along a wall under force; the F550 with its arm in the tunnel."""
+    """Slide along a wall under force: the F550 with its arm in the tunnel."""
 
     mission, phase = "wall-contact", "slide"
     sets = ("mission.record_raw=false",)
@@ -178,7 +178,7 @@ class WallSlide(ContactEnv):
 
     @classmethod
     def begin(cls, s: Any, setup: Any, plan: Any, act: Any, observe: Any, judge: Any) -> None:
-        """Hold the slide's first place; the way is the mission's."""
+        """Hold the first point of the slide; the path is the mission's."""
         table, _ = s.vehicle.tracking
         way = table["p_WB"][-1] - table["p_WB"][0]
         length = float(np.linalg.norm(way))
@@ -189,4 +189,4 @@ class WallSlide(ContactEnv):
         observe.force = judge.force = force
         act.most, act.least, act.acceleration = FORCE_RANGE * force, 0.1 * force, ACCELERATION
         judge.speed, judge.excess, judge.patience = SPEED, EXCESS_N, LOST_S
-        judge.length = 0.98 * length  # the tip may end a little behind the platform
+        judge.length = 0.98 * length  # the tip may stop slightly behind the platform

@@ -1,8 +1,9 @@
 """WeldPress: hold the force of a probe that slides along a pipe, in wind and gusts.
 
-The scan of `pipe-weld-scan` goes on; the learner changes how hard the law presses. The law is the
-paper's impedance (Tognon 2018, law (4)): a tip that is led d inside the surface presses with
-m wn^2 d, so a force to add is an offset of the desired tip along the normal.
+The scan of `pipe-weld-scan` continues; the learner changes the force of the law. The law is the
+paper's impedance (Tognon 2018, law (4)): with the desired tip at depth d inside the surface it
+presses with m wn^2 d. An additional force is therefore an offset of the desired tip along the
+normal.
 """
 
 from __future__ import annotations
@@ -30,18 +31,18 @@ from skywright.vehicle.follower import Press
 from skywright.vehicle.plant import Surface
 
 PUSH_MAX = 3.0
-"""N, that the learner may add or take off."""
-LOST_S = 0.5  # s without contact after which the mission backs off, too
-EXCESS_N = 7.8  # N, where the soft section of the probe's sensor ends
+"""N, maximum force that the learner may add or subtract."""
+LOST_S = 0.5  # s without contact, after which the mission backs off as well
+EXCESS_N = 7.8  # N, end of the soft range of the probe's sensor
 
 
 class PushMore(Act):
-    """Integrate a rate of force into an offset of the desired tip and of the asked force."""
+    """Integrate a rate of force to an offset of the desired tip and of the desired force."""
 
     signals = (Signal("rate of force", "N/s", 8.0, "added to what the scan presses with"),)
 
     class Me(Act.Me):
-        push: float  # N, by now
+        push: float  # N, current value
         most: float  # N
         wn: float  # rad/s, of the position loop
 
@@ -56,13 +57,13 @@ class PushMore(Act):
         deeper = me.push / (body.mass * me.wn * me.wn)
         for i in range(3):
             ref.p_WT[i] -= deeper * ref.R_WS[i, 2]
-        ref.dead_zone += abs(deeper)  # still in contact: the integral rests along the normal
+        ref.dead_zone += abs(deeper)  # still in contact: keeps the integral off along the normal
         press.force = max(press.force + me.push, 0.0)
         steered.values[0] = me.push
 
 
 class SeeContact(Observe):
-    """The measured force and what moves the tip along the normal."""
+    """Observe the measured force and the motion of the tip along the normal."""
 
     signals = (
         Signal("force error", "N", 1.0, "measured by the probe's sensor, less what is asked for"),
@@ -76,7 +77,7 @@ class SeeContact(Observe):
     )
 
     class Me(Observe.Me):
-        force: float  # N, asked for
+        force: float  # N, desired
         slow: float  # N
 
     @staticmethod
@@ -100,15 +101,15 @@ class SeeContact(Observe):
 
 
 class JudgeContact(Judge):
-    """1 for the asked force at a tip that reads, less for a force that is off."""
+    """Reward a tip pose at which a reading counts; penalize the force error."""
 
     class Me(Judge.Me):
-        force: float  # N, asked for
+        force: float  # N, desired
         excess: float  # N
         gap: float  # m
         tilt: float  # rad
         patience: float  # s
-        off: float  # s, without force by now
+        off: float  # s, current duration without contact
 
     @staticmethod
     def step(me: Me, truth: Truth, surface: Surface, judged: Out[Judgement]) -> None:
@@ -128,7 +129,7 @@ class JudgeContact(Judge):
 
 
 class WeldPress(ContactEnv):
-    """Hold the force of a sliding probe; the OTHex with a force sensor on a pipe."""
+    """Hold the force of a sliding probe: the OTHex with a force sensor on a pipe."""
 
     mission, robot, phase = "pipe-weld-scan", "othex-force", "scan"
     sets = ("mission.law=push_and_slide", "mission.record_raw=false")
@@ -143,7 +144,7 @@ class WeldPress(ContactEnv):
 
     @classmethod
     def begin(cls, s: Any, setup: Any, plan: Any, act: Any, observe: Any, judge: Any) -> None:
-        """Let the scan go on."""
+        """Continue the scan of the mission."""
         force = float(plan.get_way().push_force_n)
         act.most, act.wn = PUSH_MAX, setup.robot.control.position_bandwidth_rad_s
         observe.force = judge.force = force

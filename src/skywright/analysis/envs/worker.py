@@ -1,7 +1,7 @@
 """A process of a vector of environments (campaign/forks.py).
 
-Takes commands from a connection until the other end is gone. Actions and observations are in shared
-memory; what goes through the connection is a byte, and what `info` says of episodes that ended.
+Receives commands from a connection until the other end closes. Actions and observations are in
+shared memory. The connection transfers one byte per step, and the `info` of episodes that ended.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from skywright.errors import InputError
 
 JUDGED = Judgement.dtype.itemsize // 8
 STEP, MORE = b"", b"m"
-"""Commands: a step, and one whose words follow. Nothing is read or pickled for an empty message."""
+"""Commands: a step, and one that is followed by its arguments. An empty message is not pickled."""
 Info = tuple[int, str, dict[str, Any]]
-"""Number of an environment, what it is of ("reset", "ended"), and the `info`."""
+"""Number of an environment, origin of the info ("reset", "ended"), and the `info`."""
 
 
 @njit(cache=True, error_model="numpy")
 def give_actions(places: NDArray[np.int64], actions: NDArray[np.float32]) -> None:
-    """Write the actions (n, k), cut to -1 to 1, to the vehicles."""
+    """Write the actions (n, k), clipped to -1 to 1, to the vehicles."""
     n, k = actions.shape
     for i in range(n):
         action = carray(as_pointer(places[i, 0]), k, np.float64)
@@ -45,10 +45,10 @@ def take_answers(
     places: NDArray[np.int64], left: NDArray[np.int64], seen: NDArray[np.float32],
     reward: NDArray[np.float64], values: NDArray[np.float64],
 ) -> bool:  # fmt: skip
-    """Read what was seen, the reward, and the means that `info` tells; whether an episode ends.
+    """Read observations, rewards and the means for `info`; return whether an episode ends.
 
-    `places` (n, 3) are addresses of action, observation and judgement, `left` (n,) are the steps
-    that an episode may still last; 0: none runs.
+    `places` (n, 3) are addresses of action, observation and judgement. `left` (n,) are the
+    remaining steps of the episodes; 0: no episode is running.
     """
     ends = False
     for i in range(len(left)):
@@ -70,12 +70,12 @@ def take_answers(
 class Share:
     """The environments `first` to before `first + len(envs)` of a vector.
 
-    Between the compiled ticks of its environments as little Python runs as can, since it finds cold
-    caches after 0.2 ms of compiled code: one call writes all actions, another reads all answers.
+    Between the compiled ticks little Python runs, because caches are cold after 0.2 ms of compiled
+    code: one call writes all actions, another reads all results.
     """
 
     def __init__(self, envs: list[ContactEnv], first: int, shared: Shared, same: bool) -> None:
-        """`same`: an environment that ended begins anew in the same step, else in the next."""
+        """`same`: an environment that ended is reset in the same step, else in the next."""
         self.envs, self.first, self.same = envs, first, same
         mine, n = slice(first, first + len(envs)), len(envs)
         self.actions, self.seen, self.last = (a[mine] for a in shared[:3])
@@ -85,7 +85,7 @@ class Share:
         self._places = np.zeros((n, 3), np.int64)
 
     def reset(self, seeds: list[int | None], options: dict[str, Any] | None) -> list[Info]:
-        """Begin an episode in each."""
+        """Begin an episode in each environment."""
         return [self._begin(i, seeds[i], options) for i in range(len(self.envs))]
 
     def _begin(self, i: int, seed: int | None = None, options: Any = None) -> Info:
@@ -97,7 +97,7 @@ class Share:
         return self.first + i, "reset", info
 
     def step(self) -> list[Info]:
-        """Step each with its action; one whose episode is over begins anew instead."""
+        """Step each environment with its action, or reset it if its episode has ended."""
         flown = [env.running for env in self.envs]
         give_actions(self._places, self.actions)
         for env, flies in zip(self.envs, flown, strict=True):
@@ -127,7 +127,8 @@ class Share:
         return out
 
     def tick(self, n: int) -> list[float]:
-        """Tick the bare vehicles `n` times; returns [time (s)]: what a step is measured by."""
+        """Tick the vehicles `n` times without environments; return [time (s)], to benchmark a
+        step."""
         for env in self.envs:
             env.reset()
         began = time.perf_counter()
@@ -138,7 +139,7 @@ class Share:
 
 
 def _serve(connection: Connection, file: int) -> None:
-    """Build what is asked for, and answer until the other end is gone."""
+    """Build the environments and execute commands until the other end closes."""
     name, options, first, count, layout, same = connection.recv()
     try:
         envs = [make(name, **options, first=first + i, every=layout[0]) for i in range(count)]

@@ -1,6 +1,6 @@
 """Parameters of a robot from a recorded flight: `skywright identify`.
 
-The model is linear in its parameters once the signals are known, so every column is filtered alike
-and the parameters follow from least squares on the predicted accelerations. What a flight did not
-excite is found by the size of its confidence interval, kept at the robot file's value and said.
+Given the signals, the model is linear in its parameters. Every column is filtered alike, and the
+parameters follow from least squares on the predicted accelerations. A parameter that the flight
+does not excite has a wide confidence interval; it keeps the robot file's value and is reported.
 """

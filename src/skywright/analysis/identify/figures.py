@@ -1,4 +1,4 @@
-"""Pictures of an identification: measured against predicted, and the confidence intervals."""
+"""Figures of an identification: measured against predicted, and the confidence intervals."""
 
 from collections.abc import Sequence
 
@@ -11,11 +11,11 @@ from skywright.core.arrays import Array, Mask
 from skywright.reports.figures.style import BLACK, BLUE, GREY, ORANGE, RED, WIDTH, new_figure
 
 NAMES = ("x", "y", "z")
-WINDOW = 12.0  # s of the series that are shown
+WINDOW = 12.0  # s, length of the plotted series
 
 
 def draw_series(p: Prediction, part: slice, what: str, unit: str) -> Figure:
-    """Draw three components around a held-out part: forces, or angular accelerations."""
+    """Draw three components around a held-out part: forces or angular accelerations."""
     t, held_out = p.t, p.held_out
     measured, predicted, nominal = p.measured[:, part], p.predicted[:, part], p.nominal[:, part]
     r_squared, at = p.r_squared(p.predicted)[part], _choose(t, held_out)
@@ -94,6 +94,6 @@ def draw_intervals(estimates: Sequence[Estimate]) -> Figure:
 
 
 def _scale(p: Parameter) -> float:
-    """What a deviation is compared to: the robot file's value where it is one to compare to."""
+    """Return the reference of a deviation: the file's value, or the scale if that is too small."""
     offset = "com_" in p.name or p.name.endswith(("_xy_kgm2", "_xz_kgm2", "_yz_kgm2"))
     return p.scale if offset or abs(p.nominal) <= 0.2 * p.scale else abs(p.nominal)

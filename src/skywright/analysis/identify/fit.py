@@ -1,9 +1,9 @@
-"""Least squares on the predicted accelerations, and what a flight could not tell.
+"""Least squares on the predicted accelerations, and the parameters that a flight does not excite.
 
-The residual is the error of the predicted specific force and angular acceleration: measurement
-noise is then in what is predicted, not in what predicts, so that it does not bias the inertia.
-Parameters whose confidence interval is wide are kept at the robot file's value, one after the
-other, and the rest is fitted anew.
+The residual is the error of the predicted specific force and angular acceleration. Measurement
+noise is therefore in the dependent variable, not in the regressors, and does not bias the inertia.
+Parameters with a wide confidence interval are reset to the robot file's value one after the other,
+and the rest is fitted again.
 """
 
 import itertools
@@ -19,42 +19,42 @@ from skywright.description.robot.spec import Robot
 from skywright.models.rotors import RotorSet, build_rotors
 
 CONFIDENCE = 0.95
-BLOCK = 2.0  # s, within which residuals may hang together
-HELD_OUT = 4  # every so many blocks of HELD_OUT_S is kept for the test
+BLOCK = 2.0  # s, duration within which residuals may be correlated
+HELD_OUT = 4  # one of this many blocks of HELD_OUT_S is held out for the test
 HELD_OUT_S = 5.0  # s
 ROUNDS = 4  # of weighting
 STEPS = 15  # of Gauss-Newton
-FIRST_NOISE = np.array([0.1, 0.1, 0.1, 0.5, 0.5, 0.5])  # m/s^2, rad/s^2: where weighting starts
+FIRST_NOISE = np.array([0.1, 0.1, 0.1, 0.5, 0.5, 0.5])  # m/s^2, rad/s^2: initial weighting
 LEAST_R2 = 0.5
-"""Of the angular acceleration on held-out parts. Half of what moves the robot is then explained;
-a flight of our own gives 0.9 and more, a mean 0. A parameter that an axis below it tells most about
-keeps the robot file's value: it would make up for the model's error."""
-LEAP = 1.0  # largest step of a parameter, in its scale
+"""Minimum R^2 of the angular acceleration on held-out parts; half of the variance is then
+explained. A simulated flight gives 0.9 and more, a constant mean 0. A parameter that depends mostly
+on an axis below the minimum keeps the robot file's value, or it would compensate model errors."""
+LEAP = 1.0  # maximum step of a parameter, in units of its scale
 
 
 class Estimate(NamedTuple):
-    """What the flight says about a parameter; `half_width` NaN where it says nothing."""
+    """Estimate of a parameter; `half_width` is NaN if the flight does not identify it."""
 
     parameter: Parameter
     value: float
     half_width: float  # of the confidence interval
     identified: bool
-    would_be: float  # half width with which it was given up; NaN for identified ones
+    would_be: float  # half width at which it was given up; NaN for identified ones
 
 
 class Prediction(NamedTuple):
-    """Measured against predicted, k samples; `held_out` marks those that the fit did not see."""
+    """Measured and predicted values of k samples; `held_out` marks those not used by the fit."""
 
     t: Array
     held_out: Mask
     measured: Array  # (k, 6): specific force m/s^2, angular acceleration rad/s^2
     predicted: Array  # (k, 6)
-    nominal: Array  # (k, 6), by the robot file
+    nominal: Array  # (k, 6), from the robot file
 
     def r_squared(self, predicted: Array) -> Array:
-        """Coefficient of determination (6,): the error on held-out samples over the variance.
+        """Return R^2 (6,): one minus the mean squared error on held-out samples over the variance.
 
-        The variance is that of the whole flight, as held-out parts may happen to be quiet.
+        The variance is that of the whole flight, because held-out parts may have little motion.
         """
         error = np.mean((self.measured - predicted)[self.held_out] ** 2, axis=0)
         return np.asarray(1.0 - error / np.maximum(self.measured.var(axis=0), 1e-12))
@@ -67,7 +67,7 @@ class Fit(NamedTuple):
     prediction: Prediction
     noise: Array  # (6,) rms of the residuals on the fitted samples
     samples: int
-    mass: float  # kg, taken as known
+    mass: float  # kg, assumed known
     unused: Mask  # (3,) axes of the angular acceleration that the model does not predict
 
 
@@ -92,10 +92,10 @@ def predict(columns: Columns, rotors: RotorSet, mass: float, x: Array) -> Array:
         y = x[n + 10 + 9 * pose : n + 19 + 9 * pose]
         h = mass * y[:3]
         I_B = unpack_inertia(y[3:])
-        # wd enters the force equation as measured, and is what the torque equation predicts
+        # wd is measured in the force equation, and predicted by the torque equation
         out[at, :3] = (f[at] - columns.wh[at] @ h) / mass
         bend = moment[at]
-        if blind:  # drag is what the measured force holds beside thrust: m s + w' x h + ...
+        if blind:  # drag follows from measured force and thrust: m s + w' x h + ...
             bend = bend + height * (mass * columns.s[at] + columns.ww[at] @ h - lift[at])
             bend = bend + height * columns.arm[at, :3]
             I_B[:2, :2] -= height * h[2] * np.eye(2)  # e_z x (w' x h) = h_z w' - h w_z'
@@ -117,7 +117,7 @@ def unpack_inertia(y: Array) -> Array:
 def fit_parameters(columns: Columns, robot: Robot, mass: float, gravity: float) -> Fit:
     """Fit the model to the columns.
 
-    `mass` (kg) sets the scale: accelerations tell every other parameter only in ratio to it.
+    `mass` (kg) sets the scale: accelerations determine the other parameters only relative to it.
     """
     rotors = build_rotors(robot.rotors)
     parameters = list_parameters(robot, columns.poses, gravity)
@@ -156,30 +156,31 @@ def _eliminate(
     train: Columns, rotors: RotorSet, mass: float, measured: Array, x0: Array, scale: Array,
     widest: Array, free: Mask,
 ) -> tuple[Array, Array, Array, Array]:  # fmt: skip
-    """Fit, and give up what the flight does not tell until the rest is told.
+    """Fit, and eliminate the parameters that the flight does not excite until the rest is
+    identified.
 
-    Returns the parameters, half of their intervals (NaN for those given up, whose intervals come
-    next), and the noise. `free` (n,) marks those that are fitted at all.
+    Return the parameters, half widths of their intervals (NaN for eliminated ones), half widths at
+    elimination, and the noise. `free` (n,) marks the parameters to fit.
     """
     gave_up, half = np.full(len(x0), np.nan), np.full(len(x0), np.nan)
     x, noise = x0.copy(), FIRST_NOISE
     while True:
         x, noise = _solve(train, rotors, mass, measured, x, scale, free, noise)
-        if not free.any():  # the flight tells nothing
+        if not free.any():  # the flight identifies nothing
             return x, half, gave_up, noise
         half = _half_widths(train, rotors, mass, measured, x, scale, free, noise)
         ratio = np.where(free, half / widest, 0.0)
         worst = int(np.argmax(ratio))
         if ratio[worst] <= 1.0:
             return x, half, gave_up, noise
-        # what is hopeless goes at once, the rest one by one
+        # eliminate unobservable ones together, the rest one by one
         hopeless = ratio >= max(10.0, 0.5 * ratio[worst])
         for i in np.flatnonzero(hopeless) if hopeless.any() else [worst]:
             free[i], gave_up[i], x[i], half[i] = False, half[i], x0[i], np.nan
 
 
 def choose_held_out(t: Array) -> Mask:
-    """Return which samples at t (k,) s the fit does not see."""
+    """Return the mask of the samples at t (k,) s that the fit does not use."""
     out = (np.floor(t / HELD_OUT_S).astype(int) % HELD_OUT) == HELD_OUT - 1
     return out if out.any() and not out.all() else np.arange(len(t)) >= 0.75 * len(t)
 
@@ -192,9 +193,9 @@ def keep_rows(columns: Columns, use: Mask) -> Columns:
 def compute_misfit(
     columns: Columns, robot: Robot, mass: float, gravity: float, free: Mask
 ) -> float:
-    """Return how badly the `free` parameters fit: the sum of the residuals' logs, fitted parts.
+    """Return the misfit of the `free` parameters: the sum of the logs of the fitted residuals.
 
-    Parameters that the flight does not tell would make up for a wrong lag; they stay as they are.
+    Other parameters stay constant, because unexcited ones would compensate a wrong lag.
     """
     parameters = list_parameters(robot, columns.poses, gravity)
     x0 = np.array([p.nominal for p in parameters])
@@ -211,21 +212,21 @@ def _solve(
     columns: Columns, rotors: RotorSet, mass: float, measured: Array, x: Array, scale: Array,
     free: Mask, noise: Array,
 ) -> tuple[Array, Array]:  # fmt: skip
-    """Weighted least squares over the free parameters; the weights follow from the residuals.
+    """Solve weighted least squares over the free parameters, with weights from the residuals.
 
-    Gauss-Newton: the model is linear but for products (thrust gain by lever, inertia inverted), so
-    a few steps end it. Directions that the data do not see stay where they are (least norm).
+    Gauss-Newton converges in a few steps, because the model is linear except for products (thrust
+    gain and lever, inverse inertia). Unobservable directions stay unchanged (least norm).
     """
     index = np.flatnonzero(free)
     for _ in range(ROUNDS):
-        for _ in range(STEPS if index.size else 0):  # a flight may tell nothing at all
+        for _ in range(STEPS if index.size else 0):  # the flight may identify nothing
             base = predict(columns, rotors, mass, x)
             error = ((measured - base) / noise).ravel()
             slope = _jacobian(columns, rotors, mass, x, base, scale, index) / noise[None, :, None]
             step = np.linalg.lstsq(slope.reshape(-1, len(index)), error, rcond=1e-10)[0]
             x = x.copy()
             x[index] += scale[index] * np.clip(step, -LEAP, LEAP)
-            if np.max(np.abs(step), initial=0.0) < 1e-4:  # the next would be its square
+            if np.max(np.abs(step), initial=0.0) < 1e-4:  # converges quadratically
                 break
         error = predict(columns, rotors, mass, x) - measured
         fresh = np.maximum(np.sqrt(np.mean(error**2, axis=0)), 1e-6)
@@ -239,7 +240,7 @@ def _jacobian(
     columns: Columns, rotors: RotorSet, mass: float, x: Array, base: Array, scale: Array,
     index: Ints,
 ) -> Array:  # fmt: skip
-    """Return the derivatives (k, 6, p) of the predictions by the parameters, in their scales."""
+    """Return the derivatives (k, 6, p) of the predictions with respect to the scaled parameters."""
     out = np.empty((*base.shape, len(index)))
     for k, i in enumerate(index):
         y = x.copy()
@@ -254,8 +255,8 @@ def _half_widths(
 ) -> Array:  # fmt: skip
     """Return half of each free parameter's confidence interval (NaN for the others).
 
-    Residuals of one block may be correlated (filter, unmodelled effects), those of different
-    blocks not: the covariance is the sandwich over blocks (Liang and Zeger 1986, Biometrika 73).
+    Residuals may be correlated within a block (filter, unmodelled effects), but not between blocks:
+    the covariance is the sandwich over blocks (Liang and Zeger 1986, Biometrika 73).
     """
     index = np.flatnonzero(free)
     base = predict(columns, rotors, mass, x)
@@ -271,12 +272,12 @@ def _half_widths(
     g, p = len(groups), len(index)
     correction = g / max(g - 1, 1) * (flat.shape[0] - 1) / max(flat.shape[0] - p, 1)
     robust = correction * bread @ (scores.T @ scores) @ bread
-    # with few blocks the sandwich is too small: never below the textbook's own
+    # with few blocks the sandwich is too small: use at least the ordinary estimate
     variance = np.maximum(np.diag(robust), np.diag(bread))
     t = float(stats.t.ppf(0.5 + CONFIDENCE / 2, max(g - 1, 1)))
     half = np.full(len(x), np.nan)
     half[index] = t * np.sqrt(variance) * scale[index]
-    # directions that the data do not determine at all, whatever the columns' sizes
+    # directions that the data do not determine, independent of the scale of the columns
     size = np.linalg.norm(flat, axis=0)
     level = flat / np.where(size > 1e-12, size, 1.0)
     sigma, vectors = np.linalg.eigh(level.T @ level)

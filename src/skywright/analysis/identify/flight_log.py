@@ -1,4 +1,4 @@
-"""A flight as identification sees it, whatever recorded it: measured and commanded signals.
+"""A flight in the common form for identification: measured and commanded signals.
 
 SI units, frames W (ENU) and B (FLU). All signals share one time axis.
 """
@@ -12,21 +12,21 @@ from skywright.core.arrays import Array, Mask
 from skywright.description.robot.spec import Robot
 from skywright.models.rigid_body import build_body_model, compute_body, posture
 
-FASTEST = 250.0  # Hz, of the common time axis
+FASTEST = 250.0  # Hz, maximum rate of the common time axis
 GRAVITY = 9.80665
-AIRBORNE = 0.35  # of the largest sum of rotor speeds: idling is at 0.2 or less, and a robot that
-# lifts itself hovers at this where its largest thrust is 8 times its weight
-SHORTEST_GROUND = 0.5  # s: within less, no robot lands and takes off again; its rotors were cut
-HIT = 1.5  # of the specific force that all rotors make at full thrust: more is a collision
+AIRBORNE = 0.35  # of the maximum sum of rotor speeds: idling is at 0.2 or less; a robot that
+# lifts itself hovers at this if its maximum thrust is 8 times its weight
+SHORTEST_GROUND = 0.5  # s: no robot lands and takes off again within less; its rotors were cut
+HIT = 1.5  # of the specific force of all rotors at full thrust: more is a collision
 
 
 class FlightLog(NamedTuple):
-    """n samples of a flight; NaN-free where `free` holds."""
+    """n samples of a flight; free of NaN where `free` holds."""
 
     name: str
     robot: Robot
     t: Array  # (n,) s, evenly spaced
-    free: Mask  # (n,) in the air, touching nothing
+    free: Mask  # (n,) in the air, without contact
     v_WB: Array | None  # (n, 3) m/s; None: not logged
     R_WB: Array  # (n, 3, 3)
     w_WB_B: Array  # (n, 3) rad/s
@@ -36,7 +36,7 @@ class FlightLog(NamedTuple):
     command_is_thrust: bool
     joints: tuple[str, ...]
     q: Array  # (n, joints) rad, measured
-    servo_unit: str  # "rad/s" where servos take a velocity, "rad" where they take an angle
+    servo_unit: str  # "rad/s" for velocity servos, "rad" for position servos
     servo_command: Array  # (n, joints) in that unit
     servo_response: Array  # (n, joints)
     gravity: float
@@ -45,10 +45,10 @@ class FlightLog(NamedTuple):
 
 
 def find_airborne(speed: Array, t: Array, force: Array | None, robot: Robot) -> Mask:
-    """Return where the robot flies (n,), by its rotors' speeds (n, rotors) of any unit.
+    """Return the mask (n,) of flight, from the rotors' speeds (n, rotors) of any unit.
 
-    Its fastest moment decides, however short it flew. A specific force (n, 3) m/s^2 that its
-    rotors cannot make ends the flight.
+    The threshold is relative to the maximum speed, even of a short flight. A specific force (n, 3)
+    m/s^2 that the rotors cannot produce ends the flight.
     """
     total = speed.sum(axis=1)
     turns = np.flatnonzero(total > AIRBORNE * np.max(total, initial=0.0))
@@ -64,13 +64,13 @@ def find_airborne(speed: Array, t: Array, force: Array | None, robot: Robot) -> 
 
 
 def align_signs(q: Array) -> Array:
-    """Return quaternions (n, 4) with the same sign throughout, so that they may be interpolated."""
+    """Return quaternions (n, 4) with consistent signs, for interpolation."""
     flips = np.cumprod(np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1.0, 1.0))
     return np.asarray(q * np.append(1.0, flips)[:, None])
 
 
 def move_to_origin(force: Array, w: Array, t: Array, robot: Robot) -> Array:
-    """Return the specific force of B's origin from that of the inertial unit."""
+    """Return the specific force at B's origin from that at the inertial unit."""
     s = robot.sensors
     p = np.array([s.imu_x_m, s.imu_y_m, s.imu_z_m])
     if not np.any(p):
@@ -80,7 +80,7 @@ def move_to_origin(force: Array, w: Array, t: Array, robot: Robot) -> Array:
 
 
 def find_rotations(q: Array) -> Array:
-    """Return the matrices (n, 3, 3) of wxyz quaternions (n, 4) of any length but 0."""
+    """Return the matrices (n, 3, 3) of wxyz quaternions (n, 4), which need not be normalized."""
     a, b, c, d = (q / np.maximum(np.linalg.norm(q, axis=1, keepdims=True), 1e-9)).T
     R = np.empty((len(q), 3, 3))
     R[:, 0] = np.column_stack([1 - 2 * (c * c + d * d), 2 * (b * c - a * d), 2 * (b * d + a * c)])

@@ -1,4 +1,4 @@
-"""Logs in, parameters out: what `skywright identify` does."""
+"""Identify a robot from logs: the implementation of `skywright identify`."""
 
 import math
 from collections.abc import Sequence
@@ -30,20 +30,20 @@ AXES = (
     "angular_acceleration_x", "angular_acceleration_y", "angular_acceleration_z",
 )  # fmt: skip
 LAGS = (0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.08, 0.1, 0.13)
-"""s, of the rotors, that are tried where a log holds commands but no speeds."""
-FIRST_LAG = 0.05  # s, with which is found what the flight tells
+"""s, rotor lags that are tried if a log holds commands but no speeds."""
+FIRST_LAG = 0.05  # s, lag for the fit that selects the identifiable parameters
 
 
 class Part(NamedTuple):
-    """A stretch of a log that was used: free flight with a still arm."""
+    """A used part of a log: free flight with a still arm."""
 
     log: str
-    start_s: float  # after the log's first sample
+    start_s: float  # from the log's first sample
     end_s: float
 
 
 class Identification(NamedTuple):
-    """What one or more flights say about a robot."""
+    """Result of an identification from one or more flights."""
 
     robot: Robot
     logs: list[str]
@@ -52,13 +52,13 @@ class Identification(NamedTuple):
     poses: Array  # (poses, joints) rad
     joints: tuple[str, ...]
     rotor_lag: Lag | None
-    command_lag: float | None  # s, that fits best where a log holds commands but no speeds
+    command_lag: float | None  # s, best lag if a log holds commands but no speeds
     servos: list[Lag]
     mass_given: bool
     notes: list[str]
 
     def to_json(self) -> dict[str, Any]:
-        """Return the command line's `--json` object."""
+        """Return the object of `--json`."""
         fit, p = self.fit, self.fit.prediction
         return {
             "robot": self.robot.name,
@@ -83,12 +83,12 @@ class Identification(NamedTuple):
         }
 
     def list_lags(self) -> list[Lag]:
-        """The responses that were identified, the rotors' first."""
+        """Return the identified responses, the rotors' first."""
         lags = [self.rotor_lag, *self.servos]
         return [lag for lag in lags if lag is not None and lag.identified]
 
     def list_unknown(self) -> list[str]:
-        """Say one by one what the flights did not tell."""
+        """Return one text per quantity that was not identified."""
         out = []
         for e in self.fit.estimates:
             if not e.identified:
@@ -129,13 +129,12 @@ def _lag(lag: Lag) -> dict[str, Any]:
 def identify(
     paths: Sequence[Path], robot: Robot | None = None, mass: float | None = None
 ) -> Identification:
-    """Identify a robot from flights; several flights add up (other poses of the arm, more data).
+    """Identify a robot from one or more flights (further poses of the arm, more data).
 
-    `robot` is needed for a ULog and replaces a recording's own. `mass` (kg) is what the robot
-    weighed; without it the robot file's.
-
-    Raises InputError for what cannot be read, belongs to different robots, or does not predict
-    the flight (`plausible.check_fit`).
+    `robot` is required for a ULog or a table, and replaces that of a recording. `mass` (kg) is the
+    weighed mass of the robot, default that of the robot file. Raises InputError for logs that
+    cannot be read or belong to different robots, and if the model does not predict the flight
+    (`plausible.check_fit`).
     """
     if mass is not None and not (math.isfinite(mass) and mass > 0.0):
         raise InputError(f"--mass {mass:g}: give the mass of the robot in kg, above 0")
@@ -182,13 +181,13 @@ def identify(
 
 
 def _list_used(log: FlightLog) -> list[tuple[float, float]]:
-    """Return the stretches of a log that the fit uses, s after its first sample."""
+    """Return the parts of a log that the fit uses, in s from its first sample."""
     found = find_stretches(log, float(np.median(np.diff(log.t))))
     return [(float(log.t[a] - log.t[0]), float(log.t[b - 1] - log.t[0])) for a, b in found]
 
 
 def _tell_parts(parts: list[Part]) -> str:
-    """Say which parts of the logs were used; the longest three where there are many."""
+    """Return the used parts of the logs as text; the three longest if there are more."""
     total = sum(p.end_s - p.start_s for p in parts)
     longest = sorted(parts, key=lambda p: p.start_s - p.end_s)[:3]
     each = ", ".join(f"{p.start_s:.1f} to {p.end_s:.1f} s of {p.log}" for p in longest)
@@ -197,7 +196,7 @@ def _tell_parts(parts: list[Part]) -> str:
 
 
 def _build_all(logs: list[FlightLog], mass: float) -> tuple[Columns, float | None]:
-    """Return the columns of all logs, and the rotor lag where it had to be searched for (s)."""
+    """Return the columns of all logs, and the rotor lag (s) if it was searched for."""
     if all(log.rotor_speed is not None for log in logs):
         return _join([build_columns(log) for log in logs]), None
     robot, gravity = logs[0].robot, logs[0].gravity
@@ -209,7 +208,7 @@ def _build_all(logs: list[FlightLog], mass: float) -> tuple[Columns, float | Non
 
 
 def _join(parts: list[Columns]) -> Columns:
-    """Put the columns of several logs one after the other; equal poses become one."""
+    """Concatenate the columns of several logs; equal poses are merged."""
     poses: list[Array] = []
     out: list[Columns] = []
     start = 0.0
@@ -229,7 +228,7 @@ def _join(parts: list[Columns]) -> Columns:
 
 
 def _fit_servos(logs: list[FlightLog]) -> list[Lag]:
-    """For each servo the flight that tells most about it."""
+    """Return the best fit of each servo over all flights."""
     found: dict[str, Lag] = {}
     for log in logs:
         for lag in fit_servos(log):

@@ -1,8 +1,8 @@
-"""How rotors and servos follow their commands: gain, first-order lag and offset.
+"""Response of rotors and servos to their commands: gain, first-order lag and offset.
 
     y = K u - tau y' + b
 
-Fitted by least squares on zero-phase filtered signals, so that the filter shifts nothing.
+Fitted by least squares on signals after a zero-phase filter, which adds no delay.
 """
 
 from typing import NamedTuple
@@ -16,19 +16,19 @@ from skywright.analysis.identify.flight_log import FlightLog
 from skywright.core.arrays import Array, Mask
 
 CUTOFF = 5.0  # Hz
-LEAST = 4  # blocks of motion that a fit needs
-GAINS, LAGS = (0.2, 5.0), (0.0, 1.0)  # of a drive that follows; s
-LEAST_R2 = 0.5  # on held-out parts
-GAIN_WIDEST, LAG_WIDEST = 0.1, 0.4  # half widths beyond which nothing was learnt; of 1 and of tau
+LEAST = 4  # minimum number of blocks with motion
+GAINS, LAGS = (0.2, 5.0), (0.0, 1.0)  # valid range; lags in s
+LEAST_R2 = 0.5  # minimum on held-out parts
+GAIN_WIDEST, LAG_WIDEST = 0.1, 0.4  # maximum half widths of gain and lag, relative to their values
 
 
 class Lag(NamedTuple):
-    """A response to commands; `half_*` are half confidence intervals."""
+    """A response to commands; `half_*` are half widths of confidence intervals."""
 
     name: str
     unit: str
     identified: bool
-    reason: str  # why it is not
+    reason: str  # why it is not identified
     gain: float
     half_gain: float
     lag: float  # s
@@ -38,7 +38,7 @@ class Lag(NamedTuple):
 
 
 def fit_lag(name: str, unit: str, t: Array, command: Array, response: Array, use: Mask) -> Lag:
-    """Fit one response (k,) to its command (k,) where `use` holds."""
+    """Fit a response (k,) to its command (k,) where `use` holds."""
 
     def give_up(reason: str) -> Lag:
         nan = float("nan")
@@ -50,7 +50,7 @@ def fit_lag(name: str, unit: str, t: Array, command: Array, response: Array, use
     rate = np.gradient(y, period)
     edge = round(0.5 / period)
     keep = use.copy()
-    for shift in (-edge, edge):  # away from what is left out
+    for shift in (-edge, edge):  # keep a margin to excluded samples
         moved = np.roll(use, shift)
         keep &= moved
     keep[:edge] = keep[-edge:] = False
@@ -99,7 +99,7 @@ def fit_lag(name: str, unit: str, t: Array, command: Array, response: Array, use
 
 
 def fit_servos(log: FlightLog) -> list[Lag]:
-    """Fit every joint that a servo drives."""
+    """Fit every joint with a servo."""
     moving = np.all(np.isfinite(log.servo_command), axis=1) & log.free
     return [
         fit_lag(
@@ -111,13 +111,13 @@ def fit_servos(log: FlightLog) -> list[Lag]:
 
 
 def fit_rotor_lag(log: FlightLog) -> Lag | None:
-    """Fit the rotors' lag, all rotors together; None where the log lacks speeds or commands."""
+    """Fit one lag to all rotors; None if the log lacks speeds or commands."""
     if log.rotor_speed is None or log.rotor_command is None or log.command_is_thrust:
         return None
     n = log.rotor_speed.shape[1]
     middle = log.rotor_speed[log.free].mean(axis=0)
     period = float(np.median(np.diff(log.t)))
-    gap = round(2.0 / period)  # between one rotor's record and the next
+    gap = round(2.0 / period)  # between the records of two rotors
     length = len(log.t) + gap
     t = period * np.arange(n * length)
     command, response = np.zeros(n * length), np.zeros(n * length)

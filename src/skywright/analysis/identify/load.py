@@ -1,4 +1,4 @@
-"""Loads a flight for identification: a recording, a ULog (`ulog.py`) or a table (`table.py`)."""
+"""Load a flight for identification: a recording, a ULog (`ulog.py`) or a table (`table.py`)."""
 
 import tempfile
 from pathlib import Path
@@ -24,20 +24,20 @@ from skywright.models.rotors import build_rotors
 from skywright.recordings.columns import has_columns
 from skywright.recordings.recording import Recording, read_recording
 
-TOUCHING = 1e-3  # m, of the probe's spring: more than its slider moves in flight
-SHORTEST = 5.0  # s of free flight below which there is nothing to learn from
+TOUCHING = 1e-3  # m, deflection of the probe's spring in contact; less in free flight
+SHORTEST = 5.0  # s, minimum duration of free flight
 IDENTIFY_FIELDS = (
     "t", "phase", "est_q_WB", "est_v_WB", "est_w_WB_B", "rotor_speed", "cmd_f_B", "cmd_t_B", "q",
     "qd", "cmd_qd", "theta", "cmd_theta", "f_collision", "f_contact", "spring",
     "f_docking_W",
 )  # fmt: skip
-"""Columns that a log is built from, as far as the robot has them."""
+"""Columns that a log requires, as far as the robot has them."""
 
 
 def load_log(path: Path, robot: Robot | None = None) -> FlightLog:
     """Load a run directory, a recording.mcap, a PX4 ULog or a table (these two need `robot`).
 
-    Raises InputError when there is no such file, it is none of these, or holds too little.
+    Raises InputError if the file does not exist, has another format, or is too short.
     """
     if path.is_dir():
         path = path / "recording.mcap"
@@ -101,7 +101,7 @@ def _load_recording(path: Path, robot: Robot | None) -> FlightLog:
 
 
 def parse_description(text: bytes) -> Description:
-    """Return the description that a resolved mission.toml holds."""
+    """Return the description in a resolved mission.toml."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "mission.toml"
         file.write_bytes(text)
@@ -117,14 +117,14 @@ def build_log(
     phases: NDArray[np.str_],
     joints: tuple[str, ...],
 ) -> FlightLog:
-    """Build a log from samples (k,) of a run, or what IDENTIFY_FIELDS names of them.
+    """Build a log from samples (k,) of a run with the columns IDENTIFY_FIELDS.
 
     `phases` (k,) names the phase of each sample.
     """
     n, rotors = len(joints), len(robot.rotors.azimuth_deg)
     positioned = any(servo.mode == "position" for _, servo in list_servos(robot))
     response = s["theta" if positioned else "qd"][:, :n]
-    if takes_torque(robot):  # a torque is no command that an angle or a speed lags behind
+    if takes_torque(robot):  # a torque command has no lag in angle or speed
         response = np.zeros_like(response)
     R = np.array([_rot(q) for q in s["est_q_WB"]])
     free = (s["f_collision"] == 0.0) & ~np.any(s["f_contact"], axis=1) & (s["spring"] < TOUCHING)
@@ -161,7 +161,7 @@ def _rot(q: Array) -> Array:
 
 
 def _phase_names(recording: Recording, t: Array) -> NDArray[np.str_]:
-    """Return the phase of each sample, from the recording's own events."""
+    """Return the phase of each sample from the events of the recording."""
     starts = [
         (e.t, e.text.removeprefix("phase ")) for e in recording.events if e.text[:6] == "phase "
     ]
@@ -172,7 +172,7 @@ def _phase_names(recording: Recording, t: Array) -> NDArray[np.str_]:
 
 
 def _commanded_speeds(robot: Robot, s: NDArray[Any], R: Array, gravity: float, n: int) -> Array:
-    """Return the rotor speeds (k, rotors) that the allocation makes of the commanded wrench."""
+    """Return the rotor speeds (k, rotors) that the allocation computes for the commanded wrench."""
     a = build_allocator(build_rotors(robot.rotors))
     model = build_body_model(robot, gravity)
     rotors = len(a.t_max)

@@ -1,4 +1,4 @@
-"""What was identified as a robot file: the differences to the robot that it extends."""
+"""Robot file of an identification: the identified values on top of the base robot."""
 
 import numpy as np
 
@@ -12,8 +12,8 @@ from skywright.models.rigid_body import build_body_model, compute_body
 def build_overrides(found: Identification, base: str) -> str:
     """Return a robot file (TOML) that extends `base` with the identified values.
 
-    A file has one thrust coefficient for all rotors, so single gains become comments. What the
-    poses say beyond the robot file about mass distribution is given to the platform.
+    A file has one thrust coefficient for all rotors, so individual gains become comments.
+    Deviations of the mass distribution in the poses are attributed to the platform.
     """
     robot, fit = found.robot, found.fit
     values = {e.parameter.name: e for e in fit.estimates}
@@ -44,12 +44,12 @@ def build_overrides(found: Identification, base: str) -> str:
         each = ", ".join(f"{e.value:.3f}" for e in gains)
         rotors.append(f"# gains of the single rotors: {each}")
         rotors.append(number("thrust_coefficient_n_per_rad2s2", k_f * mean, k_f * half))
-        if found.command_lag is not None:  # a command is a share of the full speed
+        if found.command_lag is not None:  # commands are shares of the full speed
             full = robot.rotors.thrust_max_n
             rotors.append(number("thrust_max_n", full * mean, full * half))
     height = values["drag_height_m"]
     upright = not any((*robot.rotors.alpha_deg, *robot.rotors.beta_deg))
-    if height.identified and upright:  # their height matters to their drag only
+    if height.identified and upright:  # the height of upright rotors affects only their drag
         rotors.append(number("height_m", height.value, height.half_width))
     for key in (
         "torque_per_thrust_m", "drag_coefficient_n_per_rads_mps", "rotor_inertia_kgm2"
@@ -100,7 +100,7 @@ def _platform(found: Identification) -> dict[str, float]:
         I_0 = platform_inertia(p)
         I_0 = I_0 + p.mass_kg * (c0 @ c0 * np.eye(3) - np.outer(c0, c0)) + inertia / count
         own = np.diag(I_0 - mass * (c @ c * np.eye(3) - np.outer(c, c))).copy()
-        own[2] = min(own[2], own[0] + own[1])  # a body's, within the error of the estimate
+        own[2] = min(own[2], own[0] + own[1])  # rigid body, within the estimate's error
         if np.all(own > 0.0):
             for axis, value in zip(("xx", "yy", "zz"), own, strict=True):
                 out[f"inertia_{axis}_kgm2"] = float(value)
@@ -123,7 +123,7 @@ def _servos(found: Identification, number: object) -> list[str]:
         lag = next((s for s in found.servos if s.name == joint and s.identified), None)
         if lag is None or lag.lag <= 0.0:
             continue
-        # a velocity servo answers with a critically damped pair of poles: its lag is 2 T
+        # a velocity servo has two equal poles, so its lag is 2 T
         position = lag.unit == "rad"
         key = "position_time_constant_s" if position else "velocity_time_constant_s"
         factor = 1.0 if position else 0.5

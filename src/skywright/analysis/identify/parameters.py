@@ -1,4 +1,4 @@
-"""The parameters of the model, with the robot file's values and what physics leaves possible."""
+"""Parameters of the model, with the robot file's values and their physical limits."""
 
 import math
 from typing import NamedTuple
@@ -11,10 +11,10 @@ from skywright.description.robot.spec import Robot
 from skywright.models.rigid_body import build_body_model, compute_body
 
 GAIN, COEFFICIENT, INERTIA = 2.0, 5.0, 3.0
-"""Factors of the robot file's value, both ways, within which an identified one lies: of a rotor's
-thrust (another propeller is another file), of a propeller's drag torque and of a rotor's inertia,
-of the robot's."""
-COM = 0.1  # m, from the file's, of the centre of mass and of the place where rotors' drag acts
+"""Factors on the robot file's value, in both directions, that limit an identified value: GAIN for a
+rotor's thrust (another propeller needs another file), COEFFICIENT for a propeller's drag torque and
+a rotor's inertia, INERTIA for the robot's inertia."""
+COM = 0.1  # m, maximum distance from the file's centre of mass and height of rotor drag
 DELAY = (-0.05, 0.2)  # s
 
 
@@ -23,11 +23,11 @@ class Parameter(NamedTuple):
 
     name: str
     unit: str
-    nominal: float  # by the robot file
-    scale: float  # of the numerics
-    widest: float  # half of the confidence interval beyond which it counts as not identified
+    nominal: float  # from the robot file
+    scale: float  # numerical scale
+    widest: float  # half width of the confidence interval from which it is not identified
     meaning: str
-    low: float = -math.inf  # what physics leaves possible, from the robot file
+    low: float = -math.inf  # physical limit, from the robot file
     high: float = math.inf
 
 

@@ -1,7 +1,7 @@
-"""Whether what was fitted may be believed: it predicts the flight, and physics allows it.
+"""Plausibility of a fit: prediction of the flight, and physical limits of the values.
 
-A fit always returns numbers. They become a robot file only where they predict parts of the flight
-that the fit did not see, and lie where a robot that resembles its file can have them.
+A fit always returns numbers. They become a robot file only if they predict held-out parts of the
+flight and are plausible for a robot that resembles its file.
 """
 
 from collections.abc import Sequence
@@ -13,11 +13,11 @@ from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 
 LARGEST_ERROR = 1.0
-"""m/s^2, rms, of the specific force on held-out parts: a tenth of the weight."""
+"""m/s^2, maximum rms error of the specific force on held-out parts: a tenth of the weight."""
 
 
 def check_fit(fit: Fit, robot: Robot, logs: str, notes: Sequence[str] = ()) -> None:
-    """Raise InputError where a fit does not predict the flight or leaves what physics allows."""
+    """Raise InputError if a fit does not predict the flight or exceeds physical limits."""
     p = fit.prediction
     error = (p.measured - p.predicted)[p.held_out]
     spread = max(float(np.sum(p.measured[:, 3:].var(axis=0))), 1e-12)
@@ -39,7 +39,7 @@ def check_fit(fit: Fit, robot: Robot, logs: str, notes: Sequence[str] = ()) -> N
         "give the correct robot (rotors, arms, mass), and a flight with rotations and "
         "accelerations; " + told
     )
-    if bad and force <= LARGEST_ERROR:  # thrust and weight fit
+    if bad and force <= LARGEST_ERROR:  # thrust and weight match
         wrong = f"{logs}: the flight does not identify the rotation of robot {robot.name!r}"
         advice = (
             f"its specific force is predicted to {force:.2g} m/s², its angular acceleration is "

@@ -1,4 +1,4 @@
-"""An identification for people: a page that opens offline, and a table."""
+"""Output of an identification: a self-contained HTML page, and a table on the terminal."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from skywright.reports.terminal import new_console, new_table
 
 
 def write_identify_page(found: Identification, overrides: str, path: Path) -> None:
-    """Write identify.html; everything that it shows is inside it."""
+    """Write identify.html, a self-contained page."""
     p, estimates = found.fit.prediction, [e for e in found.fit.estimates if e.identified]
     r2 = p.r_squared(p.predicted)
     with house_style():
@@ -56,7 +56,7 @@ def write_identify_page(found: Identification, overrides: str, path: Path) -> No
 
 
 def print_identification(found: Identification, page: Path, robot_file: Path) -> None:
-    """Print what was found."""
+    """Print the results."""
     console = new_console()
     table = new_table(
         f"{found.robot.name} from {', '.join(found.logs)}", "parameter", "robot file", "identified",

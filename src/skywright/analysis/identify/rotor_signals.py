@@ -1,11 +1,11 @@
-"""What the rotors did in a ULog: measured speeds, or thrusts by what they were commanded.
+"""Rotor signals of a ULog: measured speeds, or thrusts from commands.
 
-Four topics are read, the most direct first; one that comes too slowly gives way to a faster one.
+Four topics are read, the most direct first. A topic with a low rate is replaced by a faster one.
 
-| topic | what it holds |
+| topic | content |
 |---|---|
 | `esc_status` | measured speeds |
-| `actuator_motors` | a command each (PX4 1.13 and later) |
+| `actuator_motors` | one command per rotor (PX4 1.13 and later) |
 | `actuator_outputs` | pulse widths, between `PWM_MIN` and `PWM_MAX` |
 | `actuator_controls_0` | roll, pitch, yaw and thrust, before PX4's mixer |
 """
@@ -23,8 +23,8 @@ from skywright.errors import InputError
 from skywright.models.rotors import RotorSet, build_rotors
 
 TURNING = 100.0  # rpm, and
-PULSING = 0.02  # of the command: what a rotor exceeds somewhere in a flight
-SLOW = 20.0  # Hz: twice the fit's band of 5 Hz, with room
+PULSING = 0.02  # share of the command: minimum peak of a turning rotor
+SLOW = 20.0  # Hz: twice the fit's band of 5 Hz, with a margin
 TOPICS = ("esc_status", "actuator_motors", "actuator_outputs", "actuator_controls_0")
 
 
@@ -39,9 +39,9 @@ def read_rotors(
     path: Path, topics: Iterable[Any], parameters: dict[str, float], robot: Robot,
     order: list[int], at: Any, notes: list[str],
 ) -> tuple[Array | None, Array | None]:  # fmt: skip
-    """Return measured speeds (n, rotors) rad/s, or commanded thrusts (N) where none were measured.
+    """Return measured speeds (n, rotors) rad/s, or commanded thrusts (N) without measurements.
 
-    `order` holds each rotor's index in the log. Raises InputError where no topic tells.
+    `order` holds each rotor's index in the log. Raises InputError if no topic has the signals.
     """
     rotors = build_rotors(robot.rotors)
     found: list[_Signal] = []
@@ -65,7 +65,7 @@ def read_rotors(
             f"{path}: one of {', '.join(TOPICS)} is needed, of a flight in which the rotors turn: "
             f"{why}"
         )
-    # of instances of one topic, the one that moves is the motors'
+    # among instances of one topic, the most variable one belongs to the motors
     found.sort(key=lambda s: (TOPICS.index(s.name), -float(np.ptp(s.values))))
     best = found[0]
     for other in found[1:]:
@@ -92,7 +92,7 @@ def _read(
     name: str, data: dict[str, Any], parameters: dict[str, float], rotors: RotorSet,
     order: list[int], at: Any,
 ) -> Array | None:  # fmt: skip
-    """Return speeds (rad/s) or commands (0 to 1) of the rotors; None where some are missing."""
+    """Return speeds (rad/s) or commands (0 to 1) of the rotors; None if some are missing."""
     if name == "actuator_controls_0":
         fields = [f"control[{i}]" for i in range(4)]
     else:
@@ -109,16 +109,16 @@ def _read(
         low = parameters.get("PWM_MAIN_MIN", parameters.get("PWM_MIN", 1000.0))
         high = parameters.get("PWM_MAIN_MAX", parameters.get("PWM_MAX", 2000.0))
         return np.asarray((x - low) / max(high - low, 1.0))
-    if name == "actuator_controls_0":  # roll and pitch are computed on the ground too
+    if name == "actuator_controls_0":  # roll and pitch are also computed on the ground
         return x @ build_mixer(rotors).T * (x[:, 3:] > PULSING)
     return x
 
 
 def build_mixer(rotors: RotorSet) -> Array:
-    """Return PX4's mixer before 1.13 (rotors, 4): outputs of roll, pitch, yaw (FRD) and thrust.
+    """Return PX4's mixer before 1.13, (rotors, 4): outputs of roll, pitch, yaw (FRD) and thrust.
 
-    The pseudo-inverse of the torques and common thrust of upright rotors, scaled as PX4's
-    `px_generate_mixers.py` does: roll and pitch by their norm, yaw by its largest, thrust to 1.
+    It is the pseudo-inverse of torques and total thrust of upright rotors, scaled as in PX4's
+    `px_generate_mixers.py`: roll and pitch by their norm, yaw by its maximum, thrust to 1.
     """
     x, y, one = rotors.position[:, 0], rotors.position[:, 1], np.ones(len(rotors.spin))
     effect = np.vstack([y, x, 0.05 * rotors.spin, one])

@@ -1,21 +1,19 @@
-"""From a log to the filtered columns of the model: what each parameter contributes to force and
-torque, sample by sample.
+"""Filtered columns of the model from a log: contribution of each parameter to force and torque.
 
-With the specific force s = R^T (v' + g e_z) of B's origin, w the body rate, T_i = k_f w_i^2 a
-rotor's thrust by the robot file, and h = m c the first moment of mass about B's origin
+With the specific force s = R^T (v' + g e_z) of B's origin, w the body rate, T_i = k_f w_i^2 the
+thrust of a rotor by the robot file, and h = m c the first moment of mass about B's origin
 (Newton-Euler about B's origin, Siciliano et al. 2009, Robotics, section 7.3):
 
     force    m s + w' x h + w x (w x h)   = sum_i g_i T_i a_i + drag + R^T f_wind
     torque   I w' + w x I w + h x s       = sum_i g_i T_i (p_i x a_i - kappa s_i a_i) + drag
                                             - J sum_i s_i (w_i' a_i + w x a_i w_i)
 
-g_i is the gain of rotor i over the file, J the inertia of what turns in one rotor. The drag of the
-rotors acts at the height of their hubs or, as blades that flap pass a torque on too, above it. A
-log without velocity tells that force all the same: what the specific force holds across z beside
-the thrusts. A still arm gives way a little when the platform shakes
-it; the wrench of that motion is small and taken from the nominal model (`arm`). The same zero-phase
-low-pass filter runs over every column, so that filtering shifts nothing (the filtered equation is
-the equation of the filtered columns); the derivatives are taken after it.
+g_i is the gain of rotor i over the file, J the inertia of the rotating parts of one rotor. The
+rotors' drag acts at the height of their hubs, or above it, because flapping blades also transmit a
+torque. Without velocity in the log, drag follows from the specific force minus the thrusts. A still
+arm deflects slightly when the platform shakes; the wrench of that motion is small and computed from
+the nominal model (`arm`). The same zero-phase low-pass filter runs over every column, so the
+filtered columns satisfy the same equation without delay. Derivatives are computed after the filter.
 """
 
 from collections.abc import Callable
@@ -35,19 +33,19 @@ from skywright.models.rotors import RotorSet, build_rotors
 from skywright.planning.inverse_dynamics import compute_wrench
 
 CUTOFF = 5.0  # Hz, of the low-pass filter
-EDGE = 0.6  # s, left out at both ends of a stretch, where the filter rings
-KEEP = 4.0  # samples a cycle of the cut-off that are kept: more say nothing new
-STILL = np.radians(2.0)  # rad, a joint that stays within this has a pose
-SHORTEST = 3.0  # s of a stretch worth using
-POSE = np.radians(6.0)  # rad, poses closer than this are the same
+EDGE = 0.6  # s, omitted at both ends of a stretch, where the filter rings
+KEEP = 4.0  # kept samples per cycle of the cut-off; more add no information
+STILL = np.radians(2.0)  # rad, maximum motion of a joint within a pose
+SHORTEST = 3.0  # s, minimum duration of a stretch
+POSE = np.radians(6.0)  # rad, poses closer than this are merged
 
 
 class Columns(NamedTuple):
-    """Filtered columns of k samples at one arm pose each; r rotors. Frame B."""
+    """Filtered columns of k samples, each in one arm pose; r rotors. Frame B."""
 
     t: Array  # (k,) s
     pose: Ints  # (k,) index into `poses`
-    block: Ints  # (k,) number of the second that a sample lies in
+    block: Ints  # (k,) index of the second that contains the sample
     poses: Array  # (poses, joints) rad
     s: Array  # (k, 3) m/s^2
     wd: Array  # (k, 3) rad/s^2
@@ -60,11 +58,11 @@ class Columns(NamedTuple):
     thrust_rate: Array  # (k, r) N/s
     spin: Array  # (k, 3) 1/s^2: torque about B's origin per rotor inertia
     spin_rate: Array  # (k, 3) 1/s^3
-    no_air: Array  # (k,) 1 where the log holds no velocity, so that drag is not known, else 0
+    no_air: Array  # (k,) 1 if the log holds no velocity, so that drag is unknown, else 0
     rotor_drag: Array  # (k, 6): force and torque per unit of drag coefficient
     body_drag: Array  # (k, 3): force per m^2 of C_D A along each axis
-    arm: Array  # (k, 6): force and torque about B's origin of the arm's motion about its pose
-    R_T: Array  # (k, 3, 2): R^T e_x, R^T e_y: force of a steady wind
+    arm: Array  # (k, 6): force and torque about B's origin, from motion about the arm's pose
+    R_T: Array  # (k, 3, 2): R^T e_x, R^T e_y: regressors of a steady wind force
 
 
 INERTIA_AXES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
@@ -92,9 +90,8 @@ def inertia_columns(a: Array) -> Array:
 def build_columns(log: FlightLog, time_constant: float | None = None) -> Columns:
     """Build the columns of all stretches of free flight with a still arm.
 
-    `time_constant` (s) turns commanded rotor signals into the real ones where none are measured.
-
-    Raises InputError when no stretch is long enough.
+    `time_constant` (s) filters commanded rotor signals if no measured ones exist. Raises InputError
+    if no stretch is long enough.
     """
     rotors = build_rotors(log.robot.rotors)
     period = float(np.median(np.diff(log.t)))
@@ -130,7 +127,7 @@ def build_columns(log: FlightLog, time_constant: float | None = None) -> Columns
 
 
 def find_stretches(log: FlightLog, period: float) -> list[tuple[int, int]]:
-    """Return [begin, end) of stretches of free flight in which no joint leaves its place."""
+    """Return [begin, end) of the stretches of free flight in which no joint moves."""
     out = []
     least = round(max(SHORTEST, 2 * EDGE + 1.0) / period)
     begin = 0
@@ -172,9 +169,9 @@ def compute_arm_wrench(
     log: FlightLog, q: Array, slope: Callable[[Array], Array], s: Array, w: Array, wd: Array,
     use: slice,
 ) -> Array:  # fmt: skip
-    """Return the wrench (k, 6) that joints q (k, joints) need beyond those of a rigid mean pose.
+    """Return the additional wrench (k, 6) of moving joints q (k, joints) over a rigid mean pose.
 
-    Only the samples in `use` are computed, the others are zero.
+    Only the samples in `use` are computed; the others are zero.
     """
     out = np.zeros((len(q), 6))
     n = q.shape[1]
@@ -186,7 +183,7 @@ def compute_arm_wrench(
     qdd = np.zeros_like(qd)
     qd[:, :n] = slope(q)
     qdd[:, :n] = slope(qd[:, :n])
-    a_W = s - np.array([0.0, 0.0, log.gravity])  # with R = 1: any pair with this specific force
+    a_W = s - np.array([0.0, 0.0, log.gravity])  # with R = 1: one pair with this specific force
     f, t, none, one = np.zeros(3), np.zeros(3), np.zeros(3), np.eye(3)
     mean = q.mean(axis=0)
     for sign, joints, rate, acceleration in ((1.0, q, qd, qdd), (-1.0, None, None, None)):
@@ -214,7 +211,7 @@ def _build_stretch(
         return np.asarray(sosfiltfilt(sos, x, axis=0))
 
     def slope(x: Array) -> Array:
-        """Five-point derivative: exact to the fourth power of the step."""
+        """Five-point derivative with an error of fourth order."""
         out = np.gradient(x, period, axis=0)
         out[2:-2] = (x[:-4] - 8 * x[1:-3] + 8 * x[3:-1] - x[4:]) / (12 * period)
         return out

@@ -1,7 +1,7 @@
-"""A table of text (.csv) as a flight for identification, for logs of any autopilot.
+"""A text table (.csv) as a flight for identification, for logs of any autopilot.
 
-Frames W (ENU) and B (FLU). Attitude and velocity may be absent: then attitude follows from body
-rates and specific force, and drag is not identified.
+Frames W (ENU) and B (FLU). Attitude and velocity are optional: without attitude it is estimated
+from body rates and specific force; without velocity drag is not identified.
 """
 
 import math
@@ -27,17 +27,17 @@ from skywright.models.rigid_body import joint_names, posture
 from skywright.recordings.text_table import decode, read_number, split_row
 
 LEVELLING_S = 2.0
-"""s, of the complementary filter that finds the attitude where the table has none."""
+"""s, time constant of the complementary filter for the attitude, if the table has none."""
 RATE = ("wx_rad_s", "wy_rad_s", "wz_rad_s")
 FORCE = ("ax_m_s2", "ay_m_s2", "az_m_s2")
 SPEED = ("vx_m_s", "vy_m_s", "vz_m_s")
 QUATERNION = ("qw", "qx", "qy", "qz")
 LARGEST = 1e9
-"""Of every number but the time, which may be counted from 1970."""
+"""Bound of every number except the time, which may count from 1970."""
 
 
 def load_table(path: Path, robot: Robot | None) -> FlightLog:
-    """Load a table flown by `robot`; raises InputError for a table that lacks a column."""
+    """Load a table flown by `robot`. Raises InputError if a column is missing."""
     if robot is None:
         raise InputError(f"{path}: a table contains no robot; give --robot NAME or FILE")
     table = _read(path)
@@ -106,13 +106,13 @@ def load_table(path: Path, robot: Robot | None) -> FlightLog:
 
 
 def is_used(name: str) -> bool:
-    """Return whether a column is read; others may be empty or coarse."""
+    """Return whether a column is read; others may have gaps."""
     known = {"t_s", *RATE, *FORCE, *SPEED, *QUATERNION}
     return name in known or name.startswith(("speed_", "command_"))
 
 
 def _read(path: Path) -> dict[str, Array]:
-    """Return the columns of numbers by their names; rows with NaN in a used one are left out."""
+    """Return the numeric columns by name, without rows that have NaN in a used column."""
     lines = decode(read_bytes(path, LARGEST_TABLE)).splitlines()
     rows = [split_row(x, ",") for x in lines if x.strip() and not x.startswith("#")]
     if not rows:
@@ -131,10 +131,10 @@ def _read(path: Path) -> dict[str, Array]:
 
 
 def estimate_attitude(w: Array, force: Array, period: float) -> Array:
-    """Return R_WB (n, 3, 3) of body rates (n, 3) rad/s and specific forces (n, 3) m/s^2.
+    """Return R_WB (n, 3, 3) from body rates (n, 3) rad/s and specific forces (n, 3) m/s^2.
 
-    A complementary filter: rates are integrated, and the mean specific force is taken as vertical.
-    Heading starts at 0 and drifts.
+    A complementary filter integrates the rates and takes the mean specific force as vertical. The
+    heading starts at 0 and drifts.
     """
     out, R, turn = np.empty((len(w), 3, 3)), np.eye(3), np.empty((3, 3))
     for i in range(len(w)):

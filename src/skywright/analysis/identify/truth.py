@@ -1,4 +1,4 @@
-"""What identification should find: the perturbed plant's own numbers."""
+"""Reference of an identification: the parameters of the perturbed plant."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from skywright.models.rigid_body import build_body_model, compute_body
 
 
 def build_true_robot(robot: Robot, deviation: Deviation) -> Robot:
-    """Return the robot with the masses that the plant has (lengths as in the file)."""
+    """Return the robot with the plant's masses; lengths stay as in the file."""
     d, p = deviation, robot.platform
     factor = d.mass_factor
     platform = p.model_copy(

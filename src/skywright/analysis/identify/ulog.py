@@ -1,8 +1,8 @@
 """A PX4 ULog as a flight for identification.
 
-PX4 logs in NED and FRD; here everything becomes ENU and FLU. Needed: body rates
-(`vehicle_angular_velocity`, before PX4 1.11 `sensor_combined`) and attitude; velocity or
-acceleration; and the rotors (`rotor_signals.py`).
+PX4 logs in NED and FRD; the signals are converted to ENU and FLU. Required: body rates
+(`vehicle_angular_velocity`, before PX4 1.11 `sensor_combined`), attitude, velocity or acceleration,
+and the rotors (`rotor_signals.py`).
 """
 
 import math
@@ -26,19 +26,19 @@ from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 from skywright.models.rigid_body import joint_names, posture
 
-MATCH = math.radians(25.0)  # between the azimuths of a rotor in the log and in the robot file
+MATCH = math.radians(25.0)  # maximum difference of azimuth between log and robot file
 FLU = np.array([1.0, -1.0, -1.0])  # FRD to FLU
 ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # from NED
 
 RATES = (("vehicle_angular_velocity", "xyz"), ("sensor_combined", "gyro_rad"))
 ACCELERATION = (("vehicle_acceleration", "xyz"), ("sensor_combined", "accelerometer_m_s2"))
-"""Topics and their fields, today's first; `sensor_combined` holds raw readings."""
+"""Topics and their fields, current ones first; `sensor_combined` holds raw readings."""
 
 
 def load_ulog(path: Path, robot: Robot | None) -> FlightLog:
     """Load a ULog flown by `robot`.
 
-    Raises InputError when the file is no ULog, lacks a topic, or fits the robot not.
+    Raises InputError if the file is not a ULog, lacks a topic, or does not match the robot.
     """
     if robot is None:
         raise InputError(f"{path}: a ULog contains no robot description; give --robot NAME or FILE")
@@ -111,7 +111,7 @@ def _open(path: Path) -> Any:
         return ULog(str(path))
     except PermissionError:
         raise InputError(f"{path}: cannot be read (permission denied)") from None
-    except Exception as error:  # the parser raises whatever a damaged file leads to
+    except Exception as error:  # the parser raises arbitrary exceptions on damaged files
         raise InputError(
             f"{path}: is not a readable ULog ({type(error).__name__}: {error})"
         ) from None
@@ -125,7 +125,7 @@ def _need(path: Path, topics: dict[str, Any], name: str, what: str) -> Any:
 
 
 def _build_time(path: Path, name: str, rates: Any) -> tuple[Array, Any]:
-    """Return the common time axis from 0 (s), and a function that brings a signal onto it."""
+    """Return the common time axis from 0 (s), and a function that resamples a signal to it."""
     stamps = rates["timestamp"].astype(np.float64) * 1e-6
     steps = np.diff(stamps)
     if np.any(steps < 0):
@@ -155,7 +155,7 @@ def _vector(topic: Any, name: str, at: Any) -> Array:
 
 
 def _rotations(topic: Any, at: Any) -> Array:
-    """Return R_WB (n, 3, 3), ENU from FLU, of PX4's quaternion (NED from FRD)."""
+    """Return R_WB (n, 3, 3), ENU from FLU, from PX4's quaternion (NED from FRD)."""
     raw = np.column_stack([topic[f"q[{i}]"] for i in range(4)]).astype(np.float64)
     raw = align_signs(raw)
     smooth = {"timestamp": topic["timestamp"], **{f"q[{i}]": raw[:, i] for i in range(4)}}
@@ -166,7 +166,7 @@ def _rotations(topic: Any, at: Any) -> Array:
 def _match_rotors(
     path: Path, parameters: dict[str, float], robot: Robot, notes: list[str]
 ) -> list[int]:
-    """Return for each rotor of the robot its index in the log, by azimuth."""
+    """Return each rotor's index in the log, matched by azimuth."""
     n = len(robot.rotors.azimuth_deg)
     count = int(parameters.get("CA_ROTOR_COUNT", 0))
     if count == 0:
@@ -196,7 +196,7 @@ def _match_rotors(
 def _find_free(
     topics: dict[str, Any], signal: Array, force: Array | None, t: Array, at: Any, robot: Robot
 ) -> Mask:
-    """Return where the robot is in the air, by its rotors and PX4's own detector."""
+    """Return the mask of flight, from the rotors and PX4's land detector."""
     free = find_airborne(signal, t, force, robot)
     landed = topics.get("vehicle_land_detected")
     if landed is not None:

@@ -1,1 +1,1 @@
-"""Localisation on simulated flights: data sets to try, and what the filters reach."""
+"""Localisation: estimates from recorded or simulated data, and the accuracy of the filters."""

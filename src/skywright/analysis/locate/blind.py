@@ -1,10 +1,9 @@
-"""Outages made up: how far off the filter is over stretches in which it may not see the station.
+"""Artificial outages: error of the filter over intervals in which the station is hidden.
 
-The walk of the camera is estimated from the residual of the calibration, sample by sample: what it
-does over tenths of a second, where the station can tell it from noise. Over an outage of seconds it
-may be more: a heading that drifts, a scale that depends on the scene, errors that last. So the
-station is hidden where it was there, and what it measured meanwhile judges the deviations that the
-filter states.
+The calibration estimates the camera's random walk from sample to sample, over tenths of a second,
+where the station can separate it from noise. Over an outage of seconds the drift may be larger: a
+drifting heading, a scale that depends on the scene, persistent errors. Therefore available
+measurements of the station are hidden from the filter and compared with its stated deviations.
 """
 
 import math
@@ -15,23 +14,24 @@ from skywright.core.arrays import Array, Ints
 from skywright.models.localisation.drift_filter import CAMERA, STATION, DriftModel, run_drift_filter
 
 WINDOWS = 6
-"""Stretches to hide, where the recording is long enough for outages as long as its own."""
+"""Number of intervals to hide, if the recording is long enough for intervals as long as its
+outages."""
 LEAST_WINDOW = 1.0
-"""s"""
+"""Minimum length of an interval (s)."""
 PRIOR = 6.0
-"""Numbers (three a window) that the calibration's walk counts as."""
+"""Weight of the calibration's walk, in squared errors (three per window)."""
 ROUNDS = 4
-"""Only a part of the deviation is drift, so its factor is found in steps."""
+"""Iterations: only a part of the deviation is drift, so its factor is found in steps."""
 ENOUGH = 1.02
 
 
 def scale_drift(
     t: Array, kind: Ints, z: Array, outages: list[tuple[float, float]], model: DriftModel
 ) -> DriftModel:
-    """Return the model with the camera's drift as large as hidden stretches show it, not smaller.
+    """Return the model with the camera's drift scaled up to explain the errors of hidden intervals.
 
-    t, kind, z: see `run_drift_filter`; `outages` (s) are those of the recording. Without any the
-    model stays: where the station is there, drift hardly counts.
+    t, kind, z: see `run_drift_filter`; `outages` (s) are those of the recording. Without outages
+    the model stays unchanged, because drift has little effect while the station measures.
     """
     passes = choose_windows(float(t[0]), float(t[-1]), outages)
     if not passes:
@@ -52,9 +52,10 @@ def scale_drift(
 def choose_windows(
     start: float, stop: float, outages: list[tuple[float, float]]
 ) -> list[list[tuple[float, float]]]:
-    """Return stretches (s) to hide between the outages, each after one as long with the station.
+    """Return intervals (s) to hide between the outages, each after an equally long one with
+    station.
 
-    They are as long as the longest outage, or shorter, so that there are WINDOWS of them; those of
+    They are as long as the longest outage, or shorter to obtain WINDOWS of them. The intervals of
     the second list lie between those of the first.
     """
     edges = [start, *(x for span in outages for x in span), stop]
@@ -78,10 +79,10 @@ def choose_windows(
 def measure_windows(
     t: Array, kind: Ints, z: Array, windows: list[tuple[float, float]], model: DriftModel
 ) -> Array:
-    """Return the squared errors over the stated variances at the end of each window, an axis each.
+    """Return the squared errors over the stated variances at the end of each window, per axis.
 
-    The error is the median over the last third of a window, which outliers of the station do not
-    move.
+    The error is the median over the last third of a window, which is robust against outliers of the
+    station.
     """
     inside = np.zeros(len(t), dtype=bool)
     for a, b in windows:

@@ -1,4 +1,4 @@
-"""Files to try `skywright locate` on: a simulated flight as its sensors would have recorded it."""
+"""Example files for `skywright locate`: a simulated flight as its sensors record it."""
 
 from pathlib import Path
 
@@ -13,14 +13,14 @@ from skywright.vehicle.sensor_flight import (
 )
 
 OUTAGE = (60.0, 72.0)
-"""s; the station needs another second to find the prism again (the paper's outage is 13 s)."""
+"""s; the station takes another second to find the prism again (the paper's outage is 13 s)."""
 STATION_CLOCK = 41.3
-"""s, on the station's clock when the flight starts."""
+"""s, station's clock at the start of the flight."""
 STATION_FILE, CAMERA_FILE, TRUTH_FILE = "station.csv", "camera.txt", "truth.csv"
 
 
 def build_demo_flight(seed: int = 1) -> Flight:
-    """80 s under a bridge, without the station for 13 s, the camera at 50 Hz."""
+    """80 s under a bridge, with an outage of the station of 13 s and the camera at 50 Hz."""
     path = build_inspection_path(seed, duration=80.0, speed=0.85)
     return simulate_flight(
         path, seed, errors=CameraErrors(rate_hz=50.0), blocked=(OUTAGE,),
@@ -31,7 +31,7 @@ def build_demo_flight(seed: int = 1) -> Flight:
 def write_demo(folder: Path, seed: int = 1) -> tuple[Path, Path, Path]:
     """Write station.csv (mm, own clock, with gross errors), camera.txt (TUM) and truth.csv.
 
-    Returns the three paths. Raises InputError where the folder cannot be written.
+    Return the three paths. Raises InputError if the folder cannot be written.
     """
     flight = build_demo_flight(seed)
     rng = build_stream(seed, "outlier")

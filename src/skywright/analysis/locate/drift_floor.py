@@ -1,8 +1,8 @@
-"""The least error that any filter can have when the station has been away for some time.
+"""Lower bound of the error of any filter after an outage of the station.
 
-Until the station comes back only the camera tells how the robot moved, and what the camera drifted
-since cannot be told from motion. With everything known at the moment of loss the variance that is
-left is that of the drift itself:
+During an outage only the camera measures the motion, and its drift is indistinguishable from
+motion. If everything is known at the start of the outage, the variance at its end is that of the
+drift:
 
 - a walk of position: 3 (sigma_s^2 T + sigma_m^2 L), over the time T and the path of length L;
 - a walk of the heading psi: the error is the integral of (psi(u) z x) dr = integral of z x
@@ -28,11 +28,11 @@ def compute_drift_floor(
     jump_rate: float = 0.0,
     jump_std: float = 0.0,
 ) -> float:
-    """Least rms error (m, three-dimensional) at the end of a path without the station.
+    """Return the minimum rms error (m, three-dimensional) at the end of a path without the station.
 
-    t (n,) s and p (n, 3) m from the loss to the end. Walks are standard deviations each axis, per
-    square root of a second or metre; `yaw_walk` in rad per sqrt(s), `scale_walk` per sqrt(s).
-    `jump_rate` (1/s) and `jump_std` (m, each axis) count only where jumps cannot be seen.
+    t (n,) s and p (n, 3) m from the start to the end of the outage. Walks are standard deviations
+    per axis, per square root of a second or metre; `yaw_walk` in rad per sqrt(s), `scale_walk` per
+    sqrt(s). `jump_rate` (1/s) and `jump_std` (m, per axis) count only for undetectable jumps.
     """
     length = float(np.sum(np.linalg.norm(np.diff(p, axis=0), axis=1)))
     time = float(t[-1] - t[0])

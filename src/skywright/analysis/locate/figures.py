@@ -26,7 +26,7 @@ AXES = "xyz"
 
 
 def draw_paths(report: LocateReport) -> Figure:
-    """From above and from the side: the result, the sensors, the reference."""
+    """Draw the result, the sensors and the reference from above and from the side."""
     figure = new_figure(WIDTH, 4.4)
     for i, (a, b) in enumerate(((0, 1), (0, 2))):
         ax = figure.add_subplot(1, 2, i + 1)
@@ -65,7 +65,7 @@ def _every(mask: Mask) -> int:
 
 
 def draw_coordinates(f: Fusion) -> Figure:
-    """Each coordinate over time, with the station's absences."""
+    """Draw each coordinate over time, with the outages of the station."""
     figure, axes = _stack(3)
     start = float(f.events.t[0])
     t = f.events.t - start
@@ -77,7 +77,7 @@ def draw_coordinates(f: Fusion) -> Figure:
                 label="total station")  # fmt: skip
         draw_line(ax, t, f.fused.p[:, i], color=BLUE, label="fused")
         ax.set_ylabel(f"{AXES[i]} (m)")
-        # an outlier must not squeeze the curve
+        # keep outliers from compressing the axis
         fit_y(ax, *np.quantile(f.fused.p[:, i], [0.0, 1.0]),
               *np.quantile(f.events.z[camera, i], [0.0, 1.0]))  # fmt: skip
     axes[0].legend(loc="upper left", ncols=3, fontsize=7.5)
@@ -104,7 +104,7 @@ def _shade_outages(ax: Axes, f: Fusion, start: float) -> None:
 
 
 def draw_errors(report: LocateReport) -> Figure | None:
-    """Distance from the reference over time, and its distribution."""
+    """Draw the distance from the reference over time, and its distribution."""
     if not report.errors:
         return None
     figure = new_figure(WIDTH, 3.3)
@@ -146,7 +146,7 @@ def _length(metres: float) -> str:
 
 
 def draw_clocks(f: Fusion) -> Figure | None:
-    """The correlation of the speeds over the offset of the clocks."""
+    """Draw the correlation of the speeds over the clock offset."""
     if f.time is None or not len(f.time.lags):
         return None
     figure = new_figure(0.62 * WIDTH, 2.7)
@@ -168,7 +168,7 @@ def draw_clocks(f: Fusion) -> Figure | None:
 
 
 def draw_camera(f: Fusion) -> Figure:
-    """What the filter found out about the camera: drift, heading, scale."""
+    """Draw the estimated errors of the camera: drift, rotation, scale."""
     figure, axes = _stack(3, 1.4)
     start = float(f.events.t[0])
     t = f.events.t - start

@@ -1,4 +1,4 @@
-"""Station and camera fused over a whole recording, by either filter."""
+"""Fusion of station and camera over a whole recording, by either filter."""
 
 import math
 from typing import NamedTuple
@@ -24,14 +24,14 @@ from skywright.models.localisation.trajectory import (
 )
 
 OUTAGE = 1.0
-"""s without the station that count as an outage."""
+"""Minimum duration (s) without the station that counts as an outage."""
 
 
 class Events(NamedTuple):
-    """Measurements of both sensors in order of time (station's clock), all of the prism in W.
+    """Measurements of both sensors in order of time (station's clock): positions of the prism in W.
 
-    The prism is what the station sees: where it is, is known whatever is known of its place on the
-    robot. `lever` takes it off.
+    The filters estimate the prism, because the station measures it even if its position on the
+    robot is unknown. `lever` converts to the camera.
     """
 
     t: Array  # (n,) s
@@ -43,7 +43,7 @@ class Events(NamedTuple):
 
 
 def collect_events(station: Trajectory, camera: Trajectory, c: Calibration) -> Events:
-    """Bring both sensors onto the station's clock and into W, in order of time."""
+    """Convert both sensors to the station's clock and to W, in order of time."""
     t_cam = c.to_station_time(camera.t)
     t = np.concatenate([t_cam, station.t])
     kind = np.concatenate([np.full(len(t_cam), CAMERA), np.full(len(station.t), STATION)])
@@ -65,10 +65,10 @@ def collect_events(station: Trajectory, camera: Trajectory, c: Calibration) -> E
 
 
 def build_model(camera: Trajectory, c: Calibration) -> DriftModel:
-    """The filter's noise, all from the data: the calibration's, and the camera's own roughness."""
+    """Return the noise of the filter from the data: the calibration, and the camera's roughness."""
     rough = float("inf")
     if len(camera.t) > 8:
-        third = np.diff(camera.p, n=3, axis=0)  # of white noise: 20 times its variance
+        third = np.diff(camera.p, n=3, axis=0)  # for white noise: 20 times its variance
         rough = float(np.median(np.abs(third))) / 0.6745 / math.sqrt(20.0) * c.frame.scale
     gap = find_gap_limit(camera.t, 0.05)
     at, v = compute_velocity(camera, max(0.1, 2.0 / camera.rate), gap)
@@ -90,7 +90,7 @@ def build_model(camera: Trajectory, c: Calibration) -> DriftModel:
 def fuse(
     station: Trajectory, camera: Trajectory, c: Calibration
 ) -> tuple[Events, Fused, DriftModel]:
-    """Run the drift-aware filter over both recordings, its drift as large as outages show it."""
+    """Run the drift-aware filter over both recordings, with the drift scaled by the outages."""
     events, model = collect_events(station, camera, c), build_model(camera, c)
     outages = find_outages(station, float(station.t[0]), float(events.t[-1]))
     model = scale_drift(events.t, events.kind, events.z, outages, model)
@@ -98,12 +98,13 @@ def fuse(
 
 
 def fuse_as_printed(events: Events) -> Array:
-    """Positions (n, 3) of the paper's filter over the same measurements."""
+    """Return positions (n, 3) of the paper's filter from the same measurements."""
     return run_paper_filter(events.t, events.kind, events.z_paper, events.velocity)[0]
 
 
 def find_outages(station: Trajectory, start: float, stop: float) -> list[tuple[float, float]]:
-    """Times (s) within start to stop in which the station says nothing for OUTAGE or longer."""
+    """Return the times (s) within start to stop without station measurements for OUTAGE or
+    longer."""
     t = np.concatenate([[start], station.t[(station.t > start) & (station.t < stop)], [stop]])
     long = np.flatnonzero(np.diff(t) >= max(OUTAGE, find_gap_limit(station.t)))
     return [(float(t[i]), float(t[i + 1])) for i in long]

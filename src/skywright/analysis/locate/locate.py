@@ -1,4 +1,4 @@
-"""What `skywright locate` does, without the page: from files to a trajectory and its errors."""
+"""Implementation of `skywright locate`: from files to a trajectory and its errors."""
 
 import math
 from pathlib import Path
@@ -42,10 +42,10 @@ from skywright.recordings.text_table import parse_span
 
 
 class Outage(NamedTuple):
-    """A time without the station, and how far off each estimate was when it came back.
+    """An interval without the station, and the error of each estimate at its end.
 
-    Distances (m) from the first measurement after it to the estimate just before, None where none
-    came after.
+    Distances (m) from the first measurement after it to the last estimate before; None if the
+    station did not return.
     """
 
     start: float  # s, station's clock
@@ -56,7 +56,7 @@ class Outage(NamedTuple):
 
 
 class Fusion(NamedTuple):
-    """Station and camera brought together."""
+    """Fusion of station and camera."""
 
     station: Trajectory
     camera: Trajectory
@@ -67,22 +67,22 @@ class Fusion(NamedTuple):
     fused: Fused
     paper: Array  # (n, 3) m, the paper's filter over the same events
     outages: list[Outage]
-    pose: StationPose | None  # of the station in the time-consistent frame
+    pose: StationPose | None  # of the station, in the time-consistent frame
 
 
 class LocateReport(NamedTuple):
-    """Everything that was found."""
+    """Result of a localisation."""
 
-    trajectory: Trajectory  # the result: fused, or what was to be judged
+    trajectory: Trajectory  # the result: fused, or the evaluated one
     std: Array | None  # (n,) m, three-dimensional, of the fused one
-    point: str  # which point of the robot it is
+    point: str  # point of the robot that the trajectory describes
     fusion: Fusion | None
     reference: Trajectory | None
-    errors: dict[str, TrajectoryError]  # by name: fused, paper filter, aligned camera; or judged
+    errors: dict[str, TrajectoryError]  # by name: fused, paper filter, aligned camera; trajectory
     notes: tuple[str, ...]
 
     def to_json(self) -> dict[str, Any]:
-        """The object of `skywright locate --json`."""
+        """Return the object of `skywright locate --json`."""
         found: dict[str, Any] = {
             "trajectory": self.trajectory.name,
             "point": self.point,
@@ -170,7 +170,7 @@ def _describe_fusion(f: Fusion) -> dict[str, Any]:
 
 
 def describe_error(e: TrajectoryError) -> dict[str, Any]:
-    """Errors against a reference as plain numbers."""
+    """Return errors against a reference as plain numbers."""
 
     def plain(s: Statistics | None, factor: float = 1.0) -> dict[str, Any] | None:
         if s is None:
@@ -190,7 +190,7 @@ def describe_error(e: TrajectoryError) -> dict[str, Any]:
 
 
 def parse_vector(text: str, flag: str) -> Array:
-    """'X,Y,Z' in metres."""
+    """Parse 'X,Y,Z' in metres."""
     try:
         v = np.array([float(part) for part in text.split(",")])
     except ValueError:
@@ -217,9 +217,9 @@ def locate(
     compare: str = "rigid",
     reference_offset: float | None = None,
 ) -> LocateReport:
-    """Fuse a station's and a camera's recording, or judge one trajectory by a reference.
+    """Fuse a station's and a camera's recording, or evaluate one trajectory against a reference.
 
-    Texts as the command line has them. Raises InputError, in one line, for whatever is wrong.
+    Texts as on the command line. Raises InputError with one line for wrong input.
     """
     if align not in METHODS:
         raise InputError(f"--align {align}; valid: {', '.join(METHODS)}")
@@ -278,7 +278,7 @@ def bring_together(
     pose: StationPose | None,
     notes: list[str],
 ) -> Fusion:
-    """Align, calibrate and filter; what is doubtful goes to `notes`."""
+    """Align, calibrate and filter; append doubtful results to `notes`."""
     if pose is not None:
         station = station._replace(p=pose.apply(station.p))
         notes += list(pose.notes)
@@ -320,7 +320,8 @@ def bring_together(
 def _measure_outage(
     span: tuple[float, float], events: Events, fused: Fused, paper: Array
 ) -> Outage:
-    """How far the estimates are from the station's first measurement after an outage."""
+    """Return the distances of the estimates from the station's first measurement after an
+    outage."""
     back = np.flatnonzero((events.kind == STATION) & (events.t >= span[1] - 1e-9))
     if not len(back) or back[0] == 0 or not np.any(events.t[events.kind == STATION] < span[1]):
         return Outage(span[0], span[1], None, None, None)
@@ -338,7 +339,7 @@ def _measure_outage(
 
 
 def _select(f: Fusion) -> Mask:
-    """Events that make the result: the camera's, and the station's where there is no camera."""
+    """Return the mask of the events in the result: the camera's, else the station's."""
     t_cam = f.events.t[f.events.kind == CAMERA]
     gap = find_gap_limit(t_cam, 0.05)
     alone = ~find_covered(t_cam, f.events.t, gap)
@@ -348,9 +349,9 @@ def _select(f: Fusion) -> Mask:
 
 
 def build_result(f: Fusion, at_camera: bool) -> tuple[Trajectory, Array]:
-    """The fused trajectory in W on the station's clock, and its standard deviation (n,) m.
+    """Return the fused trajectory in W on the station's clock, and its standard deviation (n,) m.
 
-    Of the prism, or of the camera where the prism's place was given.
+    It describes the prism, or the camera if the position of the prism is given.
     """
     keep = _select(f)
     p = f.fused.p - f.events.lever if at_camera else f.fused.p
@@ -369,7 +370,7 @@ def build_result(f: Fusion, at_camera: bool) -> tuple[Trajectory, Array]:
 
 
 def build_rivals(f: Fusion, at_camera: bool) -> dict[str, Trajectory]:
-    """What the fused trajectory is compared with: the paper's filter, the camera only aligned."""
+    """Return the trajectories for comparison: the paper's filter, and the aligned camera."""
     keep = _select(f)
     lever = f.events.lever if at_camera else np.zeros_like(f.events.lever)
     camera = keep & (f.events.kind == CAMERA)

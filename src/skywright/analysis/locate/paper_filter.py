@@ -1,9 +1,10 @@
 """The Kalman filter of Sanchez-Cuevas 2020, eq. (6) to (16), with the printed Q and R.
 
-State: position and velocity. Its process noise is added once a step, whatever the step, so the
-tuning belongs to one rate. The text takes H = I_6 for both sensors, but a total station gives
-positions only: here it does so too (H = [I 0]); `station_velocity` differentiates them as printed.
-The camera's drift is not in the state: the filter follows whoever reports more often.
+State: position and velocity. The process noise is added once per step, independent of its length,
+so the tuning is valid for one rate only. The paper uses H = I_6 for both sensors, but a total
+station measures positions only. Here H = [I 0] for the station; `station_velocity` differentiates
+its positions as printed. The camera's drift is not in the state, so the estimate follows the sensor
+with the higher rate.
 """
 
 from typing import NamedTuple
@@ -17,7 +18,7 @@ CAMERA, STATION = 0, 1
 
 
 class PaperNoise(NamedTuple):
-    """The printed covariances, times the identity (section 3.1)."""
+    """The printed covariances, as factors of the identity (section 3.1)."""
 
     q: float = 2e-6
     r_station: float = 5e-3
@@ -26,7 +27,7 @@ class PaperNoise(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def _run(t: Array, kind: Array, z: Array, known: Array, noise: Array, out: Array) -> None:
-    """The axes do not mix: three filters of two states share one covariance (2, 2)."""
+    """Run three decoupled filters of two states, one per axis, with one covariance (2, 2)."""
     n = len(t)
     p, v = z[0, :3].copy(), np.zeros(3)
     a, b, d = noise[2], 0.0, noise[2]  # covariance [[a, b], [b, d]]
@@ -47,7 +48,7 @@ def _run(t: Array, kind: Array, z: Array, known: Array, noise: Array, out: Array
             p[i] += ka * e
             v[i] += kb * e
         a, b, d = a - ka * a, b - ka * b, d - kb * b
-        if known[k] > 0.0:  # a velocity came with it
+        if known[k] > 0.0:  # the sensor also measured velocity
             s = d + r
             ka, kb = b / s, d / s
             for i in range(3):
@@ -69,8 +70,8 @@ def run_paper_filter(
 ) -> tuple[Array, Array, Array]:
     """Filter measurements in order of time: positions (n, 3), velocities (n, 3), covariance (n, 3).
 
-    t (n,) s; kind (n,) CAMERA or STATION; z (n, 3) m in W; velocity (n, 3) m/s, NaN where the
-    sensor gave none. The covariance holds the entries position, cross, velocity of each axis.
+    t (n,) s; kind (n,) CAMERA or STATION; z (n, 3) m in W; velocity (n, 3) m/s, NaN if the sensor
+    did not measure it. The covariance holds the entries position, cross, velocity of each axis.
     """
     q = noise or PaperNoise()
     known = np.isfinite(velocity[:, 0]).astype(np.float64)

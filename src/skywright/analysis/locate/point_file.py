@@ -1,4 +1,4 @@
-"""Terrain points in a file: a name and three coordinates a line, with a header that has the units.
+"""Terrain points from a file: one name and three coordinates per line, and a header with units.
 
 name, x_m, y_m, z_m
 P1, 12.402, -3.118, 0.451
@@ -22,7 +22,7 @@ VALID = "a CSV with the header name,x_m,y_m,z_m and a row a point"
 
 
 def load_points(path: Path) -> dict[str, Array]:
-    """Points (3,) m by name. Raises InputError, in one line, for anything else."""
+    """Return points (3,) m by name. Raises InputError with one line for any other content."""
     text = read_bytes(path).decode("utf-8-sig", errors="replace")
     if "\0" in text:
         raise InputError(f"{path}: is not a text file; valid: {VALID}")
@@ -68,7 +68,7 @@ def load_points(path: Path) -> dict[str, Array]:
 
 
 def pair_points(known_file: Path, measured_file: Path) -> tuple[list[str], Array, Array]:
-    """Names and coordinates (n, 3) m of the points that both files hold."""
+    """Return names and coordinates (n, 3) m of the points that both files contain."""
     known, measured = load_points(known_file), load_points(measured_file)
     names = [n for n in known if n in measured]
     if len(names) < 3:

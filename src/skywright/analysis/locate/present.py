@@ -1,4 +1,4 @@
-"""What `skywright locate` prints for people."""
+"""Terminal output of `skywright locate`."""
 
 import math
 from pathlib import Path
@@ -9,7 +9,7 @@ from skywright.reports.terminal import new_console, new_table
 
 
 def print_locate(report: LocateReport, folder: Path) -> None:
-    """Print where a robot was found to be, how well, and what was written."""
+    """Print the result, its accuracy and the written file."""
     console = new_console()
     console.print(build_headline(report), style="bold", markup=False)
     if report.errors:

@@ -1,7 +1,7 @@
-"""What localisation reaches on simulated flights: nominal, in an outage, after a climb, revisited.
+"""Accuracy of localisation on simulated flights: nominal, after outage and climb, repeated flights.
 
-Every measure is over many seeds: another flight, another camera, other noise. Errors are those of
-the prism, three-dimensional, against the truth, without any alignment to it.
+Every measure covers many seeds: another flight, camera and noise each. Errors are three-dimensional
+errors of the prism against the truth, without alignment.
 """
 
 import math
@@ -28,21 +28,21 @@ from skywright.vehicle.sensor_flight import (
 )
 
 CALIBRATION = 40.0
-"""s at the start of a flight that align camera and station; nothing later is used for it."""
+"""Time (s) at the start of a flight for the alignment of camera and station."""
 OUTAGE = (60.0, 72.0)
-"""s out of sight; with the second to lock on again and the wait for a sample, 13 s."""
+"""s, blocked view; 13 s with the second to lock on again and the wait for a sample."""
 OUTAGE_SPEED = 0.85
 """m/s: 11 m in 13 s, as in the paper's figure 12."""
 INSPECTION_SPEED = 0.5
-"""m/s, of the nominal flight."""
+"""m/s, speed of the nominal flight."""
 CLIMB = 3.0
 """m"""
 STATION_CLOCK = 0.1
-"""s by which the station's clock is ahead: not known to what follows."""
+"""s by which the station's clock is ahead; unknown to the estimators."""
 
 
 class Estimates(NamedTuple):
-    """A flight processed as a user's recording would be, beside the truth."""
+    """Estimates of a flight, processed like a user's recording, and the truth."""
 
     flight: Flight
     calibration: Calibration
@@ -50,16 +50,16 @@ class Estimates(NamedTuple):
     fused: Fused
     paper: Array  # (n, 3) m, the paper's filter
     t: Array  # (n,) s, true time of the events
-    truth: Array  # (n, 3) m, the prism
+    truth: Array  # (n, 3) m, of the prism
 
     def error(self, p: Array) -> Array:
-        """Distances (n,) m from the truth."""
+        """Return the distances (n,) m from the truth."""
         return np.asarray(np.linalg.norm(p - self.truth, axis=1))
 
 
 def process(flight: Flight, method: str = "similarity", calibrated: float = CALIBRATION
             ) -> Estimates:  # fmt: skip
-    """Align on the first seconds of a flight, then filter all of it."""
+    """Align on the first seconds of a flight, then filter the whole flight."""
     station, camera = flight.station, flight.camera
     first = float(station.t[0])
     found = estimate_offset(station.cut(first, first + calibrated), camera)
@@ -76,10 +76,10 @@ def _rms(values: Array) -> float:
 
 
 class Nominal(NamedTuple):
-    """Rms errors (m) over all seeds, both sensors there."""
+    """Rms errors (m) over all seeds with both sensors."""
 
     fused: float
-    predicted: float  # what the filter says of itself
+    predicted: float  # standard deviation stated by the filter
     paper: float
     aligned: float  # the camera alone, aligned
 
@@ -88,7 +88,8 @@ class Nominal(NamedTuple):
 def measure_nominal(
     seeds: int = 20, speed: float = INSPECTION_SPEED, arrival_stamps: bool = False
 ) -> Nominal:
-    """Errors after the calibration. `arrival_stamps`: stamped by the receiver, with jitter."""
+    """Return the errors after the calibration; `arrival_stamps`: stamped on arrival, with
+    jitter."""
     rows = []
     for seed in range(1, seeds + 1):
         path = build_inspection_path(seed, duration=90.0, speed=speed)
@@ -107,26 +108,27 @@ def measure_nominal(
 
 
 class Outage(NamedTuple):
-    """Errors (m) of each seed (k,) at the end of 13 s without the station, and what followed."""
+    """Errors (m) of each seed (k,) at the end of 13 s without the station, and the recovery."""
 
     fused: Array
     predicted: Array
     paper: Array
     aligned: Array  # the camera, aligned by the paper's twelve numbers
-    floor: Array  # what the drift model itself sets
+    floor: Array  # lower bound from the drift model
     lasted: Array  # s
-    path: Array  # m flown meanwhile
-    since: Array  # (m,) s after the station is back
+    path: Array  # m, flown during the outage
+    since: Array  # (m,) s since the end of the outage
     recovery: Array  # (m,) m, rms over the seeds of the fused estimate
     recovery_paper: Array
 
     @property
     def ratio(self) -> float:
-        """Rms error over the floor's."""
+        """Rms error over that of the lower bound."""
         return _rms(self.fused) / _rms(self.floor)
 
     def recovery_time(self, limit: float) -> float:
-        """Time (s) after which the rms error stays below `limit` (m); inf where it does not."""
+        """Return the time (s) from which the rms error stays below `limit` (m); inf if it does
+        not."""
         above = np.flatnonzero(self.recovery > limit)
         if not len(above):
             return 0.0
@@ -170,7 +172,7 @@ def measure_outage(seeds: int = 50, errors: CameraErrors | None = None) -> Outag
 
 
 def fly_outage(seed: int, errors: CameraErrors | None = None) -> Flight:
-    """A flight of 80 s with the station out of sight from OUTAGE[0] to OUTAGE[1]."""
+    """Simulate a flight of 80 s; the view of the station is blocked during OUTAGE."""
     path = build_inspection_path(seed, duration=80.0, speed=OUTAGE_SPEED)
     return simulate_flight(
         path, seed, errors=errors, blocked=(OUTAGE,), station_clock=STATION_CLOCK
@@ -178,19 +180,19 @@ def fly_outage(seed: int, errors: CameraErrors | None = None) -> Flight:
 
 
 def find_outage(e: Estimates) -> tuple[float, float]:
-    """True times (s) of the station's last measurement before the outage and first after it."""
+    """Return true times (s) of the station's last measurement before and first after the outage."""
     t = e.flight.station.t - e.flight.station_delay
     return float(t[t < OUTAGE[0] + 0.5].max()), float(t[t > OUTAGE[0] + 0.5].min())
 
 
 class Climb(NamedTuple):
-    """Errors (m) of each seed (k,) at the top, without the station since the plane."""
+    """Errors (m) of each seed (k,) at the top of a climb without the station."""
 
     fused: Array
     paper: Array
     affine: Array  # the camera, aligned by twelve numbers
     similarity: Array  # the camera, aligned by seven
-    flatness: Array  # (k,) extent of the calibration across its plane over the largest
+    flatness: Array  # (k,) smallest over largest extent of the calibration
 
 
 @lru_cache(maxsize=4)
@@ -208,10 +210,10 @@ def measure_climb(seeds: int = 30) -> Climb:
 
 
 def fly_climb(seed: int) -> Flight:
-    """42 s in a plane, then up by CLIMB in 7.5 s; the station is out of sight from there on."""
+    """Simulate 42 s in a plane, then a climb by CLIMB in 7.5 s without the station."""
     rng = build_stream(seed, "wind_start")
     flat = build_inspection_path(seed, duration=42.0, speed=INSPECTION_SPEED, flat_until=1e9)
-    every = 600  # way-points again, 3 s apart
+    every = 600  # way-points 3 s apart
     points, times = list(flat.p_WB[::every]), list(flat.t[::every])
     for _ in range(3):
         points.append(points[-1] + [*(0.02 * rng.standard_normal(2)), CLIMB / 3.0])
@@ -227,36 +229,36 @@ TERRAIN = np.array([
 ])  # fmt: skip
 """m, terrain points around the bridge, in the time-consistent frame."""
 INSPECTED = np.array([1.2, -0.6, 3.2])
-"""m, where the prism should be while the point is inspected."""
+"""m, position of the prism during the inspection of the point."""
 KNOWN_STD = 1e-3
-"""m, of the terrain points' coordinates from the first campaign."""
+"""m, standard deviation of the terrain points' coordinates from the first campaign."""
 CENTRING_STD = 1.5e-3
-"""m, of setting up a prism on a point."""
+"""m, standard deviation of the set-up of a prism on a point."""
 MOVED = 0.05
-"""m by which a terrain point has moved before every third flight."""
+"""m by which one terrain point moves before every third flight."""
 
 
 class Revisit(NamedTuple):
-    """Errors (k, 3) m of the inspected point in the time-consistent frame, one row a flight."""
+    """Errors (k, 3) m of the inspected point in the time-consistent frame, one row per flight."""
 
     errors: Array
-    untested: Array  # the same with every terrain point believed
+    untested: Array  # the same without the test of the terrain points
     predicted: Array  # (k,) m, of the station's pose at that point
-    found: int  # moved points that the test found
+    found: int  # number of moved points that the test detected
     moved: int
     false_alarms: int
-    stations: Array  # (k, 3) m, where the station stood
+    stations: Array  # (k, 3) m, positions of the station
     poses: tuple[StationPose, ...]
 
     @property
     def rms(self) -> float:
-        """m, three-dimensional."""
+        """Rms error in m, three-dimensional."""
         return _rms(np.linalg.norm(self.errors, axis=1))
 
 
 @lru_cache(maxsize=2)
 def measure_revisit(flights: int = 10) -> Revisit:
-    """Inspect one point in several flights, the station elsewhere and newly set up each time."""
+    """Inspect one point in several flights, with the station set up elsewhere each time."""
     known = TERRAIN + KNOWN_STD * build_stream(0, "plant").standard_normal(TERRAIN.shape)
     names = [f"P{i + 1}" for i in range(len(known))]
     errors, untested, predicted, stations, poses = [], [], [], [], []
@@ -290,7 +292,8 @@ def measure_revisit(flights: int = 10) -> Revisit:
 
 
 def _sight(points: Array, p_WS: Array, rng: np.random.Generator) -> Array:
-    """Points (n, 3) as a station at p_WS measures them: along the axes of W, from the station."""
+    """Return points (n, 3) as measured by a station at p_WS: relative to it, along the axes of
+    W."""
     sight = points - p_WS
     distance = np.linalg.norm(sight, axis=1, keepdims=True)
     along = (1e-3 + 1.5e-6 * distance) * rng.standard_normal((len(points), 1)) * sight / distance
@@ -299,15 +302,16 @@ def _sight(points: Array, p_WS: Array, rng: np.random.Generator) -> Array:
 
 
 def _inspect(seed: int, p_WS: Array, R_WS: Array) -> Array:
-    """Fly to the point, stay 6 s; returns the mean estimate (3,) m there, in the station's frame.
+    """Fly to the point, stay 6 s; return the mean estimate (3,) m there, in the station's frame.
 
-    The estimate is compared with where the prism really was, so that holding it is no matter.
+    The deviation of the prism from INSPECTED is subtracted, so that only the estimation error
+    counts.
     """
     start = build_inspection_path(seed, duration=48.0, speed=INSPECTION_SPEED)
     every = 600
     points = [*start.p_WB[::every], INSPECTED, INSPECTED, INSPECTED, INSPECTED]
     times: Array = 3.0 * np.arange(len(points), dtype=np.float64)
-    times[-4:] += 5.0  # it may be far away
+    times[-4:] += 5.0  # the point may be far away
     path = build_path(np.array(points), times, np.linspace(0.0, 2.0, len(points)))
     flight = simulate_flight(path, seed, station_at=p_WS, station_clock=STATION_CLOCK)
     station = flight.station._replace(p=(flight.station.p - p_WS) @ R_WS)

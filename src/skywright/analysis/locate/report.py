@@ -1,4 +1,4 @@
-"""The page and the files of a localisation."""
+"""HTML page and files of a localisation."""
 
 import json
 import math
@@ -22,7 +22,7 @@ FILES = ("trajectory.csv", "trajectory.tum", "locate.json", "locate.html")
 
 
 class Section(NamedTuple):
-    """A part of the page: text, a table, pictures."""
+    """A section of the page: text, a table, pictures."""
 
     title: str
     text: str = ""
@@ -32,7 +32,7 @@ class Section(NamedTuple):
 
 
 def write_locate(report: LocateReport, folder: Path) -> None:
-    """Write trajectory, numbers and page into a folder. Raises InputError where it cannot."""
+    """Write trajectory, numbers and page into a folder. Raises InputError if writing fails."""
     page = render_locate_page(report)
     texts = {
         "trajectory.csv": _write_csv(report), "trajectory.tum": format_tum(report.trajectory),
@@ -62,7 +62,7 @@ def _write_csv(report: LocateReport) -> str:
 
 
 def render_locate_page(report: LocateReport) -> str:
-    """Return the page; everything that it shows is inside it."""
+    """Return the HTML of the self-contained page."""
     with house_style():
         sections = _build_sections(report)
     try:
@@ -77,7 +77,7 @@ def render_locate_page(report: LocateReport) -> str:
 
 
 def build_headline(report: LocateReport) -> str:
-    """The result in one sentence."""
+    """Return the result in one sentence."""
     name = report.trajectory.name
     error = report.errors.get("fused") or report.errors.get("trajectory")
     if error is not None and report.reference is not None:
@@ -93,7 +93,7 @@ def build_headline(report: LocateReport) -> str:
 
 
 def format_length(metres: float | None) -> str:
-    """A length with a unit that suits it."""
+    """Format a length in mm or m; a missing value is a dash."""
     if metres is None or not math.isfinite(metres):
         return "–"
     return f"{1e3 * metres:.3g} mm" if metres < 0.0995 else f"{metres:.3g} m"

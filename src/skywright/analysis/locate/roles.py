@@ -1,4 +1,4 @@
-"""Which file is the station's, which the camera's, which the reference."""
+"""Assignment of the files to station, camera and reference."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -10,11 +10,11 @@ from skywright.models.localisation.trajectory import Trajectory
 from skywright.recordings.mcap_file import read_mcap
 
 MOST_STATION_HZ = 25.0
-"""A total station is no faster; of two trajectories the slower one below this is taken for it."""
+"""Maximum rate (Hz) of a total station; the slower of two trajectories below it is the station."""
 
 
 class Roles(NamedTuple):
-    """Which file is what."""
+    """Trajectories by their role."""
 
     station: Trajectory | None
     camera: Trajectory
@@ -25,9 +25,9 @@ class Roles(NamedTuple):
 def assign_roles(
     data: list[str], station: str | None, camera: str | None, reference: str | None
 ) -> Roles:
-    """Load the files and tell station from camera. Raises InputError where it cannot be told.
+    """Load the files and identify station and camera. Raises InputError if that is ambiguous.
 
-    Without a station the "camera" is a trajectory to be judged by the reference.
+    Without a station, "camera" is a trajectory that is evaluated against the reference.
     """
     data = list(data)
     if len(data) == 1 and station is None and camera is None:
@@ -67,7 +67,8 @@ def assign_roles(
 
 
 def _expand_recording(path: Path, reference: str | None) -> tuple[list[str], str | None, str]:
-    """Topics of a recording that is given as a whole; a note where it is judged by its truth."""
+    """Return the topics of a whole recording, and a note if its estimate is compared with its
+    truth."""
     own = find_own_roles(path)
     if own and reference is None:
         note = f"{path.name}: a recording of Skywright: its estimate is compared with its truth"
@@ -79,7 +80,7 @@ def _expand_recording(path: Path, reference: str | None) -> tuple[list[str], str
 
 
 def _tell_apart(a: Trajectory, b: Trajectory, truth: Trajectory | None) -> Roles:
-    """Station and camera of two: a station gives no orientation and is slow."""
+    """Identify the station of two trajectories: no orientation, or the lower rate."""
     if (a.q is None) != (b.q is None):
         station, camera = (a, b) if a.q is None else (b, a)
         why = "it gives no orientation"

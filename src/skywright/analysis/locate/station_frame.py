@@ -1,10 +1,10 @@
-"""The time-consistent frame: where the station stands, from terrain points known from before.
+"""The time-consistent frame: pose of the station from known terrain points.
 
-Sanchez-Cuevas 2020, section 3: fixed points of the terrain are measured once and kept; another
-day the station, standing elsewhere, measures them again, and least squares gives its position and
-axes in the old frame. A point that has moved, or was mistaken for another, must not pull the
-frame: residuals are tested against their own standard deviation and the worst is left out until
-the rest fits (data snooping, Baarda 1968; here with the three coordinates of a point together).
+Sanchez-Cuevas 2020, section 3: fixed points of the terrain are measured once and stored. On another
+day the station measures them from another position, and least squares yields its pose in the old
+frame. Points that have moved or are confused with others must not bias the frame: residuals are
+tested against their standard deviation, and the worst point is excluded until the rest fits (data
+snooping, Baarda 1968; here with the three coordinates of a point together).
 """
 
 import math
@@ -18,10 +18,10 @@ from skywright.errors import InputError
 from skywright.models.localisation.frame_alignment import estimate_level, estimate_similarity
 
 SIGNIFICANCE = 0.001
-"""Chance that a good point is rejected (Baarda's usual choice)."""
+"""Probability that a good point is rejected (Baarda's usual choice)."""
 LEAST_POINTS = 3
 POINT_STD = 2e-3
-"""m each axis: a total station's measurement of a fixed point, and the point's own centring."""
+"""m per axis: measurement of a fixed point by a total station, and centring on the point."""
 
 
 class StationPoint(NamedTuple):
@@ -30,7 +30,7 @@ class StationPoint(NamedTuple):
     name: str
     residual: Array  # (3,) m: known minus measured, in W
     statistic: float  # squared, normalised; compared with `StationPose.critical`
-    redundancy: float  # 0: nothing checks it, 1: fully checked by the others
+    redundancy: float  # 0: not checked by other points, 1: fully checked
     detectable: float  # m, offset that the test finds in 80 of 100 cases; inf without redundancy
     used: bool
 
@@ -40,9 +40,9 @@ class StationPose(NamedTuple):
 
     R_WS: Array  # (3, 3)
     p_WS: Array  # (3,) m
-    covariance: Array  # (6, 6): turns (rad, about W's axes, at `centre`) and position (m)
+    covariance: Array  # (6, 6): rotation (rad, about W's axes, at `centre`) and position (m)
     centre: Array  # (3,) m, mean of the used points in W
-    sigma: float  # m, standard deviation of a coordinate that the residuals show
+    sigma: float  # m, standard deviation of a coordinate, from the residuals
     chi2: float  # sum of squared, normalised residuals of the used points
     redundancy: int
     chi2_limit: float  # at SIGNIFICANCE
@@ -52,17 +52,19 @@ class StationPose(NamedTuple):
     notes: tuple[str, ...]
 
     def apply(self, p_S: Array) -> Array:
-        """Points (n, 3) measured by the station, in W."""
+        """Transform points (n, 3) from the station's frame to W."""
         return np.asarray(p_S @ self.R_WS.T + self.p_WS)
 
     def predict_std(self, p_W: Array) -> float:
-        """Standard deviation (m, three-dimensional) that the frame brings to a point (3,) of W."""
+        """Return the standard deviation (m, 3-D) of a point (3,) in W due to the frame's
+        uncertainty."""
         J = _jacobian((p_W - self.centre)[None])[0]
         return float(np.sqrt(np.trace(J @ self.covariance @ J.T)))
 
 
 def _jacobian(arm: Array) -> Array:
-    """(n, 3, 6): how points at `arm` (n, 3) from the centre move with turn and shift."""
+    """Derivatives (n, 3, 6) of points at `arm` (n, 3) from the centre by rotation and
+    translation."""
     J = np.zeros((len(arm), 3, 6))
     for i in range(3):
         axis = np.zeros(3)
@@ -81,11 +83,11 @@ def estimate_station_pose(
     level: bool = True,
     significance: float = SIGNIFICANCE,
 ) -> StationPose:
-    """Find the station from points known in W (n, 3) m and measured in its own frame (n, 3) m.
+    """Estimate the station's pose from points known in W (n, 3) m and measured in S (n, 3) m.
 
-    `std` (m) is that of a coordinate of the difference. `level`: the station is levelled, its z
-    axis vertical as W's, and only its heading turns. Raises InputError where fewer than three
-    points are left, or they lie in a place or on a line that does not fix the frame.
+    `std` (m) is that of a coordinate of the difference. `level`: the station is levelled, so its z
+    axis is vertical and only its heading is estimated. Raises InputError if fewer than three points
+    are given, or if they are too close together or to a line to determine the frame.
     """
     n = len(names)
     if n < LEAST_POINTS:
@@ -101,7 +103,7 @@ def estimate_station_pose(
         redundancy = 3 * int(used.sum()) - free
         total = float(np.sum(r[used] ** 2)) / std**2
         limit = float(chi2.isf(significance, redundancy)) if redundancy > 0 else 0.0
-        # one test a point: Bonferroni keeps the chance of any false alarm
+        # one test per point: Bonferroni keeps the probability of any false alarm
         critical = float(chi2.isf(significance / max(int(used.sum()), 1), 3))
         worst = int(np.argmax(np.where(used, statistic, -1.0)))
         if statistic[worst] <= critical:
@@ -136,11 +138,11 @@ def estimate_station_pose(
 
 def _adjust(known: Array, measured: Array, std: float, level: bool
             ) -> tuple[Array, Array, Array, Array]:  # fmt: skip
-    """Least squares: rotation, position, covariance (6, 6) and centre."""
+    """Return the least-squares rotation, position, covariance (6, 6) and centre."""
     if len(known) >= 4:
         frame = (estimate_level(measured, known, with_scale=False) if level
                  else estimate_similarity(measured, known, with_scale=False))  # fmt: skip
-    else:  # the closed forms ask for four pairs: twice the same points is the same solution
+    else:  # the closed forms require four pairs; duplicated points have the same solution
         twice = np.concatenate([measured, measured]), np.concatenate([known, known])
         frame = (estimate_level(*twice, with_scale=False) if level
                  else estimate_similarity(*twice, with_scale=False))  # fmt: skip
@@ -149,7 +151,7 @@ def _adjust(known: Array, measured: Array, std: float, level: bool
     H = J.T @ J / std**2
     if level:
         H[:2, :], H[:, :2] = 0.0, 0.0
-        H[0, 0] = H[1, 1] = 1e18  # no turn about the level axes
+        H[0, 0] = H[1, 1] = 1e18  # no rotation about the level axes
     spread = np.linalg.svd(known - centre, compute_uv=False) / math.sqrt(len(known))
     fixed = float(np.max(np.linalg.norm((known - centre)[:, :2], axis=1))) if level else spread[1]
     if fixed < max(20.0 * std, 0.05):
@@ -163,13 +165,13 @@ def _adjust(known: Array, measured: Array, std: float, level: bool
 
 def _test_points(r: Array, arm: Array, cov: Array, std: float, used: Mask
                  ) -> tuple[Array, Array]:  # fmt: skip
-    """Each point's squared normalised residual (n,) and redundancy (n,)."""
+    """Return each point's squared normalised residual (n,) and redundancy (n,)."""
     n = len(r)
     statistic, share = np.zeros(n), np.zeros(n)
     J = _jacobian(arm)
     for i in range(n):
         spread = J[i] @ cov @ J[i].T
-        # a used point has pulled the frame toward itself; one left out has not
+        # a used point has biased the frame towards itself; an excluded one has not
         Q = std**2 * np.eye(3) + (-spread if used[i] else spread)
         values, vectors = np.linalg.eigh(Q)
         keep = values > 1e-6 * std**2
@@ -180,7 +182,7 @@ def _test_points(r: Array, arm: Array, cov: Array, std: float, used: Mask
 
 
 def _detectable(redundancy: float, std: float, significance: float) -> float:
-    """Minimal detectable offset (Baarda), power 0.8, of a point with this mean redundancy."""
+    """Return the minimal detectable offset (Baarda, power 0.8) at this mean redundancy."""
     if redundancy < 1e-3:
         return math.inf
     from scipy.stats import norm

@@ -30,11 +30,11 @@ from skywright.models.localisation.trajectory import (
 
 ALIGNMENTS = ("rigid", "similarity", "none")
 FIT_SAMPLES = 3000
-"""Samples that the refinement of a reference's clock looks at."""
+"""Maximum number of samples for the refinement of a reference's clock."""
 
 
 class Statistics(NamedTuple):
-    """Of the sizes of errors."""
+    """Statistics of the magnitudes of errors."""
 
     rms: float
     mean: float
@@ -44,22 +44,22 @@ class Statistics(NamedTuple):
 
 
 class TrajectoryError(NamedTuple):
-    """A trajectory against its reference."""
+    """Errors of a trajectory against its reference."""
 
     t: Array  # (n,) s, of the trajectory
     error: Array  # (n,) m, distance after alignment
     p: Array  # (n, 3) m, aligned positions in the reference's frame
     p_ref: Array  # (n, 3) m
-    frame: FrameAlignment | None  # None: compared as they are
+    frame: FrameAlignment | None  # None: no alignment
     absolute: Statistics  # m
-    relative: Statistics | None  # m over `over` seconds; None where too short
-    relative_angle: Statistics | None  # rad, where both have orientations
+    relative: Statistics | None  # m over `over` seconds; None if too short
+    relative_angle: Statistics | None  # rad; None unless both have orientations
     over: float  # s
     time_offset: float  # s: reference's clock = trajectory's clock + offset
 
 
 def compute_statistics(sizes: Array) -> Statistics:
-    """Statistics of sizes (n,)."""
+    """Return statistics of magnitudes (n,)."""
     return Statistics(
         math.sqrt(float(np.mean(sizes**2))), float(np.mean(sizes)), float(np.median(sizes)),
         float(np.max(sizes)), len(sizes),
@@ -76,8 +76,8 @@ def compute_error(
 ) -> TrajectoryError:
     """Compare a trajectory with a reference at the trajectory's times.
 
-    The reference is interpolated, never across its gaps. `alignment`: rigid (rotation and offset
-    that fit best), similarity (with scale), or none. Raises InputError where nothing overlaps.
+    The reference is interpolated, but not across gaps. `alignment`: rigid (best rotation and
+    offset), similarity (also scale), or none. Raises InputError without overlap in time.
     """
     if alignment not in ALIGNMENTS:
         raise InputError(f"unknown alignment {alignment!r}; valid: {', '.join(ALIGNMENTS)}")
@@ -118,7 +118,7 @@ def compute_error(
 
 
 def _relative_angle(a: Array, b: Array, first: NDArray[Any], last: NDArray[Any]) -> Array:
-    """Angles (k,) rad between the turns of two bodies; a fixed mounting between them is removed."""
+    """Return relative rotation errors (k,) rad, without a fixed rotation between the bodies."""
     A, B = Rotation.from_matrix(a), Rotation.from_matrix(b)
     mounting = (B.inv() * A)[:: max(1, len(a) // 2000)].mean()
     A = A * mounting.inv()
@@ -128,7 +128,7 @@ def _relative_angle(a: Array, b: Array, first: NDArray[Any], last: NDArray[Any])
 def judge(
     traj: Trajectory, reference: Trajectory, compare: str, offset: float | None, notes: list[str]
 ) -> TrajectoryError:
-    """Errors against a reference; the offset of its clock is estimated unless given."""
+    """Return errors against a reference; the clock offset is estimated unless given."""
     if offset is None:
         offset = 0.0
         if min(traj.duration, reference.duration) >= LEAST_OVERLAP:
@@ -141,10 +141,9 @@ def judge(
 
 
 def _refine_offset(traj: Trajectory, reference: Trajectory, start: float) -> float:
-    """The offset near `start`, in the middle of the trajectory, by the drift-aware alignment.
+    """Return the clock offset at the middle of the trajectory by the drift-aware alignment.
 
-    Not where the absolute error is least: where a trajectory drifts, that would pull the clocks
-    along.
+    Minimizing the absolute error instead would bias the offset if the trajectory drifts.
     """
     every = max(1, len(traj.t) // FIT_SAMPLES)
     q = None if reference.q is None or traj.q is None else reference.q

@@ -1,7 +1,7 @@
-"""Reads trajectories as others wrote them: TUM, EuRoC, CSV with a header, MCAP.
+"""Read trajectories of other programs: TUM, EuRoC, CSV with a header, MCAP.
 
-What a file is, is told from its inside. What had to be dropped, repaired or guessed is noted in
-words; what cannot be read is refused with the file, the line, what was found and what is valid.
+The format is detected from the content. Notes state what was dropped, repaired or guessed. Errors
+state the file, the line, the invalid content and the valid alternatives.
 """
 
 import io
@@ -38,17 +38,18 @@ _COMMENT = ("#", "%", "//")
 
 
 class Columns(NamedTuple):
-    """Where each quantity stands in a row and its factor to SI."""
+    """Column of each quantity in a row and its factor to SI."""
 
     place: dict[str, int]  # t, x, y, z, perhaps qw, qx, qy, qz
     factor: dict[str, float]
-    timed: bool  # the time's unit is told
+    timed: bool  # the unit of time is given
     width: int
     notes: tuple[str, ...]
 
 
 def split_topic(text: str) -> tuple[Path, str | None]:
-    """FILE or FILE:TOPIC; a topic begins with a slash. A file of that whole name comes first."""
+    """Split FILE:TOPIC; a topic begins with a slash. An existing file of the whole name has
+    priority."""
     head, colon, topic = text.rpartition(":")
     if colon and topic.startswith("/") and head and not Path(text).exists():
         return Path(head), topic
@@ -56,7 +57,7 @@ def split_topic(text: str) -> tuple[Path, str | None]:
 
 
 def load_trajectory(text: str) -> Trajectory:
-    """Load FILE or FILE:TOPIC. Raises InputError, in one line, for what cannot be used."""
+    """Load FILE or FILE:TOPIC. Raises InputError with one line for unusable input."""
     path, topic = split_topic(text)
     raw = read_bytes(path)
     if raw[: len(MAGIC)] == MAGIC[: len(raw)]:
@@ -67,7 +68,7 @@ def load_trajectory(text: str) -> Trajectory:
 
 
 def read_bytes(path: Path) -> bytes:
-    """The content of a file. Raises InputError where there is none."""
+    """Return the content of a file. Raises InputError if it does not exist or is empty."""
     raw = bounded.read_bytes(path, MAX_BYTES, "cut it first")
     if not raw.strip():
         raise InputError(f"{path}: is empty; valid: {VALID}")
@@ -75,7 +76,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 def parse_text(path: Path, raw: bytes) -> Trajectory:
-    """Parse a text file's content."""
+    """Parse the content of a text file."""
     text = text_table.decode(raw)
     if "\0" in text or sum(c < " " and c not in "\t\r\n\f" for c in text[:2000]) > 10:
         raise InputError(f"{path}: is neither text nor MCAP; valid: {VALID}")
@@ -111,13 +112,13 @@ def parse_text(path: Path, raw: bytes) -> Trajectory:
 
 
 def find_delimiter(line: str) -> str:
-    """The first delimiter that gives the four cells needed at least, else that with the most."""
+    """Return the first delimiter that yields at least four cells, else the one that yields most."""
     counts = {d: len(split_row(line, d)) for d in (",", ";", "\t", " ")}
     return next((d for d, n in counts.items() if n >= 4), max(counts, key=lambda d: counts[d]))
 
 
 def split_row(line: str, delimiter: str) -> list[str]:
-    """Cells of a row, stripped; trailing delimiters dropped."""
+    """Return the stripped cells of a row without trailing empty ones."""
     cells = text_table.split_row(line, delimiter)
     while len(cells) > 1 and not cells[-1]:
         cells.pop()
@@ -133,10 +134,10 @@ def _is_number(cell: str) -> bool:
 
 
 def name_column(cell: str) -> tuple[str, float | None] | None:
-    """(quantity, factor or None without unit) of a column's name; None where it is not ours.
+    """Return (quantity, factor or None without unit) of a column's name; None for other columns.
 
-    Understands x, x_mm, tx, pos_x [m], p_RS_R_x [m], field.pose.position.x, qw, q_RS_w,
-    timestamp [ns], time(ms), header.stamp.
+    Accepts x, x_mm, tx, pos_x [m], p_RS_R_x [m], field.pose.position.x, qw, q_RS_w, timestamp [ns],
+    time(ms), header.stamp.
     """
     text = cell.strip().strip("\"'").lstrip("#% ").lower()
     unit = None
@@ -165,7 +166,7 @@ def name_column(cell: str) -> tuple[str, float | None] | None:
 
 
 def read_header(path: Path, cells: list[str], line: int) -> Columns:
-    """Columns by their names. Raises InputError where time or a coordinate is missing or double."""
+    """Find columns by name. Raises InputError if time or a coordinate is missing or duplicate."""
     index: dict[str, int] = {}
     factor: dict[str, float] = {}
     notes: list[str] = []
@@ -176,7 +177,7 @@ def read_header(path: Path, cells: list[str], line: int) -> Columns:
             continue
         name, scale = named
         if name in index:
-            if name == "t":  # a recorder's own time is later than the message's
+            if name == "t":  # the recorder's time is later than the message's
                 if "header" in cell.lower():
                     index[name], factor[name] = i, scale if scale is not None else 1.0
                     timed = scale is not None
@@ -216,7 +217,7 @@ def _check_quaternion(index: dict[str, int], notes: list[str]) -> None:
 
 
 def _read_comment(comment: str, width: int) -> Columns | None:
-    """Columns named in a comment above the rows, as EuRoC and many TUM files have them."""
+    """Return columns named in a comment above the rows, as in EuRoC and many TUM files."""
     cells = split_row(comment, find_delimiter(comment)) if comment else []
     if len(cells) != width:
         return None
@@ -227,7 +228,7 @@ def _read_comment(comment: str, width: int) -> Columns | None:
 
 
 def _guess_columns(path: Path, row: tuple[int, str], cells: list[str]) -> Columns:
-    """Columns of a file without any names, by their number."""
+    """Return the columns of a file without names, from their number."""
     order = {
         4: ("t", "x", "y", "z"),
         8: ("t", "x", "y", "z", "qx", "qy", "qz", "qw"),
@@ -250,7 +251,8 @@ def _guess_columns(path: Path, row: tuple[int, str], cells: list[str]) -> Column
 def _read_rows(
     path: Path, rows: list[tuple[int, str]], delimiter: str, columns: Columns, notes: list[str]
 ) -> Array:
-    """(rows, columns) of numbers, NaN where a cell is none; ragged rows are all NaN."""
+    """Return (rows, columns) of numbers, NaN for other cells; rows of a wrong length are all
+    NaN."""
     table = np.full((len(rows), columns.width), np.nan)
     ragged, first = 0, 0
     comma = delimiter in (";", "\t")
@@ -290,20 +292,20 @@ def _build(
 
 
 def guess_time_unit(t: Array) -> tuple[Array, str]:
-    """Seconds, told from the size: stamps since 1970 in ms, us or ns are too large for seconds."""
+    """Convert times to seconds; large values are stamps since 1970 in ms, us or ns."""
     known = t[np.isfinite(t)]
     size = float(np.median(np.abs(known))) if len(known) else 0.0
     for least, unit in ((1e17, "ns"), (1e14, "us"), (1e11, "ms")):
         if size > least:
             return t * TIME_UNITS[unit], f"times without a unit read as {unit}"
     step = float(np.median(np.abs(np.diff(known)))) if len(known) > 1 else 0.0
-    if step > 1e5:  # no sensor waits a day between samples
+    if step > 1e5:  # no sensor pauses for a day between samples
         return t * 1e-9, "times without a unit read as ns"
     return t, ""
 
 
 def format_table(names: Sequence[str], columns: Sequence[Array], digits: Sequence[int]) -> str:
-    """A CSV of columns (n,), with a header and so many decimals each."""
+    """Format columns (n,) as CSV, with a header and the given number of decimals each."""
     buffer = io.StringIO()
     formats = [f"%.{n}f" for n in digits]
     np.savetxt(buffer, np.column_stack(columns), formats, ",", header=",".join(names), comments="")
@@ -311,7 +313,7 @@ def format_table(names: Sequence[str], columns: Sequence[Array], digits: Sequenc
 
 
 def format_tum(traj: Trajectory) -> str:
-    """A TUM file: no turn where the trajectory has no orientations."""
+    """Format a TUM file; without orientations, the rotation is the identity."""
     q = np.tile([1.0, 0.0, 0.0, 0.0], (len(traj.t), 1)) if traj.q is None else traj.q
     buffer = io.StringIO()
     formats = ["%.6f"] + ["%.5f"] * 3 + ["%.6f"] * 4

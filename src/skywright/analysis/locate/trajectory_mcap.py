@@ -1,6 +1,6 @@
-"""Trajectories in MCAP recordings: topics of ROS 2 messages that hold a place or a pose.
+"""Trajectories in MCAP recordings: topics of ROS 2 messages with a position or a pose.
 
-The messages travel in CDR: header (stamp, frame), then the numbers at fixed places behind it.
+The messages are in CDR: header (stamp, frame), then the numbers at fixed offsets.
 """
 
 import struct
@@ -13,7 +13,7 @@ from skywright.errors import InputError, neighbours
 from skywright.models.localisation.trajectory import Trajectory, clean
 from skywright.recordings.mcap_file import McapContents, read_mcap
 
-# Strings behind the header's, and whether an orientation follows the place.
+# Number of strings after the header's, and whether an orientation follows the position.
 KINDS = {
     "geometry_msgs/PointStamped": (0, False),
     "geometry_msgs/PoseStamped": (0, True),
@@ -22,11 +22,11 @@ KINDS = {
     "nav_msgs/Odometry": (1, True),
 }
 ROLES = (("estimate", "/estimate/pose"), ("reference", "/truth/pose"))
-"""Of our own recordings: what is judged, and what it is judged by."""
+"""Topics of Skywright's own recordings: the evaluated trajectory and its reference."""
 
 
 class TopicInfo(NamedTuple):
-    """A topic that holds a trajectory."""
+    """A topic that contains a trajectory."""
 
     name: str
     kind: str
@@ -34,7 +34,7 @@ class TopicInfo(NamedTuple):
 
 
 def list_topics(contents: McapContents) -> list[TopicInfo]:
-    """Topics of a recording that can be read as trajectories, in the order of their names."""
+    """Return the topics of a recording that can be read as trajectories, sorted by name."""
     found = []
     for topic, (schema, encoding) in sorted(contents.kinds.items()):
         kind = schema.replace("/msg/", "/")
@@ -44,7 +44,7 @@ def list_topics(contents: McapContents) -> list[TopicInfo]:
 
 
 def load_topic(path: Path, topic: str | None) -> Trajectory:
-    """Load a topic, or the only one there is. Raises InputError with the topics that are valid."""
+    """Load a topic, or the only one. Raises InputError with the valid topics."""
     return _decode(path, *_choose(path, topic))
 
 
@@ -74,7 +74,7 @@ def _choose(path: Path, topic: str | None) -> tuple[McapContents, TopicInfo]:
 
 
 def find_own_roles(path: Path) -> dict[str, str]:
-    """Topics of a recording of ours by role; empty for anybody else's."""
+    """Return the topics of a Skywright recording by role; empty for other recordings."""
     names = {t.name for t in list_topics(read_mcap(path))}
     return dict(ROLES) if all(topic in names for _, topic in ROLES) else {}
 
@@ -100,9 +100,9 @@ def _decode(path: Path, contents: McapContents, topic: TopicInfo) -> Trajectory:
 
 
 def _decode_message(raw: bytes, strings: int, turned: bool) -> list[float]:
-    """t, x, y, z, qx, qy, qz, qw of one message (CDR, either byte order)."""
+    """Decode t, x, y, z, qx, qy, qz, qw of one message (CDR, either byte order)."""
     order = "<" if raw[1] & 1 else ">"
-    at = 4  # behind the encapsulation header; alignment counts from here
+    at = 4  # after the encapsulation header; alignment is relative to here
     sec, nanosec = struct.unpack_from(order + "iI", raw, at)
     at += 8
     for _ in range(1 + strings):

@@ -1,1 +1,1 @@
-"""Probability of detection: curves from inspections of known flaws, in files or in flights."""
+"""Probability of detection: curves from inspections of known flaws, from files or flights."""

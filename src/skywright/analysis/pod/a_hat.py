@@ -25,12 +25,12 @@ LEFT, OBSERVED, RIGHT = -1, 0, 1
 
 
 class AHat(NamedTuple):
-    """A fitted line. `covariance` is of (b0, b1, ln s)."""
+    """A fitted line; `covariance` is that of (b0, b1, ln s)."""
 
     x: Array  # (n,)
     y: Array  # (n,)
     censored: Array  # (n,) LEFT, OBSERVED or RIGHT: y is then the limit
-    decision: float  # on the axis of y
+    decision: float  # in the units of y
     b0: float
     b1: float
     s: float
@@ -44,7 +44,7 @@ class AHat(NamedTuple):
 
     @property
     def mu(self) -> float:
-        """x of a POD of one half."""
+        """x at which the POD is one half."""
         return (self.decision - self.b0) / self.b1
 
     @property
@@ -53,17 +53,18 @@ class AHat(NamedTuple):
         return self.s / self.b1
 
     def compute(self, x: Array) -> Array:
-        """POD (n,) at x (n,)."""
+        """Return the POD (n,) at x (n,)."""
         return np.asarray(ndtr((np.asarray(x, float) - self.mu) / self.sigma))
 
     def find(self, p: float) -> float | None:
-        """Return x where the POD is p; None for 1 and more."""
+        """Return the x at which the POD is p; None for p of 1 and more."""
         return None if p >= 1.0 else self.mu + float(ndtri(p)) * self.sigma
 
     def compute_lower(self, x: Array, bounds: str, confidence: float = CONFIDENCE) -> Array:
-        """One-sided lower bound (n,) of the POD at x (n,): the bound of sizes, read the other way.
+        """Return a one-sided lower bound (n,) of the POD at x (n,), by inverting the bound of
+        sizes.
 
-        Between 40 quantiles (20 for the likelihood) it is interpolated.
+        It is interpolated between 40 quantiles (20 for the likelihood).
         """
         grid = GRID if bounds == "wald" else GRID[::2]
         at = [self.find_bound(float(ndtr(q)), bounds, confidence) for q in grid]
@@ -76,7 +77,7 @@ class AHat(NamedTuple):
         return np.asarray(ndtr(np.where(x < xs[0], qs[0] + slope * (x - xs[0]), eta)))
 
     def find_bound(self, p: float, bounds: str, confidence: float = CONFIDENCE) -> float | None:
-        """Return the upper bound of the x where the POD is p."""
+        """Return the upper bound of the x at which the POD is p; None if there is none."""
         start = self.find(p)
         if start is None:
             return None
@@ -97,7 +98,8 @@ class AHat(NamedTuple):
         return None
 
     def _maximise(self, x: float, q: float) -> float:
-        """Log-likelihood with the quantile q of the curve at x, maximal over slope and s."""
+        """Return the log-likelihood with quantile q of the curve at x, maximized over slope and
+        s."""
 
         def cost(free: Array) -> tuple[float, Array]:
             s = float(np.exp(free[1]))
@@ -110,7 +112,7 @@ class AHat(NamedTuple):
 
 
 def _differentiate(theta: Array, x: Array, y: Array, side: Array) -> tuple[float, Array, Array]:
-    """Log-likelihood with gradient (3,) and Hessian (3, 3) in (b0, b1, ln s)."""
+    """Return the log-likelihood with gradient (3,) and Hessian (3, 3) in (b0, b1, ln s)."""
     s = float(np.exp(theta[2]))
     r = (y - theta[0] - theta[1] * x) / s
     seen = side == OBSERVED
@@ -134,9 +136,9 @@ def _differentiate(theta: Array, x: Array, y: Array, side: Array) -> tuple[float
 
 
 def fit_a_hat(x: Array, y: Array, censored: Array, decision: float) -> AHat:
-    """Fit a line to x (n,), y (n,), all on their axes; `decision` on the axis of y.
+    """Fit a line to x (n,), y (n,), both in axis units, like `decision`.
 
-    Raises InputError where the data bound no line.
+    Raises InputError if the data do not determine a line.
     """
     if len(np.unique(x)) < 2:
         raise InputError(f"all {len(x)} flaws have one size: a curve requires several")
@@ -155,7 +157,7 @@ def fit_a_hat(x: Array, y: Array, censored: Array, decision: float) -> AHat:
         damped = -hessian
         try:
             np.linalg.cholesky(damped)
-        except np.linalg.LinAlgError:  # far from the maximum: along the gradient of a bowl
+        except np.linalg.LinAlgError:  # far from the maximum: shift the Hessian to be definite
             damped = damped + (abs(np.linalg.eigvalsh(damped)[0]) * 2.0 + 1e-9) * np.eye(3)
         step, rate = np.linalg.solve(damped, gradient), 1.0
         while rate > 1e-8 and not _differentiate(theta + rate * step, x, y, censored)[0] >= value:
@@ -177,7 +179,7 @@ def fit_a_hat(x: Array, y: Array, censored: Array, decision: float) -> AHat:
 
 
 class Residuals(NamedTuple):
-    """Whether a line suits the data: probabilities of such residuals if it does."""
+    """p-values of tests that the line suits the data."""
 
     normal_p: float  # Shapiro and Wilk, Biometrika 52, 1965
     equal_variance_p: float  # Breusch and Pagan with Koenker's n R^2, J. Econometrics 17, 1981
@@ -185,7 +187,7 @@ class Residuals(NamedTuple):
 
 
 def judge_residuals(fit: AHat) -> Residuals:
-    """Test the residuals of the signals within the limits; NaN where there are too few."""
+    """Test the residuals of the uncensored signals; NaN if they are too few."""
     seen = fit.censored == OBSERVED
     x, r = fit.x[seen], (fit.y - fit.b0 - fit.b1 * fit.x)[seen]
     if len(r) < 8 or len(np.unique(x)) < 3:

@@ -1,4 +1,4 @@
-"""Pictures of a probability of detection: curve with bound, data, and groups side by side."""
+"""Figures of a probability of detection: curve with bound, data, and groups."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ BINS = 8
 
 
 def write_pod_figure(pod: Pod, compared: Compared | None, path: Path) -> None:
-    """Write the picture of a curve, with those of its groups."""
+    """Write the figure of a curve and of the curves of its groups."""
     with house_style():
         draw_pod(pod, compared).savefig(path, dpi=125)
 
 
 def draw_pod(pod: Pod, compared: Compared | None = None) -> Figure:
-    """Draw POD over size with its lower bound, and what it rests on."""
+    """Draw the POD over size with its lower bound, and the data."""
     signals = pod.curve.model == "a-hat"
     figure = new_figure(7.6, 6.4 if signals else 4.4)
     axes = figure.subplots(2 if signals else 1, 1, sharex=True, squeeze=False)[:, 0]
@@ -54,7 +54,7 @@ def draw_pod(pod: Pod, compared: Compared | None = None) -> Figure:
 
 
 def _mark_decades(axis: Axis) -> None:
-    """Plain numbers at 1, 2 and 5 of each decade."""
+    """Label 1, 2 and 5 of each decade with plain numbers."""
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_minor_locator(NullLocator())
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -1,4 +1,4 @@
-"""Probability of detection of a mission: seeded flaws, many flights, one table."""
+"""Probability of detection of a mission: known flaws, many flights, one table."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ class Flights(NamedTuple):
 
     table: Inspections
     size: str  # name of the measure of a flaw's size
-    sizes: tuple[str, ...]  # all measures that the flaws have
+    sizes: tuple[str, ...]  # all size measures of the flaws
     flown: int
     left_out: dict[str, int]
-    """Outcome -> runs that say nothing about detection: they never took off, or the program failed;
-    they are told before, or seen."""
+    """Outcome -> number of runs without an inspection: they did not take off, or the program
+    failed. Their reason is known in advance or visible, so they do not count as misses."""
     site: str
 
 
 def collect_inspections(rows: Sequence[Row], size: str | None = None) -> Flights:
-    """Return the table of a campaign's rows: a row a flaw and flight, and a row a clear place.
+    """Return the table of a campaign's rows: one row per flaw and flight, and one per clean site.
 
-    `size` names the measure of a flaw; the first that the kind gives is the usual one. A flight
-    that was cut short found what it had found by then. Raises InputError where no row has flaws.
+    `size` names the size measure; the default is the first one of the kind. An interrupted flight
+    counts with what it found until then. Raises InputError if no row has flaws.
     """
     inspected: list[tuple[Row, Inspected]] = []
     left_out: dict[str, int] = {}
@@ -95,7 +95,7 @@ def collect_inspections(rows: Sequence[Row], size: str | None = None) -> Flights
 
 
 def write_table(flights: Flights) -> str:
-    """Return the table as `skywright pod FILE` reads it."""
+    """Return the table in the format of `skywright pod FILE`."""
     t, out = flights.table, io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     signal = ["signal"] if t.signal is not None else []
@@ -112,7 +112,7 @@ def write_table(flights: Flights) -> str:
 
 
 def describe_flights(flights: Flights, result: CampaignResult) -> dict[str, Any]:
-    """Return what `skywright pod MISSION --json` adds: where the inspections come from."""
+    """Return the additional keys of `skywright pod MISSION --json`: origin of the inspections."""
     return {
         "flights": flights.flown, "left_out": flights.left_out, "size": flights.size,
         "sizes": list(flights.sizes), "site": flights.site, "folder": str(result.folder),

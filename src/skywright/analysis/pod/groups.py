@@ -1,4 +1,4 @@
-"""Groups of inspections side by side: robots, laws, winds, inspectors."""
+"""Comparison of groups of inspections: robots, laws, winds, inspectors."""
 
 from __future__ import annotations
 
@@ -17,25 +17,26 @@ from skywright.recordings.text_table import read_number
 
 
 class Compared(NamedTuple):
-    """Curves of groups, and whether one curve would do."""
+    """Curves of groups, and a test of whether they differ."""
 
     column: str
-    groups: dict[str, Pod | str]  # a text where a group gives no curve
+    groups: dict[str, Pod | str]  # a text is the reason why a group has no curve
     p_same: float
-    """Probability of such a difference if all groups had one curve (likelihood-ratio test)."""
+    """p-value of the hypothesis that all groups have one curve (likelihood-ratio test)."""
 
     def to_json(self) -> dict[str, Any]:
-        """Return what `skywright pod --group --json` prints of the groups."""
+        """Return the part of `skywright pod --group --json` for the groups."""
         groups = {k: v.to_json() if isinstance(v, Pod) else v for k, v in self.groups.items()}
         return {"column": self.column, "p_same": self.p_same, "curves": groups}
 
 
 PARTS, MANY = 3, 6
-"""Groups of a column of numbers, and the different numbers from which it is divided."""
+"""Number of ranges of a numeric column, and of distinct values from which it is divided."""
 
 
 def divide(cells: tuple[str, ...]) -> NDArray[np.str_]:
-    """Return the group (n,) of each row: its cell, or of many different numbers the range."""
+    """Return the group (n,) of each row: its cell, or its range if there are many distinct
+    numbers."""
     numbers = np.array([read_number(cell) for cell in cells])
     known = np.unique(numbers[np.isfinite(numbers)])
     if len(known) < MANY or not all(np.isfinite(numbers) | (np.array(cells) == "")):
@@ -49,15 +50,15 @@ def divide(cells: tuple[str, ...]) -> NDArray[np.str_]:
 
 
 def _sort_key(name: str) -> tuple[float, str]:
-    """Numbers and ranges by their value, before names."""
+    """Sort numbers and ranges by value, before names."""
     number = read_number(name.partition(" ")[0])
     return number if np.isfinite(number) else np.inf, name
 
 
 def compare_groups(table: Inspections, column: str, method: Method | None = None) -> Compared:
-    """Fit a curve to each group of rows with one value of `column`, with the axes of the whole.
+    """Fit a curve to each group of rows with one value of `column`, with the axes of all rows.
 
-    Raises InputError where there is no such column, or fewer than two groups give a curve.
+    Raises InputError if the column does not exist, or fewer than two groups yield a curve.
     """
     if column not in table.others:
         names = ", ".join(table.others) or "-"

@@ -3,7 +3,7 @@
     POD(a) = c F(b0 + b1 x),   x = a or ln a
 
 F is logistic or normal (links.py). c is the ceiling: 1, a given number, or estimated. Bounds are
-Wald's on the linear predictor, or of the profile likelihood (MIL-HDBK-1823A, appendix G; the
+Wald bounds on the linear predictor, or from the profile likelihood (MIL-HDBK-1823A, appendix G; the
 constrained maximum of Venzon and Moolgavkar, Appl. Statist. 37, 1988).
 """
 
@@ -19,17 +19,17 @@ from skywright.core.arrays import Array
 from skywright.errors import InputError
 
 STEEPEST = 500.0
-"""Slope per standard deviation of x beyond which the data do not bound it."""
+"""Slope per standard deviation of x from which it counts as unbounded."""
 FARTHEST = 20.0
-"""Ranges of x beyond the data within which a bound is looked for."""
+"""Search range of a bound beyond the data, as a multiple of the range of x."""
 CEILINGS = np.linspace(0.3, 1.0, 29)
 
 
 class HitMiss(NamedTuple):
-    """A fitted curve. `covariance` is of (b0, b1), or of (b0, b1, c) with a ceiling below 1.
+    """A fitted curve; `covariance` is of (b0, b1), or of (b0, b1, c) with a ceiling below 1.
 
-    A ceiling that is estimated to be 1 lies at its boundary: Wald's bounds then take it as known,
-    those of the likelihood do not.
+    An estimated ceiling of 1 is at its boundary: Wald bounds then treat it as known, likelihood
+    bounds do not.
     """
 
     link: Link
@@ -48,24 +48,25 @@ class HitMiss(NamedTuple):
         return 3 if self.ceiling_fitted else 2
 
     def compute(self, x: Array) -> Array:
-        """POD (n,) at x (n,)."""
+        """Return the POD (n,) at x (n,)."""
         return self.ceiling * self.link.cdf(self.b0 + self.b1 * np.asarray(x, float))
 
     def find(self, p: float) -> float | None:
-        """Return x where the POD is p; None at or above the ceiling."""
+        """Return the x at which the POD is p; None at or above the ceiling."""
         if p >= self.ceiling:
             return None
         return (self.link.quantile(p / self.ceiling) - self.b0) / self.b1
 
     def compute_lower(self, x: Array, bounds: str, confidence: float = CONFIDENCE) -> Array:
-        """One-sided lower bound (n,) of the POD at x (n,)."""
+        """Return the one-sided lower bound (n,) of the POD at x (n,)."""
         x = np.atleast_1d(np.asarray(x, float))
         if bounds == "wald":
             return self._compute_wald(x, float(stats.norm.ppf(confidence)))
         return np.array([self._compute_profile(at, confidence) for at in x])
 
     def find_bound(self, p: float, bounds: str, confidence: float = CONFIDENCE) -> float | None:
-        """Return the least x at which the lower bound of the POD reaches p; None: it never does."""
+        """Return the minimum x at which the lower bound of the POD reaches p; None if it never
+        does."""
         start = self.find(p)
         if start is None:
             return None
@@ -95,7 +96,7 @@ class HitMiss(NamedTuple):
         return None
 
     def compute_ceiling_lower(self, confidence: float = CONFIDENCE) -> float:
-        """One-sided lower bound of the ceiling, by the profile likelihood."""
+        """Return the one-sided lower bound of the ceiling, by the profile likelihood."""
         if not self.ceiling_fitted:
             return self.ceiling
         drop = 0.5 * float(stats.norm.ppf(confidence)) ** 2
@@ -141,7 +142,7 @@ class HitMiss(NamedTuple):
         return float(self.link.cdf(np.array(eta))) * self.ceiling
 
     def _maximise(self, x: float, p: float) -> float:
-        """Log-likelihood with POD(x) = p, maximal over the other parameters."""
+        """Return the log-likelihood with POD(x) = p, maximized over the other parameters."""
         if not self.ceiling_fitted:
             return self._maximise_slope(x, self.link.quantile(p / self.ceiling), self.ceiling)
         found = optimize.minimize_scalar(
@@ -172,7 +173,7 @@ def _compute_log_likelihood(link: Link, eta: Array, hit: Array, c: float) -> flo
 
 
 def _fit_fixed(link: Link, x: Array, hit: Array, c: float) -> tuple[float, float, float]:
-    """(b0, b1, log-likelihood) at a given ceiling."""
+    """Return (b0, b1, log-likelihood) at a given ceiling."""
     centre, scale = float(np.mean(x)), float(np.std(x))
     u = (x - centre) / scale
     share = float(np.clip(np.mean(hit) / c, 0.05, 0.95))
@@ -211,16 +212,16 @@ def _compute_covariance(link: Link, x: Array, fit: tuple[float, float], c: float
 
 
 def _compute_shares(link: Link, eta: Array, c: float) -> tuple[Array, Array]:
-    """POD and 1 - POD, each without cancellation and above 0. F(-eta) = 1 - F(eta)."""
+    """Return POD and 1 - POD, each without cancellation and above 0. F(-eta) = 1 - F(eta)."""
     eta = np.clip(eta, -35.0, 35.0)
     return c * link.cdf(eta), (1.0 - c) + c * link.cdf(-eta)
 
 
 def fit_hit_miss(x: Array, hit: Array, link: Link, ceiling: float | None = 1.0) -> HitMiss:
-    """Fit a curve to x (n,) and hit (n,) of 0 and 1; `ceiling` None: it is estimated, too.
+    """Fit a curve to x (n,) and hit (n,) of 0 and 1; with `ceiling` None, the ceiling is estimated.
 
-    Raises InputError where the data bound no curve: one size, only hits or misses, separation, or
-    a POD that falls with size.
+    Raises InputError if the data do not determine a curve: one size, only hits or only misses,
+    separation, or a POD that decreases with size.
     """
     check_hit_miss(x, hit)
     if ceiling is not None:
@@ -246,7 +247,7 @@ def fit_hit_miss(x: Array, hit: Array, link: Link, ceiling: float | None = 1.0) 
             f"the share of flaws that are found does not grow with size (slope {b1:.3g}); "
             "no size is found with a probability of 90 %: check the columns"
         )
-    # at the boundary the ceiling has no variance: the curve is one of two parameters
+    # at the boundary the ceiling has no variance: the curve has two parameters
     free = ceiling is None and c < 1.0 - 1e-6
     covariance = _compute_covariance(link, x, (b0, b1), c, 3 if free else 2)
     at = ceiling if ceiling is not None else c if free else 1.0
@@ -254,7 +255,7 @@ def fit_hit_miss(x: Array, hit: Array, link: Link, ceiling: float | None = 1.0) 
 
 
 def check_hit_miss(x: Array, hit: Array) -> None:
-    """Refuse data that no curve can be fitted to, in one line with what they do show."""
+    """Raise InputError for data without a curve, with one line that states what they show."""
     n, found = len(x), int(np.sum(hit))
     if n and found in (0, n):
         what = "found" if found else "missed"
@@ -280,7 +281,8 @@ def check_hit_miss(x: Array, hit: Array) -> None:
 
 
 def bound_share(found: int, of: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """One-sided bounds (lower, upper) of a share (Clopper and Pearson, Biometrika 26, 1934)."""
+    """Return one-sided bounds (lower, upper) of a share (Clopper and Pearson, Biometrika 26,
+    1934)."""
     low = 0.0 if found == 0 else float(stats.beta.ppf(1.0 - confidence, found, of - found + 1))
     high = 1.0 if found == of else float(stats.beta.ppf(confidence, found + 1, of - found))
     return low, high

@@ -1,4 +1,4 @@
-"""Link functions of a curve, and how a flaw's size enters it."""
+"""Link functions of a curve, and axes of a flaw's size."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -9,11 +9,11 @@ from scipy import special
 from skywright.core.arrays import Array
 
 CONFIDENCE = 0.95
-"""One-sided, of every bound unless another is given."""
+"""Default one-sided confidence of bounds."""
 
 
 class Link(NamedTuple):
-    """A distribution function F of the linear predictor, with what fits need of it."""
+    """A distribution function F of the linear predictor, with the functions that fits require."""
 
     name: str
     cdf: Callable[[Array], Array]
@@ -47,7 +47,7 @@ def to_axis(size: Array, axis: str) -> Array:
 
 
 def from_axis(x: float | None, axis: str) -> float | None:
-    """Return the size of an x; None where there is none, or none that a number can hold."""
+    """Return the size of an x; None if x is None or the size is not finite."""
     if x is None or not np.isfinite(x):
         return None
     with np.errstate(over="ignore"):

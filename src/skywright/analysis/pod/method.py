@@ -1,4 +1,4 @@
-"""How a curve is fitted: what a user chooses, and what follows from the table."""
+"""Options of the fit of a curve, and their defaults from the table."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from skywright.errors import InputError
 
 
 class Method(NamedTuple):
-    """What a user chooses. None: chosen from the data."""
+    """Options of the user; None: chosen from the data."""
 
     model: str | None = None  # "hit-miss" or "a-hat"
     link: str = "logit"
@@ -27,7 +27,8 @@ class Method(NamedTuple):
 
 
 def check_method(table: Inspections, method: Method) -> Method:
-    """Return the method with model and ceiling; raises InputError where the table lacks them."""
+    """Return the method with model and ceiling. Raises InputError if the table does not suit
+    them."""
     for name, value, valid in (
         ("--link", method.link, tuple(LINKS)), ("--bounds", method.bounds, BOUNDS),
         ("--size-axis", method.size_axis or AXES[0], AXES),
@@ -79,7 +80,7 @@ def check_method(table: Inspections, method: Method) -> Method:
 
 
 def list_variants(method: Method, table: Inspections) -> list[Method]:
-    """Return the methods to try: axes that are not given, and both links for comparison."""
+    """Return the variants to fit: axes that are not given, and both links for comparison."""
     sizes = AXES if method.size_axis is None else (method.size_axis,)
     if method.model == "hit-miss":
         links = (method.link, *(name for name in LINKS if name != method.link))

@@ -1,4 +1,4 @@
-"""Probability of detection of a table of inspections: curves, bounds, false calls, warnings."""
+"""Probability of detection from a table of inspections: curves, bounds, false calls, warnings."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from skywright.errors import InputError
 
 LEVELS = (0.5, 0.9)
 POINTS, FEWER_POINTS = 80, 30
-"""Points of a drawn curve: with Wald's bound, and with that of the likelihood."""
+"""Number of points of a drawn curve: with Wald bounds, and with likelihood bounds."""
 CEILING_DROP = 2.706
-"""Twice the gain of log-likelihood from which a ceiling below one is told (5 %, one-sided)."""
+"""Twice the gain of log-likelihood from which a ceiling below one is reported (5 %, one-sided)."""
 
 
 class Ceiling(NamedTuple):
-    """The POD that no size exceeds, where contact is lost."""
+    """The POD that large sizes approach, because contact may be lost."""
 
     value: float
     lower: float  # one-sided 95 %
@@ -39,7 +39,7 @@ class Ceiling(NamedTuple):
 
 
 class Curve(NamedTuple):
-    """A fitted curve and what is read off it. Sizes in the unit of the table; None: none exists."""
+    """A fitted curve and its characteristic sizes in the unit of the table; None: none exists."""
 
     model: str
     link: str
@@ -49,11 +49,11 @@ class Curve(NamedTuple):
     coefficients: dict[str, float]
     standard_errors: dict[str, float]
     log_likelihood: float
-    aic: float  # of the data as they are: comparable over the axes
+    aic: float  # for the original signals: comparable between axes
     a50: float | None
     a90: float | None
     a90_95: float | None
-    conditional: dict[str, float | None] | None  # the same three where contact was held
+    conditional: dict[str, float | None] | None  # the same three sizes, given contact
     ceiling: Ceiling | None
     sizes: Array  # (k,) of the drawn curve
     pod: Array  # (k,)
@@ -62,14 +62,14 @@ class Curve(NamedTuple):
 
 
 class Pod(NamedTuple):
-    """What a table says about what would be found."""
+    """Result for a table of inspections."""
 
     unit: str
-    inspections: Inspections  # one row a flaw or site, passes merged
+    inspections: Inspections  # one row per flaw or site, passes merged
     counted: Counted
     curve: Curve
     tried: list[dict[str, Any]]
-    """The curves on other axes and with the other link, for comparison."""
+    """Curves on other axes and with the other link, for comparison."""
     false_calls: FalseCalls | None
     warnings: list[str]
 
@@ -91,7 +91,7 @@ class Pod(NamedTuple):
 
 
 def _clean(value: Any) -> Any:
-    """Replace NaN by None, at any depth."""
+    """Replace NaN by None, recursively."""
     if isinstance(value, dict):
         return {key: _clean(v) for key, v in value.items()}
     if isinstance(value, list):
@@ -100,7 +100,7 @@ def _clean(value: Any) -> Any:
 
 
 def compute_pod(table: Inspections, method: Method | None = None) -> Pod:
-    """Fit a curve to a table. Raises InputError where table and method give none."""
+    """Fit a curve to a table. Raises InputError if table and method do not determine one."""
     method = check_method(table, method or Method())
     merged, counted = merge_passes(table, method.model or "", method.decision)
     flawed = merged.select(merged.size > 0)
@@ -143,7 +143,7 @@ def compute_pod(table: Inspections, method: Method | None = None) -> Pod:
 
 
 def _fit_conditional(table: Inspections, method: Method) -> HitMiss | AHat:
-    """Fit the curve of the flaws where contact was held, or of all."""
+    """Fit the curve of the flaws with contact, or of all."""
     if method.ceiling == "contact":
         assert table.contact is not None
         table = table.select(table.contact > 0)
@@ -184,7 +184,7 @@ def _find_ceiling(table: Inspections, method: Method, fit: HitMiss | AHat) -> Ce
 
 
 def _fit(table: Inspections, method: Method) -> Curve:
-    """Fit one variant; the drawn curve is left empty."""
+    """Fit one variant, without the points of the drawn curve."""
     fit = _fit_conditional(table, method)
     ceiling = _find_ceiling(table, method, fit)
     axis = method.size_axis or AXES[0]
@@ -192,7 +192,7 @@ def _fit(table: Inspections, method: Method) -> Curve:
     conditional = None
     if ceiling is not None:
         inner = fit
-        if isinstance(fit, HitMiss):  # F alone: the curve under its own ceiling
+        if isinstance(fit, HitMiss):  # the curve below its own ceiling is F alone
             scaled = fit.covariance[:2, :2]
             inner = fit._replace(ceiling=1.0, ceiling_fitted=False, covariance=scaled)
         assert isinstance(inner, HitMiss | AHat)
@@ -207,7 +207,7 @@ def _fit(table: Inspections, method: Method) -> Curve:
     jacobian = 0.0
     if isinstance(fit, AHat):
         coefficients |= {"s": fit.s, "mu": fit.mu, "sigma": fit.sigma}
-        if method.signal_axis == "log":  # densities of the signal, not of its logarithm
+        if method.signal_axis == "log":  # densities of the signal instead of its logarithm
             jacobian = -float(np.sum(fit.y[fit.censored == a_hat.OBSERVED]))
     log_likelihood = fit.log_likelihood + jacobian
     none = np.empty(0)
@@ -221,9 +221,9 @@ def _fit(table: Inspections, method: Method) -> Curve:
 
 
 def _split_confidence(ceiling: Ceiling | None, table: Inspections) -> tuple[float, float]:
-    """(confidence of the conditional bound, lower bound of the ceiling to multiply it with).
+    """Return (confidence of the conditional bound, lower bound of the ceiling as its factor).
 
-    Contact and detection are bounded apart, each with half of the risk (Bonferroni).
+    Contact and detection are bounded separately, each with half of the risk (Bonferroni).
     """
     if ceiling is None or ceiling.source == "fit":
         return CONFIDENCE, 1.0
@@ -237,7 +237,7 @@ def _split_confidence(ceiling: Ceiling | None, table: Inspections) -> tuple[floa
 def _read_off(
     fit: HitMiss | AHat, ceiling: Ceiling | None, method: Method, table: Inspections
 ) -> tuple[float | None, float | None, float | None]:
-    """x of 50 %, 90 % and the 95 % bound of the latter, of the total POD."""
+    """Return x for 50 % and 90 % of the total POD, and the 95 % bound of the latter."""
     confidence, lowest = _split_confidence(ceiling, table)
     if ceiling is not None and (ceiling.source == "contact" or isinstance(fit, AHat)):
         c, low = ceiling.value, lowest if ceiling.source == "contact" else ceiling.value
@@ -256,7 +256,7 @@ def _read_off(
 
 
 def _draw(table: Inspections, method: Method, curve: Curve) -> Curve:
-    """Return the curve with points to draw."""
+    """Return the curve with the points to draw."""
     fit = _fit_conditional(table, method)
     points = POINTS if method.bounds == "wald" else FEWER_POINTS
     low, high = float(table.size.min()), float(table.size.max())
@@ -278,7 +278,7 @@ def _draw(table: Inspections, method: Method, curve: Curve) -> Curve:
 def _warn_of_curve(
     table: Inspections, method: Method, curve: Curve, tried: list[dict[str, Any]]
 ) -> list[str]:
-    """Warnings about the form of the curve."""
+    """Return warnings about the form of the curve."""
     out = []
     if curve.ceiling is not None and curve.ceiling.lower <= LEVELS[1]:
         out.append(

@@ -1,4 +1,4 @@
-"""What `skywright pod` prints for people."""
+"""Terminal output of `skywright pod`."""
 
 from __future__ import annotations
 

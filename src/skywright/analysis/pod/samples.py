@@ -1,4 +1,4 @@
-"""Counts behind a curve: passes over one flaw, false calls, and whether the sample is enough."""
+"""Counts of a table: passes over a flaw, false calls, and warnings about the sample size."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from skywright.core.arrays import Array
 from skywright.errors import InputError
 
 ENOUGH = {"hit-miss": 60, "a-hat": 40}
-"""Flaws that MIL-HDBK-1823A asks for."""
+"""Minimum number of flaws of MIL-HDBK-1823A."""
 CLEAN_SITES = 3
-"""Sites without a flaw, for each flaw."""
+"""Minimum number of sites without a flaw per flaw."""
 
 
 class Counted(NamedTuple):
-    """Numbers of a table."""
+    """Counts of a table."""
 
     rows: int
     flaws: int
     passes_merged: int
-    """Rows that were further passes over a flaw: one flaw is one datum."""
+    """Rows that were further passes over a flaw; a flaw counts once."""
     clean_sites: int
     found: int
 
@@ -38,7 +38,7 @@ class FalseCalls(NamedTuple):
 
 
 def count_false_calls(called: Array) -> FalseCalls:
-    """Count calls (n,) of 0 and 1."""
+    """Count false calls in `called` (n,) of 0 and 1."""
     n, k = len(called), int(called.sum())
     return FalseCalls(n, k, k / n, bound_share(k, n)[1])
 
@@ -46,10 +46,10 @@ def count_false_calls(called: Array) -> FalseCalls:
 def merge_passes(
     table: Inspections, model: str, decision: float | None
 ) -> tuple[Inspections, Counted]:
-    """Return one row a flaw: found if any pass found it, with the largest signal.
+    """Return one row per flaw: found if any pass found it, with the largest signal.
 
-    Contact was held if any pass held it. Rows without a name in the column `flaw` stay alone.
-    Raises InputError where the passes over a flaw disagree about its size.
+    It had contact if any pass had contact. Rows without a name in the column `flaw` are not merged.
+    Raises InputError if passes over one flaw have different sizes.
     """
     n, merged = len(table.size), table
     if table.flaw is not None:
@@ -86,7 +86,7 @@ def merge_passes(
 def warn_of_samples(
     table: Inspections, counted: Counted, model: str, a90: float | None, a90_95: float | None
 ) -> list[str]:
-    """Return what is wrong with the sample, a sentence each."""
+    """Return warnings about the sample, one sentence each."""
     out = []
     if counted.flaws < ENOUGH[model]:
         out.append(f"{counted.flaws} flaws; {model} data should have at least {ENOUGH[model]}")

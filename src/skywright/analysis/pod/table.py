@@ -1,4 +1,4 @@
-"""Inspections of known flaws as a table: one row an inspection, in a delimited text file."""
+"""Inspections of known flaws as a table: one row per inspection, in a delimited text file."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ NAMES = {
     "contact": ("contact",),
     "flaw": ("flaw", "flaw_id", "target"),
 }
-"""What a column gives, by its name without case and without the unit at its end."""
+"""Accepted column names of each quantity, without case and without a unit suffix."""
 YES, NO = ("1", "1.0", "true", "yes", "hit"), ("0", "0.0", "false", "no", "miss")
 MAX_BYTES = 100_000_000
 
 
 class Inspections(NamedTuple):
-    """One row an inspection; size 0 is a site without a flaw."""
+    """One row per inspection; size 0 is a site without a flaw."""
 
     size: Array  # (n,)
-    unit: str  # of the size, "" where the file does not say
+    unit: str  # of the size, "" if the file does not state it
     hit: Array | None  # (n,) 0 or 1
     signal: Array | None  # (n,)
-    contact: Array | None  # (n,) 0 or 1: whether the probe was in contact at the flaw
-    flaw: tuple[str, ...] | None  # name of the flaw: rows with one name are passes over it
+    contact: Array | None  # (n,) 0 or 1: the probe was in contact at the flaw
+    flaw: tuple[str, ...] | None  # name of the flaw; rows with one name are passes over one flaw
     others: dict[str, tuple[str, ...]]  # further columns, as text
 
     def select(self, kept: Mask) -> Inspections:
-        """Return the rows (n,) that are kept."""
+        """Return the rows (n,) where `kept` is true."""
         at = np.flatnonzero(kept)
 
         def pick(column: Array | None) -> Array | None:
@@ -59,9 +59,9 @@ class Inspections(NamedTuple):
 def load_inspections(path: Path, columns: str | None = None) -> Inspections:
     """Read a table with a header; `columns` as "size=Depth[mm],hit=Found" names other headers.
 
-    Raises InputError, in one line with the number of the row, for a cell that is no number and for
-    a table without sizes, or without hits and signals. Nothing is dropped silently: a missing row
-    changes the probability.
+    Raises InputError, in one line with the row, for a cell that is not a number, and for a table
+    without sizes, or without hits and signals. No row is dropped silently, because that would
+    change the probability.
     """
     text = decode(read_bytes(path, MAX_BYTES))
     lines = [
@@ -114,7 +114,7 @@ def load_inspections(path: Path, columns: str | None = None) -> Inspections:
 
 
 def parse_columns(text: str) -> dict[str, tuple[str, str]]:
-    """Return {what: (name in the file, unit)} of "size=Depth[mm],hit=Found"."""
+    """Parse "size=Depth[mm],hit=Found" to {what: (name in the file, unit)}."""
     found: dict[str, tuple[str, str]] = {}
     for part in text.split(","):
         match = re.fullmatch(r"\s*(\w+)\s*=\s*([^\[\]]+?)\s*(?:\[\s*(\w*)\s*\])?\s*", part)
@@ -137,7 +137,7 @@ def _split_header(line: str) -> tuple[list[str], str]:
 
 
 def _strip_unit(name: str) -> tuple[str, str]:
-    """("depth", "mm") of "Depth_mm", "depth [mm]" and "depth (mm)"."""
+    """Split "Depth_mm", "depth [mm]" or "depth (mm)" to ("depth", "mm")."""
     match = re.fullmatch(r"(.*?)[\s_]*[\[(_]?\s*(" + "|".join(UNITS) + r")[\])]?", name.lower())
     if match and re.search(r"[\s_\[(]", name):
         return match.group(1).strip(), match.group(2)
@@ -147,7 +147,7 @@ def _strip_unit(name: str) -> tuple[str, str]:
 def _find_columns(
     path: Path, header: Sequence[str], given: dict[str, tuple[str, str]]
 ) -> tuple[dict[str, int], str]:
-    """({what: column}, unit of the size)."""
+    """Return ({what: column}, unit of the size)."""
     plain = [name.lower() for name in header]
     shown = ", ".join(name[:30] or "(empty)" for name in header[:12])
     places, unit = {}, ""

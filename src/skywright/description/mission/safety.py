@@ -1,4 +1,4 @@
-"""Where a robot may fly, and what is checked before its motors turn: data of a mission."""
+"""Geofence and pre-flight checklist of a mission."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from skywright.core.spec import Coordinate, Fraction, Positive, Spec
 
 
 class Fence(Spec):
-    """The geofence: `[mission.fence]`. What is not given does not limit."""
+    """The geofence: `[mission.fence]`. Keys without a value set no limit."""
 
-    x_min_m: Coordinate | None = None  # in W, of the platform's origin
+    x_min_m: Coordinate | None = None  # limit of the platform's origin in W
     x_max_m: Coordinate | None = None
     y_min_m: Coordinate | None = None
     y_max_m: Coordinate | None = None
     height_max_m: Positive | None = None  # above the ground
-    radius_m: Positive | None = None  # level, around the origin of W
+    radius_m: Positive | None = None  # horizontal distance from the origin of W
 
     @model_validator(mode="after")
     def _limits_leave_room(self) -> Fence:
@@ -29,7 +29,7 @@ class Fence(Spec):
         return self
 
     def list_excess(self, p: Sequence[float]) -> list[tuple[str, float, float, float]]:
-        """Return (key, value, limit, m beyond it) of every limit; beyond is negative inside."""
+        """Return (key, value, limit, excess m) of every limit; the excess is negative inside."""
         values = {
             "x_min_m": (p[0], -1.0), "x_max_m": (p[0], 1.0), "y_min_m": (p[1], -1.0),
             "y_max_m": (p[1], 1.0), "height_max_m": (p[2], 1.0),
@@ -39,11 +39,12 @@ class Fence(Spec):
         return [(k, x, limit, s * (x - limit)) for k, x, s, limit in limits if limit is not None]
 
     def compute_excess(self, p: Sequence[float]) -> float:
-        """Return how far (m) the place p (3,) m lies outside; negative inside, -inf: no limit."""
+        """Return how far (m) the position p (3,) m is outside; negative inside, -inf without
+        limits."""
         return max((excess for *_, excess in self.list_excess(p)), default=-math.inf)
 
     def explain(self, p: Sequence[float]) -> str:
-        """Return which limit the place p (3,) m is beyond, "" where it lies inside."""
+        """Return which limit the position p (3,) m exceeds, "" if it is inside."""
         for key, value, limit, excess in self.list_excess(p):
             if excess > 0.0:
                 return (
@@ -54,11 +55,11 @@ class Fence(Spec):
 
 
 class Checklist(Spec):
-    """What is checked before the motors turn: `[mission.checklist]`."""
+    """Conditions for starting the motors: `[mission.checklist]`."""
 
-    battery_min_fraction: Fraction = 0.3  # charge, of the full battery
-    fix_age_max_s: Positive = 0.5  # since the robot was last localised
+    battery_min_fraction: Fraction = 0.3  # least charge, relative to the full battery
+    fix_age_max_s: Positive = 0.5  # largest time since the last position fix
     tilt_max_deg: float = Field(default=10.0, gt=0, le=90)  # of the platform on the ground
-    speed_max_mps: Positive = 0.2  # of the platform on the ground, as estimated
-    spin: bool = False  # turn the motors at low thrust for 1 s, and compare their speeds
-    spin_spread_fraction: Fraction = 0.25  # of a rotor's speed from the median, at most
+    speed_max_mps: Positive = 0.2  # estimated speed of the platform on the ground
+    spin: bool = False  # run the motors at low thrust for 1 s, and compare their speeds
+    spin_spread_fraction: Fraction = 0.25  # largest deviation of a rotor's speed from the median

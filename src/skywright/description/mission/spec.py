@@ -1,4 +1,4 @@
-"""What a mission file may say: the roots `mission` and `plant`."""
+"""Keys of a mission file: the roots `mission` and `plant`."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ class Requirement(Spec):
 
 
 class Task(Spec):
-    """What one kind of mission is about: the table `mission.task`; each kind has its own."""
+    """The table `mission.task`; each kind of mission has its own."""
 
     def adapt_robot(self, robot: Robot) -> Robot:
-        """Return the robot as this mission flies it; a kind may change it."""
+        """Return the robot in the configuration of this mission; a kind may change it."""
         return robot
 
     def find_files(self, folder: Path) -> Self:
-        """Return the task with absolute paths of the files that it names, beside `folder`."""
+        """Return the task with absolute paths of its files, which are relative to `folder`."""
         return self
 
     def get_gap_limit(self) -> float | None:
-        """Return the largest gap (m) of a probe that counts as contact; None: the usual one."""
+        """Return the largest gap (m) of a probe that counts as contact; None: the default."""
         return None
 
 
@@ -45,11 +45,11 @@ T = TypeVar("T", bound=Task)
 
 
 class Rules(Spec):
-    """What the robot does where something goes wrong: `[mission.faults.NAME]`, a table a rule."""
+    """Rules that respond to faults: `[mission.faults.NAME]`, one table per rule."""
 
 
 class Faults(Spec):
-    """What goes wrong in the plant, by name: `[plant.faults.NAME] kind = ...`."""
+    """Faults of the plant, by name: `[plant.faults.NAME] kind = ...`."""
 
 
 class Mission(Spec, Generic[T]):
@@ -61,36 +61,38 @@ class Mission(Spec, Generic[T]):
     robot: str
     world: str
     seed: int = Field(default=1, ge=0)
-    resolved: bool = False  # written in a run's mission.toml: the file is complete in itself
+    resolved: bool = False  # set in a run's mission.toml: the file is complete
     mode: Literal["fast", "interactive"] = "fast"
-    timestep_ms: Literal[1, 2] = 1  # of the physics; 2 where no contact is too stiff for it
+    timestep_ms: Literal[1, 2] = 1  # of the physics; 2 if no contact is too stiff for it
     law: Part | None = None
     estimator: Part = Part(kind="filter")
     hover_height_m: float = Field(default=1.2, gt=0, le=500)
     start_x_m: Coordinate = 0.0
     start_y_m: Coordinate = 0.0
     start_yaw_deg: float = 0.0
-    # kept in free flight, at least; missions with mission.task.way_clearance_m keep that instead
+    # least clearance in free flight; missions with mission.task.way_clearance_m use that instead
     clearance_m: float = Field(default=0.05, ge=0.01, le=1)
-    # kept from the surface that is worked on, by all but the probe's tip
+    # clearance of all parts except the probe's tip from the surface at which the robot works
     surface_clearance_m: float = Field(default=0.03, ge=0.005, le=1)
-    # kept between parts of the robot: 0.4 deg of a joint over 0.6 m, and 4 mm of a link (plant);
-    # planners of ways, whose shapes are coarser, keep twice as much
+    # clearance between parts of the robot: 0.4 deg of a joint over 0.6 m, and 4 mm of a link
+    # (plant); path planners, whose shapes are coarser, use twice as much
     self_clearance_m: float = Field(default=0.01, ge=0, le=0.2)
-    # kept from everything on the vertical way between the ground and the hover point
+    # clearance from all obstacles on the vertical path between the ground and the hover point
     climb_clearance_m: float = Field(default=0.1, ge=0, le=1)
-    wind_fraction: Fraction = 0.7  # of the computed wind limit that a mission may use
-    # standard deviations that gusts count with: 3 is the expected largest of the tens that pass
-    # during a scan (peak factor, Davenport 1964)
+    wind_fraction: Fraction = 0.7  # usable fraction of the computed wind limit
+    # gusts in standard deviations: 3 is the expected maximum of the tens of gusts that pass during
+    # a scan (peak factor, Davenport 1964)
     gust_sigmas: float = Field(default=3.0, ge=0, le=6)
-    # of the thrust commands caused by the gyroscope's noise, that the rotors' limits must permit
+    # thrust commands due to the gyroscope's noise that the rotors' limits must permit, in standard
+    # deviations
     noise_sigmas: float = Field(default=3.0, ge=0, le=6)
-    link_phase_deg: float = Field(default=0.0, ge=0, le=60)  # left to the attitude loop by a link
-    # wall time that a mission tick (20 ms of flight) may take before a component counts as stuck
+    # least phase margin of the attitude loop with the delay of the control link
+    link_phase_deg: float = Field(default=0.0, ge=0, le=60)
+    # wall time of a mission tick (20 ms of flight) after which a component counts as stuck
     step_limit_s: float = Field(default=20.0, ge=0.1, le=3600)
     calibrate_springs: bool = True  # with known loads, before the flight (models/spring_bench.py)
     record_raw: bool = True  # every sample of sensors that declare streams, at its own rate
-    planner_time_s: Positive = 20.0  # before the planner gives up
+    planner_time_s: Positive = 20.0  # time limit of the planner
     task: T
     requirements: dict[str, Requirement] = {}
     faults: Rules = Rules()
@@ -103,14 +105,14 @@ class Mission(Spec, Generic[T]):
         return {"task": {}, **data} if isinstance(data, dict) else data
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle by kind: the class is made at run time, and the task may be a user's."""
+        """Pickle by kind: the class is created at run time, and the task may be a user's."""
         return revive_mission, (self.kind, self.model_dump())
 
 
 class Plant(Spec):
     """The root `plant`: deviations of the simulated truth from the nominal model.
 
-    Errors are fractions of the nominal value, or absolute where the key carries a unit.
+    Errors are fractions of the nominal value, or absolute if the key has a unit.
     """
 
     mass_error: float = Field(default=0.03, gt=-0.9, lt=10)
@@ -121,10 +123,10 @@ class Plant(Spec):
     com_z_error_m: float = 0.004
     inertia_error: float = Field(default=0.05, gt=-0.9, lt=10)
     link_length_error_m: float = 0.004  # of the last link: a kinematic calibration error
-    # 1 sigma of each link that carries another, besides, drawn from the seed
+    # additional error, 1 sigma of each link that carries another, drawn from the seed
     link_length_spread_m: float = Field(default=0.0, ge=0, le=0.02)
     joint_offset_error_deg: float = 0.4  # encoder zero of every joint
-    # 1 sigma of each joint's encoder zero, besides, drawn from the seed
+    # additional error, 1 sigma of each joint's encoder zero, drawn from the seed
     joint_offset_spread_deg: float = Field(default=0.0, ge=0, le=5)
     drag_error: float = Field(default=0.2, gt=-1, lt=10)
     spring_error: float = Field(default=0.0, gt=-0.9, lt=10)  # of joints' and probe's springs
@@ -133,23 +135,23 @@ class Plant(Spec):
     backlash_error: float = Field(default=0.1, ge=-1, lt=10)
     servo_lag_error: float = Field(default=0.1, gt=-0.9, lt=10)  # of the arm's servos
     sensor_noise_error: float = Field(default=0.2, ge=0, le=0.7)  # 1 sigma of its logarithm
-    marker_error_m: NonNegative = 0.001  # 1 sigma a axis: motion-capture markers of the probe
-    # 1 sigma a axis: place and direction of the probe's camera against the probe
+    marker_error_m: NonNegative = 0.001  # 1 sigma per axis: motion-capture markers of the probe
+    # 1 sigma per axis: position and direction of the probe's camera relative to the probe
     probe_camera_error_m: NonNegative = 0.0005
     probe_camera_error_deg: NonNegative = 0.2
-    # the true pipe or structure is up to this far, either way, from the map (world file)
+    # largest deviation of the true pipe or structure from the map (world file), in either direction
     map_error_m: float = Field(default=0.0, ge=0, le=0.2)  # each axis
     # heading, inclination or slope, rotation of a pipe about its axis
     map_error_deg: float = Field(default=0.0, ge=0, le=20)
     map_error_size_m: float = Field(default=0.0, ge=0, le=0.05)  # radius
-    # where tracked things that do not move, as a socket, stand against the world file
+    # deviation of tracked things that do not move, such as a socket, from the world file
     socket_x_error_m: float = Field(default=0.0, ge=-0.1, le=0.1)  # in the socket's frame
     socket_y_error_m: float = Field(default=0.0, ge=-0.1, le=0.1)
     socket_z_error_m: float = Field(default=0.0, ge=-0.1, le=0.1)
     socket_roll_error_deg: float = Field(default=0.0, ge=-10, le=10)
     socket_pitch_error_deg: float = Field(default=0.0, ge=-10, le=10)
     socket_yaw_error_deg: float = Field(default=0.0, ge=-10, le=10)
-    survey_error_m: NonNegative = 0.001  # 1 sigma a axis: markers on bar and socket, together
+    survey_error_m: NonNegative = 0.001  # 1 sigma per axis: markers on bar and socket, together
     survey_error_deg: NonNegative = 0.5  # 1 sigma about each axis, likewise
     faults: Faults = Faults()
 
@@ -157,7 +159,7 @@ class Plant(Spec):
 def find_mission_spec(kind: object, folders: Sequence[Path] = ()) -> tuple[str, type[Mission[Any]]]:
     """Return a kind's resolved name (the path of a file is absolute) and its missions' spec.
 
-    Raises InputError where there is no such kind.
+    Raises InputError if there is no such kind.
     """
     found = find("kind", kind, folders, "mission.kind")
     task = found.cls.task if hasattr(found.cls, "task") else None
@@ -168,7 +170,7 @@ def find_mission_spec(kind: object, folders: Sequence[Path] = ()) -> tuple[str, 
 
 
 def revive_mission(kind: str, values: Mapping[str, Any]) -> Mission[Any]:
-    """Build a mission from what `Mission.__reduce__` wrote."""
+    """Build a mission from the output of `Mission.__reduce__`."""
     spec: Any = type_parts(find_mission_spec(kind)[1], "mission", {"mission": dict(values)})
     mission: Mission[Any] = spec.model_validate(values)
     return mission

@@ -1,6 +1,6 @@
-"""What a robot file may say of its arms: `[robot.arm]`, its links, its servos and its hands.
+"""Keys of a robot's arms: `[robot.arm]`, its links, its servos and its hands.
 
-A link's frame sits at its joint, with x along the link. Every number has its unit in the key.
+A link's frame is at its joint, with x along the link. Every number has its unit in the key.
 """
 
 from __future__ import annotations
@@ -19,26 +19,26 @@ from skywright.description.robot.inertia import MOMENTS, PRODUCTS, check_inertia
 
 
 class Link(Spec):
-    """One arm link, moved by one joint at its origin; x runs along the link.
+    """One arm link, moved by one joint at its origin; x is along the link.
 
-    The joint sits at (`x_m`, `y_m`, `z_m`) in the parent's frame; without them at the end of the
-    parent link (its `length_m` along x), or at the mount for the first. At zero the link's frame
-    is the parent's, turned by Rz(yaw) Ry(pitch) Rx(roll), the convention of URDF; without these
-    keys both have the same axes. A slide has its values in `_m` keys.
+    The joint is at (`x_m`, `y_m`, `z_m`) in the parent's frame; by default at the end of the parent
+    link (its `length_m` along x), or at the mount for the first link. At zero the link's frame is
+    the parent's, rotated by Rz(yaw) Ry(pitch) Rx(roll), the convention of URDF; by default both
+    have the same axes. A slide has its values in `_m` keys.
     """
 
     parent: str | None = None  # link name, or "platform"; default: the link before it
     x_m: Offset | None = None
     y_m: Offset | None = None
     z_m: Offset | None = None
-    roll_deg: float = 0.0  # of the link's frame in the parent's, the joint at zero
+    roll_deg: float = 0.0  # of the link's frame in the parent's, with the joint at zero
     pitch_deg: float = 0.0
     yaw_deg: float = 0.0
     side: Literal["both", "left", "right"] = "both"  # with sides = 2: on which arms it is
     joint: Literal["hinge", "slide", "fixed"] = "hinge"
     axis: Literal["x", "y", "z"] = "y"
-    along: Literal["x", "-z"] = "x"  # the link's direction in its frame: forward, or hanging
-    passive: bool = False  # no servo: swings freely
+    along: Literal["x", "-z"] = "x"  # the link's direction in its frame: forward, or down
+    passive: bool = False  # no servo: the joint moves freely
     damping_nms_per_rad: NonNegative = 0.0  # of a passive joint's bearing
     friction_nm: NonNegative = 0.0
     length_m: Length
@@ -50,24 +50,26 @@ class Link(Spec):
     inertia_xx_kgm2: Positive | None = None  # about it; default: of a solid cylinder
     inertia_yy_kgm2: Positive | None = None
     inertia_zz_kgm2: Positive | None = None
-    inertia_xy_kgm2: float = 0.0  # product: the tensor's entry, -sum m x y
+    inertia_xy_kgm2: float = 0.0  # product of inertia: the tensor's entry, -sum m x y
     inertia_xz_kgm2: float = 0.0
     inertia_yz_kgm2: float = 0.0
     radius_m: Length = 0.015  # collision capsule
     joint_min_deg: float = -180.0
     joint_max_deg: float = 180.0
     folded_deg: float = 0.0  # in free flight and on the ground
-    working_deg: float = 0.0  # posture that a task starts from
-    joint_min_m: Offset | None = None  # of a slide, with the four below: in place of the angles
+    working_deg: float = 0.0  # initial posture of a task
+    # of a slide, with the three keys below: instead of the angles
+    joint_min_m: Offset | None = None
     joint_max_m: Offset | None = None
     folded_m: Offset = 0.0
     working_m: Offset = 0.0
     flex_stiffness_nm_per_rad: Positive | None = None  # structural, in series with the joint
     flex_damping_ratio: NonNegative = 0.03
-    flex_damping_nms_per_rad: NonNegative | None = None  # in place of the ratio
+    flex_damping_nms_per_rad: NonNegative | None = None  # instead of the ratio
     flex_linear_deg: Positive | None = None  # deflection up to which the spring is linear
-    flex_beyond: Literal["stop", "hardening"] = "stop"  # what happens beyond
-    flex_hardening: float = Field(default=4.0, ge=1.0)  # stiffness beyond, over that within
+    flex_beyond: Literal["stop", "hardening"] = "stop"  # behaviour beyond that deflection
+    # ratio of the stiffness beyond that deflection to the stiffness within
+    flex_hardening: float = Field(default=4.0, ge=1.0)
     deflection_encoder: bool = False  # the controller measures shaft minus output link
     lateral_stiffness_nm_per_rad: Positive | None = None  # bending out of the joint's plane
     lateral_damping_ratio: NonNegative = 0.05
@@ -124,7 +126,7 @@ class Link(Spec):
 
     @property
     def is_turned(self) -> bool:
-        """Whether the link's frame is turned against the parent's with the joint at zero."""
+        """Whether the link's frame is rotated relative to the parent's with the joint at zero."""
         return bool(self.roll_deg or self.pitch_deg or self.yaw_deg)
 
     @property
@@ -141,51 +143,56 @@ class Link(Spec):
         return math.radians(getattr(self, f"{which}_deg"))
 
     def describe(self, value: float) -> str:
-        """Return a value of the joint (rad; of a slide m) in words."""
+        """Return a value of the joint (rad; of a slide m) as text."""
         return f"{value:g} m" if self.joint == "slide" else f"{math.degrees(value):g} deg"
 
 
 class Servo(Spec):
-    """A servo motor of the arm: it takes a velocity, an angle (most smart servos) or a torque.
+    """A servo motor of the arm, commanded by a velocity, an angle (most smart servos) or a torque.
 
-    On a slide, N stands for N m, m for rad and kg for kg m^2 in all keys.
+    On a slide, N replaces N m, m replaces rad, and kg replaces kg m^2 in all keys.
     """
 
     side: Literal["both", "left", "right"] = "both"  # with sides = 2: on which arms it is
     mode: Literal["velocity", "position", "torque"] = "velocity"
     stall_torque_nm: Positive
     no_load_speed_rad_s: Positive
-    velocity_time_constant_s: Positive = 0.03  # mode "torque": of the law's loop around it
+    velocity_time_constant_s: Positive = 0.03  # mode "torque": of the law's joint loop
     position_time_constant_s: float = Field(default=0.05, ge=0.005, le=2)  # T_s: Suarez 2020 (17)
     command_period_s: float = Field(default=0.02, ge=0.001, le=1)  # mode "position"; and readings
     resolution_deg: float = Field(default=0.0, ge=0, le=30)  # of a commanded angle
-    backlash_deg: float = Field(default=0.0, ge=0, le=30)  # of the gear, seen at the output
+    backlash_deg: float = Field(default=0.0, ge=0, le=30)  # of the gear, at the output
     armature_kgm2: Positive = 0.005  # rotor inertia through the gear
-    friction_nm: NonNegative = 0.0  # dry friction of the gear, seen at the output
+    friction_nm: NonNegative = 0.0  # dry friction of the gear, at the output
     encoder_counts: int = Field(default=4096, ge=16, le=2**24)
 
 
 class Hand(Spec):
-    """What an arm without a probe ends in: a ball (or pad) at the tip, a hook, or a gripper.
+    """The end of an arm without a probe: a ball (or pad) at the tip, a hook, or a gripper.
 
-    A gripper's two fingers reach from the link's end to the tip and move along y of the link, the
-    same way each. Its motor's force falls linearly with its speed: `grip_force_n` stalled, none at
-    `grip_speed_mps`. Fingers that turn have their pivots beside the link's end and round pads
+    A gripper's two fingers extend from the link's end to the tip and move symmetrically along y of
+    the link. Its motor's force decreases linearly with its speed: `grip_force_n` at stall, zero at
+    `grip_speed_mps`. Rotating fingers have their pivots beside the link's end and round pads
     `length_m` from them; force and speed are those of the pads while the fingers are parallel.
     """
 
     kind: Literal["ball", "hook", "gripper"] = "ball"
     length_m: float = Field(default=0.0, ge=0, le=100)  # from the link's end to the tip
-    mass_kg: NonNegative = 0.0  # of a gripper: of both fingers
+    mass_kg: NonNegative = 0.0  # of a gripper: both fingers
     radius_m: Length = 0.012  # of the ball; of a gripper half the width of a finger, or of its pad
     hook_length_m: Length = 0.05  # of the hook's cross bar, forward
     friction: NonNegative = 0.5
-    finger: Literal["slide", "turn"] = "slide"  # how a gripper's fingers move
-    stroke_m: Length = 0.06  # of a gripper that slides: between its open fingers
-    pivot_m: NonNegative = 0.03  # of fingers that turn: from the link's axis to each pivot
-    open_deg: float = Field(default=30.0, ge=-80, le=80)  # finger from the link's axis, outward
-    closed_deg: float = Field(default=-30.0, ge=-80, le=80)  # likewise, as far as it closes
-    grip_speed_mps: Positive = 0.1  # at which the distance of the pads changes without a load
+    # motion of a gripper's fingers: translation or rotation
+    finger: Literal["slide", "turn"] = "slide"
+    # of a gripper with sliding fingers: distance between the open fingers
+    stroke_m: Length = 0.06
+    pivot_m: NonNegative = 0.03  # of rotating fingers: from the link's axis to each pivot
+    # angle of an open finger from the link's axis, outward
+    open_deg: float = Field(default=30.0, ge=-80, le=80)
+    # angle of a closed finger from the link's axis, outward
+    closed_deg: float = Field(default=-30.0, ge=-80, le=80)
+    # rate at which the distance of the pads changes without a load
+    grip_speed_mps: Positive = 0.1
     grip_force_n: Positive = 20.0  # of each finger
 
     @model_validator(mode="after")
@@ -207,7 +214,7 @@ class Hand(Spec):
         return self
 
     def opening(self, angle: float) -> float:
-        """Return the distance (m) of the pads of fingers that turn, at `angle` (rad) outward."""
+        """Return the distance (m) of the pads of rotating fingers at `angle` (rad) outward."""
         return 2.0 * (self.pivot_m + self.length_m * math.sin(angle) - self.radius_m)
 
     @property
@@ -218,7 +225,7 @@ class Hand(Spec):
 
     @property
     def opening_min_m(self) -> float:
-        """Distance of a gripper's pads when its fingers have closed on nothing."""
+        """Distance of a gripper's pads when its fingers have closed without an object."""
         turns = self.finger == "turn"
         return max(self.opening(math.radians(self.closed_deg)), 0.0) if turns else 0.0
 
@@ -226,16 +233,16 @@ class Hand(Spec):
 TAKEN = re.compile(
     r"platform|gear|docking|pendulum|holder|slider|spring|free|tip|bar|map|(left_|right_)?contact|(hand|rotor|object)\s?\d*"
 )
-"""Parts and joints that are there anyway: links have other names."""
+"""Reserved names of parts and joints: links must have other names."""
 
 
 class Arm(Spec):
-    """Links in order (a chain unless `parent` says otherwise) and the servos that drive them.
+    """Links in order (a chain unless `parent` is set) and the servos that drive them.
 
-    `belt` is J_AM of Tognon 2018: joint speeds = J_AM * motor speeds (identity when absent).
-    With `sides = 2` the links describe the left arm; the right one is its mirror image, and the
-    two shoulders are `separation_m` apart. A link or servo with `side = "left"` or `"right"` is on
-    that arm only, and is taken as it stands: so two arms may differ.
+    `belt` is J_AM of Tognon 2018: joint speeds = J_AM * motor speeds (default: identity). With
+    `sides = 2` the links describe the left arm; the right one is its mirror image, and the two
+    shoulders are `separation_m` apart. A link or servo with `side = "left"` or `"right"` belongs to
+    that arm only and is not mirrored, so the two arms may differ.
     """
 
     inline_tables: ClassVar[tuple[str, ...]] = ("links", "servos")
@@ -244,19 +251,19 @@ class Arm(Spec):
     mount_y_m: Offset = 0.0
     mount_z_m: Offset = 0.0
     sides: Literal[1, 2] = 1
-    encoders: Literal["both", "left"] = "both"  # which arms have the links' deflection encoders
+    encoders: Literal["both", "left"] = "both"  # arms that have the links' deflection encoders
     separation_m: Length = 0.3
     drag_coefficient: float = Field(default=0.0, ge=0, le=10)  # of the links, as cylinders; 0: none
     links: dict[str, Link]
     servos: dict[str, Servo]
     belt: list[list[float]] | None = None
     hand: Hand = Hand()
-    bar: Bar | None = None  # what both hands hold
+    bar: Bar | None = None  # bar that both hands hold
 
     @model_validator(mode="before")
     @classmethod
     def _split(cls, data: object) -> object:
-        """`[robot.arm.link1]` and `[robot.arm.motor1]` are told apart by their keys."""
+        """Distinguish `[robot.arm.link1]` and `[robot.arm.motor1]` by their keys."""
         if not isinstance(data, dict) or "links" in data:
             return data
         out: dict[str, object] = {"links": {}, "servos": {}}
@@ -271,7 +278,7 @@ class Arm(Spec):
 
     @model_validator(mode="after")
     def _consistent(self) -> Arm:
-        if not self.links:  # a mission that sets a key of the arm, flown by a robot without
+        if not self.links:  # a mission that sets a key of the arm, with a robot without arm
             raise ValueError("[robot.arm] has no links; add [robot.arm.NAME] tables")
         sides = {n: x.side for n, x in self.links.items()}
         sides |= {n: x.side for n, x in self.servos.items()}
@@ -301,7 +308,7 @@ class Arm(Spec):
             if TAKEN.fullmatch(name):
                 raise ValueError(f"a link cannot be named {name!r}: this name is reserved")
         for links in self.chains:
-            before = ["platform"]  # a parent comes first, so there are no cycles
+            before = ["platform"]  # parents precede their children, so there are no cycles
             for name, link in links.items():
                 if link.parent is not None and link.parent not in before:
                     raise ValueError(
@@ -321,6 +328,6 @@ class Arm(Spec):
 
     @property
     def chains(self) -> list[dict[str, Link]]:
-        """The links of each arm, the left one or only one first, by name."""
+        """Links of each arm by name; the left or only arm first."""
         sides = ("left", "right")[: self.sides]
         return [{n: x for n, x in self.links.items() if x.side in ("both", s)} for s in sides]

@@ -1,4 +1,4 @@
-"""What a robot file may say about a bar in its hands: `[robot.arm.bar]`."""
+"""Keys of a bar in a robot's hands: `[robot.arm.bar]`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from skywright.core.spec import Positive, Spec
 
 
 class Bar(Spec):
-    """A straight, uniform bar that both hands hold, across the robot, its middle between them."""
+    """A straight, uniform bar across the robot that both hands hold, its middle between them."""
 
     length_m: Positive
     diameter_m: Positive = 0.04

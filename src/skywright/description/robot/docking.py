@@ -1,7 +1,7 @@
-"""What a robot file may say about a docking gear: `[robot.docking]`.
+"""Keys of a docking gear: `[robot.docking]`.
 
-A frame on top of the platform whose feet are pressed against a ceiling, so that the robot rests
-against the structure while its arm works (Sanchez-Cuevas et al. 2020, section 2.3).
+A frame on top of the platform whose feet are pressed against a ceiling, so that the structure
+supports the robot while its arm works (Sanchez-Cuevas et al. 2020, section 2.3).
 """
 
 from __future__ import annotations

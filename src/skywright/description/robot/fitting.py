@@ -1,4 +1,4 @@
-"""Does a robot have the parts that a mission's file changes?"""
+"""Check that a robot has the parts that a mission's file changes."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from skywright.errors import InputError
 def check_fitting(layers: Sequence[Layer], label: str, problem: str) -> None:
     """Refuse a mission that changes single keys of a part which the chosen robot lacks.
 
-    `problem` is what validation found: such a table lacks the keys that only a robot's file has,
-    which is not the cause. `label` is that of the mission's file among `layers`.
+    `problem` is the message of the validation: it reports the missing keys of such a table, which
+    is not the cause. `label` is that of the mission's file among `layers`.
     """
     mission = merge_layers([x for x in layers if x.label == label])[0].get("robot", {})
     tree = merge_layers([x for x in layers if x.label not in (label, "--set")])[0]
@@ -24,7 +24,7 @@ def check_fitting(layers: Sequence[Layer], label: str, problem: str) -> None:
         if not _has(tree.get("robot", {}), table) and f": robot.{path} lacks " in problem:
             fitting = ", ".join(e.name for e in list_robots() if _has_part(e.name, table))
             if not fitting:
-                return  # no robot's part: a misspelt name, which the problem tells
+                return  # no robot has this part: a misspelt name, which the problem reports
             raise InputError(
                 f"robot {name!r} has no [robot.{path}], which {label} needs; built-in robots "
                 f"that have it: {fitting}"
@@ -48,5 +48,5 @@ def _has(tree: Mapping[str, Any], table: tuple[str, ...]) -> bool:
 
 
 def _has_part(robot: str, table: tuple[str, ...]) -> bool:
-    """Does a built-in robot have the part?"""
+    """Return whether a built-in robot has the part."""
     return _has(merge_layers(load_robot_layers(find_robot(robot)))[0]["robot"], table)

@@ -1,7 +1,7 @@
-"""What a robot file may say about a force sensor in the probe's slider: `[robot.force_sensor]`.
+"""Keys of a force sensor in the probe's slider: `[robot.force_sensor]`.
 
-A compression spring and a linear potentiometer that an analog-to-digital converter reads. Its
-calibration has two straight pieces over the count (Sanchez-Cuevas et al. 2020, Table 3).
+A compression spring and a linear potentiometer, read by an analog-to-digital converter. Its
+calibration consists of two straight pieces over the count (Sanchez-Cuevas et al. 2020, Table 3).
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from skywright.core.spec import NonNegative, Positive, Spec
 
 
 class ForceSensor(Spec):
-    """Force = offset + slope * count; `hard` below `limit_count`, `soft` from it on.
+    """Force = offset + slope * count; `hard` below `limit_count`, `soft` from there on.
 
-    The count falls while the spring is compressed, so both slopes are negative and the hard press
-    is the low counts.
+    The count falls while the spring is compressed, so both slopes are negative and a hard press has
+    low counts.
     """
 
     hard_slope_n_per_count: float = Field(lt=0)
@@ -52,7 +52,7 @@ class ForceSensor(Spec):
 
     @property
     def hard_share(self) -> float:
-        """Stiffness of the spring beyond the knee over that within: more travel a newton."""
+        """Ratio of the spring's stiffness beyond the knee to that before it."""
         return self.hard_slope_n_per_count / self.soft_slope_n_per_count
 
     @property

@@ -1,4 +1,4 @@
-"""Inertia tensors of a robot file: six numbers, and whether a body can have them."""
+"""Inertia tensors of a robot file: six numbers, and the check that they are physical."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 PRODUCTS = ("inertia_xy_kgm2", "inertia_xz_kgm2", "inertia_yz_kgm2")
 MOMENTS = ("inertia_xx_kgm2", "inertia_yy_kgm2", "inertia_zz_kgm2")
 TOLERANCE = 1e-9
-"""Of the sum of two principal moments against the third, relative: eigenvalues round."""
+"""Relative tolerance of the triangle inequality of principal moments: eigenvalues are rounded."""
 
 
 def build_inertia(
@@ -21,7 +21,7 @@ def build_inertia(
 def check_inertia(
     xx: float, yy: float, zz: float, xy: float = 0.0, xz: float = 0.0, yz: float = 0.0
 ) -> None:
-    """Raise ValueError where no body has this inertia about its centre of mass."""
+    """Raise ValueError if no body has this inertia about its centre of mass."""
     if not (xy or xz or yz):
         if xx + yy < zz or yy + zz < xx or zz + xx < yy:
             raise ValueError(

@@ -1,7 +1,7 @@
 """The links of a robot as one list: passive link, then the arm, or both arms of a mirrored pair.
 
 A robot file describes one arm. With `arm.sides = 2` the right one is its mirror image in the plane
-y = 0: offsets change the sign of y, joints about x and z that of their angles.
+y = 0: offsets change the sign of y, joints about x and z the sign of their angles.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ SIDES = ("left", "right")
 class Limb(NamedTuple):
     """One link of the tree; parents come before their children."""
 
-    name: str  # the link's name; "left_" or "right_" before it where there are two arms
+    name: str  # the link's name, with the prefix "left_" or "right_" for two arms
     link: Link  # mirrored on the right side
     parent: int  # index into the list, -1: the platform
     offset: tuple[float, float, float]  # m, its joint in the parent's frame
-    side: int  # hand that it leads to: 0 left or only, 1 right, -1 both (the passive link)
+    side: int  # its arm: 0 left or only, 1 right, -1 both (the passive link)
     servo: int  # index into `list_servos`, -1: fixed or passive
 
 
@@ -42,7 +42,7 @@ def list_limbs(robot: Robot) -> list[Limb]:
         place = (link.x_m or 0.0, link.y_m or 0.0, link.z_m or 0.0)
         out.append(Limb("pendulum", link, -1, place, -1, -1))
         base, end = 0, end_of(link)
-        # the shoulders sit at the end of the passive link; the mount's height is on the platform
+        # the shoulders are at the end of the passive link; the mount's height is on the platform
         mount = (end[0], mount[1], end[2])
     servo = 0
     for side, links in enumerate(arm.chains):
@@ -75,7 +75,7 @@ def list_limbs(robot: Robot) -> list[Limb]:
 
 
 def list_joints(robot: Robot) -> list[Limb]:
-    """Return the links whose joint moves, in the order of q."""
+    """Return the links with a movable joint, in the order of q."""
     return [limb for limb in list_limbs(robot) if limb.link.joint != "fixed"]
 
 
@@ -95,7 +95,7 @@ def list_servos(robot: Robot) -> list[tuple[str, Servo]]:
 
 
 def list_grippers(robot: Robot) -> list[str]:
-    """Return the hands that are grippers: an arm may end in the probe instead."""
+    """Return the hands that are grippers; an arm may end in the probe instead."""
     if robot.arm is None or robot.arm.hand.kind != "gripper":
         return []
     ends = {limb.side: limb.name for limb in list_limbs(robot) if limb.side >= 0}
@@ -104,7 +104,7 @@ def list_grippers(robot: Robot) -> list[str]:
 
 
 def takes_torque(robot: Robot) -> bool:
-    """Whether the arm's servos take torques."""
+    """Return whether the arm's servos are commanded by torques."""
     return any(servo.mode == "torque" for _, servo in list_servos(robot))
 
 
@@ -137,7 +137,7 @@ def _mirror(link: Link) -> Link:
 
 
 def _flip(link: Link, unit: str) -> dict[str, float | None]:
-    """Return the joint's limits and postures with the other sign."""
+    """Return the joint's limits and postures with the opposite sign."""
     ends = {"joint_min": "joint_max", "joint_max": "joint_min"}
     return {
         f"{name}_{unit}": -getattr(link, f"{ends.get(name, name)}_{unit}")

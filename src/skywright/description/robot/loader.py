@@ -18,7 +18,7 @@ from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 
 LONGEST_CHAIN = 16
-"""Robots that extend each other."""
+"""Largest number of robots that extend each other."""
 
 DATA = Path(__file__).parent / "data"
 
@@ -38,7 +38,8 @@ def load_robot_layers(
 ) -> list[Layer]:
     """Load a robot file and, before it, those that it extends.
 
-    `heirs` are the files that led here. Raises InputError on anything wrong, a circle included.
+    `heirs` are the files that extend it. Raises InputError on any error, including a circular
+    chain.
     """
     layer = load_layer(found.path, found.label, problems)
     table = layer.tree.get("robot")
@@ -78,10 +79,10 @@ def load_robot(
 ) -> tuple[Robot, dict[str, Source]]:
     """Load a robot alone: (robot, sources by dotted key `robot...`).
 
-    `assignments` are (dotted key `robot...`, value) pairs laid over the file; `label` is what
-    messages call it.
+    `assignments` are (dotted key `robot...`, value) pairs that override the file; `label` is its
+    name in messages.
 
-    Raises InputError on an unknown name or anything wrong in the file.
+    Raises InputError on an unknown name or any error in the file.
     """
     found = find_robot(name)
     found = found._replace(label=label or found.label)

@@ -1,6 +1,6 @@
-"""Triangles that a part of a robot is drawn with: `[robot.meshes.NAME]`, written by an import.
+"""Triangle meshes with which parts of a robot are drawn: `[robot.meshes.NAME]`, from an import.
 
-They stand in the file as text, so that a robot file, a run's directory and a page need no other
+The file contains them as text, so that a robot file, a run's directory and a page require no other
 file: counts (2 uint32), lower corner and step of a grid (4 float32), vertices on it (uint16), faces
 (uint16), deflated, as base64.
 """
@@ -18,7 +18,7 @@ from pydantic import Field, field_validator
 from skywright.core.spec import Spec
 
 MAX_TRIANGLES = 24_000
-"""Of one table, and of a robot that is imported: a page takes 64 bytes a triangle."""
+"""Limit per table and per imported robot: a page requires 64 bytes per triangle."""
 MAX_VERTICES = 2**16
 FAR = 20.0  # m, from the origin of the part
 _HEAD = np.dtype([("n", "<u4"), ("m", "<u4"), ("low", "<f4", 3), ("step", "<f4")])
@@ -26,10 +26,10 @@ _LARGEST = _HEAD.itemsize + 6 * (MAX_VERTICES + MAX_TRIANGLES)
 
 
 class MeshTable(Spec):
-    """A mesh that is drawn in place of a part's shapes. Nothing collides with it."""
+    """A mesh that is drawn instead of a part's shapes. It does not collide."""
 
     on: str = "platform"  # or the name of a link
-    # of all its triangles, #rrggbb
+    # colour of all its triangles, #rrggbb
     color: str = Field(default="#8a929c", pattern=r"^#[0-9a-fA-F]{6}$")
     data: str  # the triangles, in the frame of the part (description/robot/mesh.py)
 
@@ -47,7 +47,7 @@ class MeshTable(Spec):
 
 
 def encode_mesh(vertices: NDArray[Any], faces: NDArray[Any]) -> str:
-    """Return vertices (n, 3) m, rounded to 1/65535 of their extent, and triangles (m, 3)."""
+    """Encode vertices (n, 3) m, rounded to 1/65535 of their extent, and triangles (m, 3)."""
     head = np.zeros(1, _HEAD)
     low = vertices.min(axis=0).astype("<f4")
     step = np.float32(max(float(np.max(vertices - low)) / 65535.0, 1e-9))

@@ -1,8 +1,8 @@
-"""What a robot file may say: the root `robot`.
+"""Keys of a robot file: the root `robot`.
 
-A robot is a platform with rotors, optionally an arm (named links in a chain or a tree) and a
-probe. Every number has its unit in the key. Frames: B body (FLU: x forward, y left, z up) at the
-platform's reference point; a link's frame sits at its joint with x along the link.
+A robot is a platform with rotors, optionally an arm (named links in a chain or a tree) and a probe.
+Every number has its unit in the key. Frames: B body (FLU: x forward, y left, z up) at the
+platform's reference point; a link's frame is at its joint with x along the link.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Platform(Spec):
     inertia_xx_kgm2: Positive
     inertia_yy_kgm2: Positive
     inertia_zz_kgm2: Positive
-    inertia_xy_kgm2: float = 0.0  # product: the tensor's entry, -sum m x y
+    inertia_xy_kgm2: float = 0.0  # product of inertia: the tensor's entry, -sum m x y
     inertia_xz_kgm2: float = 0.0
     inertia_yz_kgm2: float = 0.0
     com_x_m: float = 0.0
@@ -68,15 +68,17 @@ class Platform(Spec):
 class Rotors(Spec):
     """Rotor layout and propulsion. Axis of rotor i: Rz(azimuth) Rx(alpha) Ry(beta) z.
 
-    The lists have one entry a rotor. Azimuth, radius and height place a hub anywhere; alpha and
-    beta point its axis anywhere, alpha = 180 deg downwards. `spin` is the propeller's sense seen
-    from where its thrust points to (from above, if it points up); the drag torque on the body is
-    opposite. Thrust = thrust_coefficient * speed^2.
+    The lists have one entry per rotor. Azimuth, radius and height define the position of a hub;
+    alpha and beta define the direction of its axis (alpha = 180 deg: downwards). `spin` is the
+    sense of rotation of the propeller seen from where its thrust points to (from above, if it
+    points up); the drag torque on the body has the opposite sense. Thrust = thrust_coefficient *
+    speed^2.
     """
 
     azimuth_deg: list[float] = Field(min_length=3, max_length=MAX_ROTORS)
-    radius_m: Positive | list[NonNegative]  # of the hubs from the z axis of B: one, or a list
-    height_m: float | list[float] = 0.0  # of the hubs above B: one for all, or a list
+    # distance of the hubs from the z axis of B: one number, or one per rotor
+    radius_m: Positive | list[NonNegative]
+    height_m: float | list[float] = 0.0  # height of the hubs above B: one number, or a list
     alpha_deg: list[float]  # tilt about the radial axis
     beta_deg: list[float]  # tilt about the (rotated) tangential axis
     spin: list[Literal["ccw", "cw"]]
@@ -85,12 +87,12 @@ class Rotors(Spec):
     torque_per_thrust_m: Positive
     thrust_min_n: NonNegative
     thrust_max_n: Positive
-    thrust_fraction: Fraction = 1.0  # of thrust_max that capability and missions may use
+    thrust_fraction: Fraction = 1.0  # usable fraction of thrust_max
     time_constant_s: Positive  # of the rotor speed
     rotor_inertia_kgm2: NonNegative = 0.0  # propeller and bell of one rotor about its axis
     drag_coefficient_n_per_rads_mps: NonNegative  # force in the disc plane = -c * speed * v_perp
-    figure_of_merit: Fraction = 0.6  # ideal induced over shaft power
-    motor_efficiency: Fraction = 0.8  # shaft over electrical power
+    figure_of_merit: Fraction = 0.6  # ratio of ideal induced power to shaft power
+    motor_efficiency: Fraction = 0.8  # ratio of shaft power to electrical power
 
     @model_validator(mode="after")
     def _lengths_agree(self) -> Rotors:
@@ -128,7 +130,7 @@ class Rotors(Spec):
 
 
 class Battery(Spec):
-    """Energy on board, for endurance."""
+    """Energy on board, which determines the endurance."""
 
     energy_wh: Positive
     usable_fraction: Fraction = 0.8
@@ -138,7 +140,7 @@ class Battery(Spec):
 class Probe(Spec):
     """The probe in its sprung holder at the end of the last link (or of the link `on`).
 
-    Its axis is x of that link, turned by `pitch_deg` about the link's y. The tip is a small
+    Its axis is x of that link, rotated by `pitch_deg` about the link's y. The tip is a small
     sphere; the spring compresses along the axis.
     """
 
@@ -146,14 +148,14 @@ class Probe(Spec):
     mass_kg: Positive  # holder and sensor
     length_m: Positive  # from the link's end to the tip, spring released
     pitch_deg: float = 0.0
-    slider_mass_kg: Positive = 0.04  # the part behind the spring that moves
+    slider_mass_kg: Positive = 0.04  # the moving part behind the spring
     spring_n_per_m: Positive = 200.0
     spring_preload_n: NonNegative = 0.5
     spring_travel_m: Positive = 0.01
     spring_damping_ratio: NonNegative = 0.7
     tip_radius_m: Positive = 0.004
     radius_m: Positive = 0.012  # collision capsule of the holder
-    force_n: Positive = 2.0  # nominal push
+    force_n: Positive = 2.0  # nominal contact force
     camera: ProbeCamera | None = None
 
     @model_validator(mode="after")
@@ -167,24 +169,24 @@ class Probe(Spec):
 
 
 class Actuators(Spec):
-    """Actuators beside rotors and servos, by name: `[robot.actuators.NAME] kind = ...`."""
+    """Actuators besides rotors and servos, by name: `[robot.actuators.NAME] kind = ...`."""
 
 
 class Sensors(Spec):
-    """Onboard sensors; further ones are tables in it: `[robot.sensors.NAME] kind = ...`."""
+    """Onboard sensors; additional ones are tables in it: `[robot.sensors.NAME] kind = ...`."""
 
     gyro_noise_rad_s_sqrthz: NonNegative = 3.4e-4
-    gyro_bias_rad_s: NonNegative = 0.005  # 1 sigma, drawn once a run
+    gyro_bias_rad_s: NonNegative = 0.005  # 1 sigma, drawn once per run
     gyro_walk_rad_s2_sqrthz: NonNegative = 3.9e-5  # of the bias
     accel_noise_mps2_sqrthz: NonNegative = 4e-3
-    accel_bias_mps2: NonNegative = 0.1  # 1 sigma, drawn once a run
+    accel_bias_mps2: NonNegative = 0.1  # 1 sigma, drawn once per run
     accel_walk_mps3_sqrthz: NonNegative = 6e-3  # of the bias
-    vibration_mps2: NonNegative = 0.5  # at the inertial unit, of one rotor at thrust_max_n
+    vibration_mps2: NonNegative = 0.5  # at the IMU, from one rotor at thrust_max_n
     vibration_rad_s: NonNegative = 0.02
-    imu_x_m: float = 0.0  # place of the inertial unit in B
+    imu_x_m: float = 0.0  # position of the IMU in B
     imu_y_m: float = 0.0
     imu_z_m: float = 0.0
-    antenna_x_m: float = 0.0  # place of the satellite receiver's antenna in B
+    antenna_x_m: float = 0.0  # position of the GNSS antenna in B
     antenna_y_m: float = 0.0
     antenna_z_m: float = 0.1
 
@@ -193,7 +195,7 @@ CONTROL_RATES = (100.0, 125.0, 200.0, 250.0, 500.0, 1000.0)  # Hz
 
 
 class Control(Spec):
-    """Bandwidths from which every gain follows (no gain is written in a file)."""
+    """Bandwidths from which all gains are computed (files contain no gains)."""
 
     law: str | None = None  # kind: name or "file.py:Class"; the mission may override
     arms_law: str | None = None  # of arms with position servos
@@ -205,7 +207,7 @@ class Control(Spec):
     attitude_integral_rad_s: NonNegative = 0.5
     arm_bandwidth_rad_s: NonNegative = 3.0
     # of arms with position servos
-    torque_bandwidth_rad_s: Bandwidth = 10.0  # of a joint's torque loop, link held
+    torque_bandwidth_rad_s: Bandwidth = 10.0  # of a joint's torque loop, with the link held
     deflection_bandwidth_rad_s: Bandwidth = 0.5  # of a joint's output position loop
     hand_speed_max_mps: float = Field(default=0.15, gt=0, le=2)
     force_estimator: Literal["torque", "cartesian"] = "torque"  # Suarez 2020 (26): "cartesian"
@@ -214,10 +216,13 @@ class Control(Spec):
     rate_hz: Positive = 500.0
     observer_bandwidth_rad_s: Positive = 12.0
     # law "cascade"
-    loop_separation: float = Field(default=2.5, ge=1.5)  # of a loop and the one inside it
+    # ratio of the bandwidths of a loop and of the one that encloses it
+    loop_separation: float = Field(default=2.5, ge=1.5)
     phase_margin_deg: float = Field(default=60.0, ge=30.0, lt=90.0)  # of the rate loop
-    swing_damping: float = Field(default=0.5, gt=0.0, lt=1.0)  # of a link without a servo
-    # largest |S| of the motion over such a link; 0: motion by position_bandwidth_rad_s
+    # damping ratio of the swing of a link without a servo
+    swing_damping: float = Field(default=0.5, gt=0.0, lt=1.0)
+    # largest |S| of the motion loop with such a link; 0: position_bandwidth_rad_s sets the motion
+    # loop
     motion_sensitivity: float = Field(default=0.0, ge=0.0, le=3.0)
     speed_max_mps: Positive = 1.0
     acceleration_max_mps2: Positive = 0.8
@@ -237,7 +242,7 @@ class Robot(Spec):
     name: Name
     description: str = ""
     paper: str = ""
-    extends: str | None = None  # a robot (name or file) that this file modifies
+    extends: str | None = None  # robot (name or file) that this file modifies
     platform: Platform
     rotors: Rotors
     battery: Battery
@@ -253,7 +258,7 @@ class Robot(Spec):
     tracking_camera: TrackingCamera | None = None
     range_finder: RangeFinder | None = None
     control: Control = Control()
-    meshes: dict[str, MeshTable] = {}  # what parts are drawn with
+    meshes: dict[str, MeshTable] = {}  # meshes with which parts are drawn
 
     @field_validator("pendulum")
     @classmethod
@@ -288,7 +293,7 @@ class Robot(Spec):
         return self
 
     def _list_limbs(self) -> list[str]:
-        """Names of the arms' links as parts of the scene."""
+        """Return the names of the arms' links as parts of the scene."""
         if self.arm is None:
             return []
         if self.arm.sides == 1:

@@ -1,4 +1,5 @@
-"""A datum: a mark on the pipe's or the structure's surface from which places on the asset count."""
+"""A datum: a mark on the surface of the pipe or structure that is the origin of places on the
+asset."""
 
 from __future__ import annotations
 
@@ -37,18 +38,18 @@ class DatumThing(Thing):
 
     @property
     def on_pipe(self) -> bool:
-        """Whether its place is told on the pipe; otherwise on the structure."""
+        """Whether its place is given on the pipe; otherwise it is on the structure."""
         return self.s_m is not None
 
     def get_place(self) -> tuple[float, float]:
-        """(s m, phi rad) on the pipe, or (x, y) m in S."""
+        """Return (s m, phi rad) on the pipe, or (x, y) m in S."""
         if self.s_m is not None and self.around_deg is not None:
             return self.s_m, math.radians(self.around_deg)
         assert self.x_m is not None and self.y_m is not None
         return self.x_m, self.y_m
 
     def describe(self) -> str:
-        """Where it is."""
+        """Return its place as text."""
         u, v = self.get_place()
         if self.on_pipe:
             return f"datum mark at s = {u:g} m, {math.degrees(v):g} deg"
@@ -56,14 +57,14 @@ class DatumThing(Thing):
 
 
 def find_seen_datum(robot: Robot, world: World) -> DatumThing | None:
-    """Return the datum that a robot's camera at the probe can measure, or None; see find_datum."""
+    """Return the datum that a robot's probe camera can measure, or None; see find_datum."""
     return None if robot.probe is None or robot.probe.camera is None else find_datum(world)
 
 
 def find_datum(world: World) -> DatumThing | None:
     """Return the world's datum, or None.
 
-    Raises InputError for more than one, and for one on what the world does not have.
+    Raises InputError for more than one, and for one on a pipe or structure that the world lacks.
     """
     found = {name: thing for name, thing in world.things.items() if isinstance(thing, DatumThing)}
     if not found:
@@ -83,7 +84,7 @@ def find_datum(world: World) -> DatumThing | None:
 
 
 def _check_extent(world: World, name: str, datum: DatumThing) -> None:
-    """Raise InputError for a mark beside the pipe or the structure."""
+    """Raise InputError for a mark beyond the pipe or the structure."""
     u, v = datum.get_place()
     if datum.on_pipe:
         assert world.pipe is not None
@@ -105,7 +106,7 @@ def _check_extent(world: World, name: str, datum: DatumThing) -> None:
 
 
 def locate_datum(world: World, datum: DatumThing) -> Frame:
-    """Return where the mark is in `world`: its middle (3,) m, and z of R (3, 3) its normal."""
+    """Return the frame of the mark in `world`: its middle (3,) m, and z of R (3, 3) its normal."""
     u, v = datum.get_place()
     if datum.on_pipe:
         assert world.pipe is not None

@@ -1,4 +1,4 @@
-"""Satellite navigation: what its fixes are worth, by kind of fix."""
+"""Satellite navigation: accuracy of its fixes, by kind of fix."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from skywright.core.spec import Fraction, NonNegative, Positive, Spec
 
 
 class FixErrors(NamedTuple):
-    """Errors (1 sigma) of a kind of fix; level ones hold for each of x and y."""
+    """Errors (1 sigma) of a kind of fix; horizontal ones apply to each of x and y."""
 
     noise_level_m: float  # independent from fix to fix
     noise_up_m: float
     drift_level_m: float  # correlated in time: atmosphere, orbits, multipath
     drift_up_m: float
-    drift_time_s: float  # correlation time of it
+    drift_time_s: float  # correlation time of the drift
     heading_noise_deg: float
     heading_error_deg: float  # constant through a flight, drawn once
 
@@ -37,11 +37,11 @@ FIXES = {
 
 
 class Gnss(Spec):
-    """A receiver on the robot. Numbers that are not given are those of the kind of fix."""
+    """A receiver on the robot. Unset numbers are those of the kind of fix."""
 
     fix: Literal["rtk", "plain"] = "rtk"
     rate_hz: float = Field(default=10.0, gt=0, le=50)
-    latency_s: float = Field(default=0.11, ge=0, le=0.2)  # PX4's default for it, EKF2_GPS_DELAY
+    latency_s: float = Field(default=0.11, ge=0, le=0.2)  # PX4's default, EKF2_GPS_DELAY
     dropout_fraction: Fraction = 0.0
     noise_level_m: NonNegative | None = None
     noise_up_m: NonNegative | None = None
@@ -53,17 +53,17 @@ class Gnss(Spec):
 
     @property
     def errors(self) -> FixErrors:
-        """Errors of the fixes, as given or as the kind of fix has them."""
+        """Errors of the fixes, as set or by the kind of fix."""
         given = {n: getattr(self, n) for n in FixErrors._fields}
         return FIXES[self.fix]._replace(**{n: v for n, v in given.items() if v is not None})
 
     def fill(self) -> Gnss:
-        """Return it with all numbers given."""
+        """Return the table with all numbers set."""
         return self.model_copy(update=self.errors._asdict())
 
     @property
     def position_error_m(self) -> float:
-        """One sigma of the distance (3-D) between a fix and the truth."""
+        """Standard deviation of the distance (3-D) between a fix and the truth."""
         e = self.errors
         level = e.noise_level_m**2 + e.drift_level_m**2
         return math.sqrt(2.0 * level + e.noise_up_m**2 + e.drift_up_m**2)

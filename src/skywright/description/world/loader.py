@@ -36,9 +36,9 @@ def load_world_layer(found: Found, problems: list[str] | None = None) -> Layer:
 
 
 def read_things(layer: Layer, folder: Path, below: Mapping[str, Any]) -> Layer:
-    """Translate old tables of a layer's world; things of a file's kind are looked up in `folder`.
+    """Translate old tables of a layer's world; things of a file's kind are searched in `folder`.
 
-    `below` is the tree that the layer changes.
+    `below` is the tree that the layer modifies.
     """
     layer = translate_layer(layer, below)
     world = layer.tree.get("world")
@@ -54,7 +54,7 @@ def read_things(layer: Layer, folder: Path, below: Mapping[str, Any]) -> Layer:
 def load_world(name: str | os.PathLike[str]) -> tuple[World, dict[str, Source]]:
     """Load a world alone: (world, sources by dotted key `world...`).
 
-    Raises InputError on an unknown name or anything wrong in the file.
+    Raises InputError on an unknown name or any error in the file.
     """
     found = find_world(name)
     layer = load_world_layer(found)

@@ -1,6 +1,7 @@
-"""A total station, of a world with localisation = "total-station".
+"""A total station, for a world with localisation = "total-station".
 
-It follows a prism on the robot and tells positions only, so the robot needs a tracking camera too.
+It tracks a prism on the robot and measures positions only, so the robot also requires a tracking
+camera.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from skywright.core.spec import Coordinate, NonNegative, Positive, Spec
 
 
 class TotalStation(Spec):
-    """A robotic total station: where it stands and how well it measures."""
+    """A robotic total station: its position and accuracy."""
 
     x_m: Coordinate = -18.0
     y_m: Coordinate = -9.0
@@ -22,11 +23,15 @@ class TotalStation(Spec):
     latency_mean_s: float = Field(default=0.1, ge=0, le=1)
     range_noise_m: NonNegative = 2e-3  # along the line of sight
     angle_noise_rad: NonNegative = 4.85e-6
-    pointing_noise_m: NonNegative = 1.5e-3  # across: it aims at a prism of some size
-    relock_s: NonNegative = 1.0  # in sight before it measures again
-    clock_s: NonNegative = 0.2  # 1 sigma of its clock's offset to the robot's, drawn once a run
+    # across the line of sight: the prism has a finite size
+    pointing_noise_m: NonNegative = 1.5e-3
+    # time in sight before it measures again after an interruption
+    relock_s: NonNegative = 1.0
+    # 1 sigma of its clock's offset from the robot's, drawn once per run
+    clock_s: NonNegative = 0.2
     calibration_s: float = Field(default=60.0, ge=30, le=600)  # of flight before the mission
-    blocked_s: list[list[Positive]] = []  # [from, to], s: something else stands in between
+    # [from, to], s: intervals in which an obstacle blocks the line of sight
+    blocked_s: list[list[Positive]] = []
 
     @model_validator(mode="after")
     def _means_follow(self) -> TotalStation:

@@ -1,6 +1,6 @@
-"""World files of versions before 0.3: what had a table of its own is one of `world.things`.
+"""World files of versions before 0.3: their own tables are translated to `world.things`.
 
-Version 0.3 will not read the old tables any more; until then a file is told once what is new.
+Version 0.3 will not read the old tables; until then a message is printed once per file.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _told: set[str] = set()
 def translate_layer(layer: Layer, below: Mapping[str, Any]) -> Layer:
     """Return the layer with its old tables as `world.things`; `below` is the tree under it.
 
-    Raises InputError where two things would have one name.
+    Raises InputError if two things would have the same name.
     """
     world = layer.tree.get("world")
     if not isinstance(world, dict) or not any(isinstance(world.get(t), dict) for t in OLD):
@@ -39,7 +39,7 @@ def translate_layer(layer: Layer, below: Mapping[str, Any]) -> Layer:
 def translate_assignments(
     assignments: list[tuple[str, Any]], tree: Mapping[str, Any]
 ) -> list[tuple[str, Any]]:
-    """Translate dotted keys (`--set`) that lead to old tables; `tree` is what they change."""
+    """Translate dotted keys (`--set`) of old tables; `tree` is the tree that they modify."""
     out: list[tuple[str, Any]] = []
     there = _read_things(tree)
     for key, value in assignments:
@@ -54,7 +54,7 @@ def translate_assignments(
             nested = {name: nested}
         layer = translate_layer(Layer("--set", {"world": nested}, {}), {"world": {"things": there}})
         things = layer.tree["world"].get("things")
-        if things is None:  # nothing that could be read: the key is told to be unknown
+        if things is None:  # nothing was read: the key is reported as unknown
             out.append((key, value))
             continue
         for name, thing in things.items():
@@ -76,7 +76,7 @@ class _Reader:
         self.label, self.below = layer.label, below
         given = world.get("things")
         self.things: Tree = dict(given) if isinstance(given, dict) else {}
-        self.renamed: dict[str, str] = {}  # old dotted keys, or what they begin with -> new
+        self.renamed: dict[str, str] = {}  # old dotted keys, or their prefixes -> new
         self.read: set[str] = set()
         self.from_table = {name: f"world.things.{name}" for name in self.things}
         for table in OLD:
@@ -134,7 +134,7 @@ class _Reader:
             self._add_pad(at, name, pad)
 
     def _move_onto(self, at: str, old: Tree, known: Tree) -> None:
-        """Turn a tool's place in W into one on what it stands on."""
+        """Convert a tool's position in W into one on its support."""
         stand = str(old.get("on", known.get("on")))
         under = self.things.get(stand) or self.below.get(stand)
         if not isinstance(under, dict) or not ({"x_m", "y_m"} & set(old)):
@@ -153,7 +153,7 @@ class _Reader:
             old["yaw_deg"] = _number(old, "yaw_deg") - math.degrees(yaw)
 
     def _add_pad(self, at: str, name: str, pad: Tree) -> None:
-        """A box's pad is a thing on its face."""
+        """Convert a box's pad into a thing on its face."""
         label = f"{name} pad"
         self.renamed[f"{at}.pad"] = f"world.things.{label}"
         if label in self.below:
@@ -164,7 +164,7 @@ class _Reader:
         self.things[label] = {"kind": "pad", "on": f"{name}.front", **size, **pad}
 
     def _rename(self, key: str) -> str:
-        """The new dotted key of a source: the longest old beginning counts."""
+        """Return the new dotted key of a source: the longest old prefix applies."""
         for old in sorted(self.renamed, key=len, reverse=True):
             if key == old or key.startswith(old + "."):
                 return self.renamed[old] + key[len(old) :]
@@ -176,7 +176,7 @@ _NEW: dict[str, Tree] = {
     "peg": {"on": "rack"},
     "socket": {"tracked": True},
 }
-"""What a table that makes a thing anew gets, by the old table."""
+"""Additional keys of a table that creates a new thing, by the old table."""
 
 
 def _find_kind(table: str, old: Tree, known: Tree | None) -> str:
@@ -212,7 +212,7 @@ def _split(table: str, inner: str, things: Mapping[str, Any]) -> list[str]:
 
 
 def _tell(label: str, tables: list[str]) -> None:
-    """Say once a file, on standard error, what is new."""
+    """Print once per file, on standard error, how the tables are read."""
     if label in _told or multiprocessing.parent_process() is not None:
         return
     _told.add(label)

@@ -1,4 +1,4 @@
-"""Where on the earth a world lies."""
+"""Position of a world on the earth."""
 
 from __future__ import annotations
 

@@ -1,16 +1,16 @@
-"""Pipe structures of a world: those of its file, or drawn from a seed.
+"""Pipe structures of a world: those of its file, or random ones from a seed.
 
-A drawn scenario is a row of structures along x, each of one kind:
+A random scenario is a row of structures along x, each of one kind:
 
-- window: pipes to fly over, another pipe above them; the robot must lift what it carries;
-- underpass: a pipe to fly below, the arms folded up;
-- portal: posts that leave a wide gap up to a shelf and a narrower one above it; a long bar fits
-  only through the wide one, as in Caballero et al. 2018.
+- window: pipes to fly over, with another pipe above them; the robot must lift its load;
+- underpass: a pipe to fly below, with the arms folded up;
+- portal: posts with a wide gap up to a shelf and a narrower one above it; a long bar fits only
+  through the wide one, as in Caballero et al. 2018.
 
-Every structure spans the area's width, so that no path leads around it, and holds at least one
-passage of 1.05 to 1.3 times what the robot needs; `difficulty` decides where in that range. The
-needs below belong to the robot ars-lrm with a bar of 2 m and a margin of 0.2 m; a test computes
-them from the robot and holds the ratio.
+Every structure spans the area's width, so that no path leads around it, and has at least one
+passage of 1.05 to 1.3 times the size that the robot requires; `difficulty` determines the ratio.
+The sizes below belong to the robot ars-lrm with a bar of 2 m and a margin of 0.2 m; a test computes
+them from the robot and checks the ratio.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ import numpy as np
 from skywright.core.streams import build_stream
 from skywright.description.world.spec import Area, Passage, Tube, World
 
-NEEDS_BAR = 2.4  # m, its length and two margins
+NEEDS_BAR = 2.4  # m, length of the bar and two margins
 NEEDS_PLATFORM = 1.6  # m, over the propeller tips, and two margins
 NEEDS_ROBOT = 1.4  # m, height with the arms folded up, and two margins
 
-GOAL_X = 9.0  # m, the structures stand between x = 0 and here
-CEILING = 3.6  # m, of the area that drawn structures assume
-SPAN = 1.6  # m, half length of the pipes across
+GOAL_X = 9.0  # m, the structures are between x = 0 and here
+CEILING = 3.6  # m, height of the area of random structures
+SPAN = 1.6  # m, half length of the horizontal pipes
 
 
 class Structures(NamedTuple):
-    """Pipes, and the gaps that lead through them."""
+    """Pipes, and the passages between them."""
 
     tubes: dict[str, Tube]
     passages: dict[str, Passage]
@@ -40,24 +40,24 @@ class Structures(NamedTuple):
 
 
 def get_structures(world: World) -> Structures:
-    """Return the structures of a world: its own, or those that its `scenario_seed` draws."""
+    """Return the structures of a world: its own, or the random ones of its `scenario_seed`."""
     if world.scenario_seed is None:
         return Structures(world.tubes, world.passages, world.area)
     return draw_structures(world.scenario_seed, world.difficulty)
 
 
 def draw_structures(seed: int, difficulty: float) -> Structures:
-    """Draw a row of structures; `difficulty` from 0 to 1. The same arguments give the same row."""
+    """Draw a row of random structures; `difficulty` from 0 to 1. Repeatable for equal arguments."""
     rng = build_stream(seed, "scenario")
     places = [2.4, 4.9, 7.4] if difficulty > 0.5 else [2.8, 6.2]
     kinds = list(rng.permutation(["window", "underpass", "portal"]))[: len(places)]
-    if "portal" not in kinds:  # the bar must matter in three dimensions
+    if "portal" not in kinds:  # the bar must restrict the path in three dimensions
         kinds[rng.integers(len(kinds))] = "portal"
     draw = {"window": _draw_window, "underpass": _draw_underpass, "portal": _draw_portal}
     tubes: dict[str, Tube] = {}
     passages: dict[str, Passage] = {}
     for i, (kind, place) in enumerate(zip(kinds, places, strict=True)):
-        # the easy end of the range at difficulty 0, the hard one at 1
+        # the largest ratios at difficulty 0, the smallest at 1
         ratio = 1.05 + 0.2 * (1.0 - difficulty) + rng.uniform(0.0, 0.04)
         name = f"{kind} {i + 1}"
         x = place + rng.uniform(-0.2, 0.2)
@@ -92,7 +92,7 @@ def _draw_window(
     rng: np.random.Generator, name: str, x: float, ratio: float
 ) -> tuple[dict[str, Tube], dict[str, Passage]]:
     d = rng.uniform(0.1, 0.25)
-    # between the pipes there is room; above the upper one and below the lower ones there is not
+    # the gap between the pipes is wide enough; those above and below them are not
     top = rng.uniform(0.8, 1.1)  # of the lower pipes
     upper = top + ratio * NEEDS_ROBOT + d / 2
     tubes = {
@@ -112,7 +112,7 @@ def _draw_underpass(
     z = ratio * NEEDS_ROBOT + d / 2
     tubes = {f"{name} pipe": _across(x, z, d), **_posts(f"{name} post", x, SPAN, 0.0, z)}
     shift = rng.uniform(0.25, 0.5)
-    # a second pipe, higher, keeps the robot from diving in steeply; both block the way above
+    # a second, higher pipe prevents a steep descent; both block the path above
     tubes[f"{name} second"] = _across(x + shift, z + 0.75, d)
     gap = Passage(between=["ground", f"{name} pipe"], needs="robot")
     return tubes, {f"{name} gap": gap}

@@ -1,4 +1,4 @@
-"""What a world file may say: the root `world`. W is ENU with the ground at z = 0."""
+"""Keys of a world file: the root `world`. W is ENU with the ground at z = 0."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from skywright.description.world.things import T, check_things, drop_things, fin
 
 
 class Pipe(Spec):
-    """A pipe: a cylinder whose centre sits at (x, y, z).
+    """A pipe: a cylinder with its centre at (x, y, z).
 
-    Its axis points along +y at yaw 0 and inclination 0; `yaw_deg` turns it about z,
-    `inclination_deg` lifts its +y end, `roll_deg` turns it about its axis. The circumferential
-    angle phi of a surface point is zero at the side facing -x (at yaw 0 and roll 0) and grows
+    Its axis points along +y at yaw 0 and inclination 0; `yaw_deg` rotates it about z,
+    `inclination_deg` raises its +y end, `roll_deg` rotates it about its axis. The circumferential
+    angle phi of a surface point is zero at the side facing -x (at yaw 0 and roll 0) and increases
     towards the top.
     """
 
@@ -33,22 +33,24 @@ class Pipe(Spec):
     z_m: Coordinate = 1.5
     yaw_deg: float = 0.0
     inclination_deg: float = Field(default=0.0, ge=-90, le=90)
-    roll_deg: float = Field(default=0.0, ge=-180, le=180)  # lifts where phi is counted from
+    # raises the origin of the angle phi
+    roll_deg: float = Field(default=0.0, ge=-180, le=180)
     friction: NonNegative = 0.2  # mean coefficient between the probe's tip and the surface
-    friction_variation: float = Field(default=0.0, ge=0, le=1)  # standard deviation over the mean
+    # standard deviation of the friction relative to its mean
+    friction_variation: float = Field(default=0.0, ge=0, le=1)
     friction_length_m: Positive = 0.03  # correlation length of the friction along the surface
     conductivity_s_per_m: Positive = 5.0e6
     relative_permeability: Positive = 100.0
     supports: bool = True  # two posts from the ground, near the ends
-    tracked: bool = False  # motion capture measures its pose by targets on it
+    tracked: bool = False  # motion capture measures its pose with markers on it
 
 
 class Weld(Spec):
     """A weld on the unrolled surface (s along the axis, c = R phi around it).
 
-    It is where an oblique plane cuts the pipe, so that it closes behind it: at phi = `around_deg`
-    it passes s = `offset_m` at `angle_deg` from the circumferential direction. 0 is a girth weld,
-    90 a seam along the axis, `offset_m` beside `around_deg`.
+    It is the intersection of the pipe with an oblique plane, a closed line around the pipe: at phi
+    = `around_deg` it passes through s = `offset_m` at `angle_deg` from the circumferential
+    direction. 0 is a girth weld, 90 a seam along the axis, `offset_m` beside `around_deg`.
     """
 
     present: bool = True
@@ -84,17 +86,18 @@ class Tube(Spec):
 
 
 class Passage(Spec):
-    """A gap between two things that a robot is meant to go through: names, not numbers.
+    """A gap between two things, meant for a robot to fly through; it is given by names.
 
-    The opening follows from the geometry, what the robot needs from the robot.
+    The opening follows from the geometry, the required size from the robot.
     """
 
     between: list[str] = Field(min_length=2, max_length=2)  # tubes, or "ground" or "ceiling"
-    needs: Literal["robot", "platform", "bar"]  # height of all, width of the platform, bar's length
+    # the robot's height, the platform's width or the bar's length has to fit
+    needs: Literal["robot", "platform", "bar"]
 
 
 class Area(Spec):
-    """Where a robot may be, with everything that it carries; the ground is the floor."""
+    """Region of a robot with everything that it carries; the ground is the floor."""
 
     x_min_m: Coordinate = -50.0
     x_max_m: Coordinate = 50.0
@@ -114,23 +117,25 @@ class Area(Spec):
 class Fan(Spec):
     """A fan whose free round jet blows on the robot; speed and heading are those of the wind.
 
-    `world.wind.mean_mps` is the air speed at the outlet, `toward_deg` and `vertical_mps` aim it.
+    `world.wind.mean_mps` is the air speed at the outlet; `toward_deg` and `vertical_mps` set its
+    direction.
     """
 
     x_m: float = -1.5  # centre of the outlet
     y_m: float = 0.0
     z_m: float = 1.5
     diameter_m: Positive = 0.4
-    turbulence: float = Field(default=0.2, ge=0, le=0.5)  # rms of each component, over local speed
+    # rms of each component, relative to the local mean speed
+    turbulence: float = Field(default=0.2, ge=0, le=0.5)
     turbulence_length_m: Positive = 0.3  # size of the eddies
     sweep_deg: float = Field(default=0.0, ge=0, le=90)  # to each side; 0 is a static fan
     sweep_period_s: Positive = 12.0
 
 
 class Dryden(Spec):
-    """Turbulence of MIL-F-8785C at low altitude, on top of the wind's mean.
+    """Turbulence of MIL-F-8785C at low altitude, added to the wind's mean.
 
-    `severity` "mean" takes the wind at 20 ft (W20) that belongs to the mean wind; light, moderate
+    `severity` "mean" uses the wind at 20 ft (W20) that belongs to the mean wind; light, moderate
     and severe are the standard's 15, 30 and 45 knots. `w20_mps` overrides it, `sigma_mps` both.
     """
 
@@ -141,7 +146,7 @@ class Dryden(Spec):
 
 
 class Wind(Spec):
-    """Air moving in W. `toward_deg` is where it blows to, from +x counter-clockwise."""
+    """Air moving in W. `toward_deg` is the direction of its motion, from +x counter-clockwise."""
 
     kind: Literal["none", "steady", "fan", "dryden"] = "none"
     mean_mps: NonNegative = 0.0
@@ -153,7 +158,7 @@ class Wind(Spec):
     @model_validator(mode="before")
     @classmethod
     def _a_speed_alone_is_steady(cls, data: object) -> object:
-        """`--set world.wind.mean_mps=6` says enough: the kind follows where it is not given."""
+        """Infer the kind if it is not given: `--set world.wind.mean_mps=6` is sufficient."""
         if isinstance(data, dict) and "kind" not in data:
             moving = any(
                 data.get(key) not in (None, 0, 0.0) for key in ("mean_mps", "vertical_mps")
@@ -193,12 +198,12 @@ class Mocap(Spec):
     attitude_noise_rad: NonNegative = 0.002
     dropout_fraction: Fraction = 0.01
     calibration_m: NonNegative = 0.001  # stated accuracy (1 sigma) of the probe's markers
-    outlier_fraction: Fraction = 0.0  # of samples, a body each: swapped or false markers
-    outlier_m: float = Field(default=2.0, ge=0.01)  # largest artefact; sizes are log-uniform
+    outlier_fraction: Fraction = 0.0  # of the samples of each body: swapped or false markers
+    outlier_m: float = Field(default=2.0, ge=0.01)  # largest outlier; sizes are log-uniform
 
 
 class Link(Spec):
-    """The link between robot and controller, each way; all zero: they are one computer."""
+    """The link between robot and controller, in each direction; all zero: both are one computer."""
 
     delay_s: float = Field(default=0.0, ge=0, le=0.2)  # mean
     jitter_s: float = Field(default=0.0, ge=0, le=0.05)  # standard deviation
@@ -214,21 +219,22 @@ class World(Spec):
 
     name: Name
     description: str = ""
-    origin: Origin | None = None  # where on the earth W lies, for `go_to_geo`
+    origin: Origin | None = None  # position of W on the earth, for `go_to_geo`
     gravity_mps2: Positive = 9.81
     air_density_kg_m3: Positive = 1.2
     pipe: Pipe | None = None
     structure: Structure | None = None
     weld: Weld | None = None
-    welds: dict[str, Weld] = {}  # further ones
-    things: dict[str, Thing] = {}  # what stands or lies in it, models/things/
+    welds: dict[str, Weld] = {}  # additional welds
+    things: dict[str, Thing] = {}  # objects in the world, models/things/
     tubes: dict[str, Tube] = {}
     passages: dict[str, Passage] = {}
     area: Area | None = None
-    scenario_seed: int | None = Field(default=None, ge=0)  # draws tubes and passages instead
-    difficulty: Fraction = 0.5  # of a drawn scenario: narrower, and three structures above 0.5
+    scenario_seed: int | None = Field(default=None, ge=0)  # random tubes and passages instead
+    difficulty: Fraction = 0.5  # of a random scenario: narrower, and three structures above 0.5
     wind: Wind = Wind()
-    localisation: Literal["mocap", "gnss", "total-station"] = "mocap"  # measures the pose
+    # system that measures the robot's pose or position
+    localisation: Literal["mocap", "gnss", "total-station"] = "mocap"
     mocap: Mocap = Mocap()
     gnss: Gnss = Gnss()
     total_station: TotalStation = TotalStation()
@@ -259,19 +265,20 @@ class World(Spec):
 
     @property
     def tracks_markers(self) -> bool:
-        """Whether the poses of markers on platform, probe and things are measured, or a place."""
+        """Whether the localisation measures poses of markers (platform, probe, things), or a
+        position."""
         return self.localisation == "mocap"
 
     def find_thing(self, name: str, cls: type[T]) -> T:
-        """Return the thing of that name and class, or raise InputError with those there are."""
+        """Return the thing of that name and class; InputError otherwise, with the valid names."""
         return find_thing(self.things, name, cls, self.name)
 
     def drop_things(self, *names: str) -> World:
-        """Return the world without these things and what is on them."""
+        """Return the world without these things and those on them."""
         return self.model_copy(update={"things": drop_things(self.things, *names)})
 
     def add_thing(self, name: str, thing: Thing) -> World:
-        """Return the world with one more thing, or another one of that name."""
+        """Return the world with this thing added, or replaced if the name exists."""
         return self.model_copy(update={"things": self.things | {name: thing}})
 
     def list_welds(self) -> list[Weld]:

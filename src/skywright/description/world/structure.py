@@ -1,9 +1,9 @@
-"""The structure that a robot inspects by contact: `world.structure`, its frame S and its distance.
+"""The structure that a robot inspects by contact: `world.structure`, its frame and its distance.
 
-S sits on the surface, z the outward normal. A surface that faces down (a deck's underside, a
-tunnel's crown) has x_S along `yaw_deg`; one that faces to the side (a wall, a pillar) looks along
--x of W turned by `yaw_deg`, with x_S level and y_S up. Places of inspection points are told in S:
-it belongs to the structure, not to a flight.
+Frame S is on the surface, with z the outward normal. A surface that faces down (a deck's underside,
+a tunnel's crown) has x_S along `yaw_deg`. One that faces to the side (a wall, a pillar) faces -x of
+W rotated by `yaw_deg`, with x_S level and y_S up. Places of inspection points are given in S, which
+belongs to the structure, not to a flight.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ SHAPES = {"plane": PLANE, "cylinder": CYLINDER, "arch": ARCH}
 class Structure(Spec):
     """A plane, a pillar (`cylinder`) or the inside of a tunnel (`arch`).
 
-    `slope_deg` of a surface that faces down: it rises toward `slope_toward_deg` (from +x of W
-    counter-clockwise). Of one that faces to the side: it leans over the robot. A pillar that
-    faces to the side stands upright; every other axis runs along x_S.
+    `slope_deg` of a surface that faces down: it rises toward `slope_toward_deg` (counter-clockwise
+    from +x of W). Of one that faces to the side: it leans over the robot. A pillar that faces to
+    the side is vertical; every other axis is along x_S.
     """
 
     shape: Literal["plane", "cylinder", "arch"] = "plane"
@@ -55,7 +55,7 @@ class Structure(Spec):
 
 
 class Surface(NamedTuple):
-    """A structure's surface in numbers."""
+    """A structure's surface as numbers."""
 
     p_WS: Array  # (3,) m
     R_WS: Array  # (3, 3), z outward
@@ -98,7 +98,7 @@ def locate_point(surface: Surface, place: Array) -> tuple[Array, Array]:
         return p + R[:, :2] @ np.asarray(place, dtype=float), R
     k, across = surface.along, 1 - surface.along
     angle = float(place[across]) / surface.radius
-    out = 1.0 if surface.shape == CYLINDER else -1.0  # the axis lies behind, or in front
+    out = 1.0 if surface.shape == CYLINDER else -1.0  # the axis is behind, or in front
     centre = p - out * surface.radius * R[:, 2]
     n = math.cos(angle) * R[:, 2] + out * math.sin(angle) * R[:, across]
     local = np.array(R)

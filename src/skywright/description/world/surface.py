@@ -1,8 +1,8 @@
 """The pipe's surface: its frame, its points and its unrolled coordinates.
 
-P sits at the pipe's centre with y along the axis. A surface point at axial position s and
-circumferential angle phi is p_WP + R_WP (-R cos phi, s, R sin phi): phi = 0 faces -x_P and grows
-towards the top. Unrolled coordinates are (s, c) with c = R phi.
+P is at the pipe's centre with y along the axis. A surface point at axial position s and
+circumferential angle phi is p_WP + R_WP (-R cos phi, s, R sin phi): phi = 0 faces -x_P and
+increases towards the top. Unrolled coordinates are (s, c) with c = R phi.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from skywright.description.world.spec import Pipe, Weld
 
 
 class Cylinder(NamedTuple):
-    """A pipe as compiled code sees it."""
+    """A pipe for compiled code."""
 
     p_WP: Array  # (3,) m
     R_WP: Array  # (3, 3)
@@ -29,7 +29,7 @@ class Cylinder(NamedTuple):
 
 
 def build_cylinder(pipe: Pipe) -> Cylinder:
-    """Return the pipe's frame and size; `inclination_deg` lifts the +y end."""
+    """Return the pipe's frame and size; `inclination_deg` raises the +y end."""
     r = rot_z(math.radians(pipe.yaw_deg)) @ rot_x(math.radians(pipe.inclination_deg))
     r = r @ rot_y(math.radians(pipe.roll_deg))
     p = np.array([pipe.x_m, pipe.y_m, pipe.z_m])
@@ -37,7 +37,7 @@ def build_cylinder(pipe: Pipe) -> Cylinder:
 
 
 def level_axes(R_WP: Array) -> Array:
-    """Return axes (3, 3) of a pipe by gravity: x level, y along it, z up; R_WP if it is upright."""
+    """Return axes (3, 3) of a pipe by gravity: x level, y along it, z up; R_WP if vertical."""
     axis = R_WP[:, 1]
     level = np.cross(axis, [0.0, 0.0, 1.0])
     size = float(np.linalg.norm(level))
@@ -67,7 +67,7 @@ def roll_points(cyl: Cylinder, s: Array | float, c: Array | float) -> tuple[Arra
 def unroll_points(cyl: Cylinder, p: Array, near: Array | float = 0.0) -> tuple[Array, Array, Array]:
     """Return (s, c, distance to the surface) in m, each (n,), of points (n, 3) in W.
 
-    c lies within half a turn of `near` (m), so that what is around it has no seam.
+    c is within half a turn of `near` (m), so that there is no seam close to it.
     """
     local = (np.asarray(p, float) - cyl.p_WP) @ cyl.R_WP
     c = cyl.radius * np.arctan2(local[:, 2], -local[:, 0])
@@ -78,7 +78,7 @@ def unroll_points(cyl: Cylinder, p: Array, near: Array | float = 0.0) -> tuple[A
 
 @helper
 def surface_frame(cyl: Cylinder, phi: float, out: Array) -> None:
-    """Fill R_WS (3, 3): x along the axis, y along growing phi reversed, z = outward normal."""
+    """Fill R_WS (3, 3): x along the axis, z the outward normal, y along decreasing phi."""
     a, b = -math.cos(phi), math.sin(phi)
     for i in range(3):
         out[i, 0] = cyl.R_WP[i, 1]
@@ -94,7 +94,7 @@ class SurfaceLine(NamedTuple):
 
     s: float
     c: float
-    angle: float  # rad, from the circumferential direction; positive: s grows with c
+    angle: float  # rad, from the circumferential direction; positive: s increases with c
 
     def follow(self, way: Array) -> tuple[Array, Array]:
         """Return (s, c), each (n,) m, at distances `way` (n,) m along the line."""
@@ -109,9 +109,9 @@ class SurfaceLine(NamedTuple):
 def weld_distance(
     offset: float, slope: float, around: float, radius: float, s: float, c: float
 ) -> float:
-    """Return the signed distance (m) of (s, c) m from a weld's middle; the rest as in WeldCurve.
+    """Return the signed distance (m) of (s, c) m from a weld's centre line; others as in WeldCurve.
 
-    To first order in the distance over the line's radius of curvature.
+    Accurate to first order in the distance over the line's radius of curvature.
     """
     phi = c / radius - around
     if math.isinf(slope):
@@ -122,14 +122,14 @@ def weld_distance(
 
 
 class WeldCurve(NamedTuple):
-    """The middle of a weld on a pipe: where an oblique plane cuts it, or a seam along the axis.
+    """The centre line of a weld: the pipe's intersection with an oblique plane, or an axial seam.
 
-    s = offset + radius slope sin(c / radius - around) closes behind the pipe. An infinite slope is
-    the seam c = offset + radius around.
+    s = offset + radius slope sin(c / radius - around) is closed around the pipe. An infinite slope
+    is the seam c = offset + radius around.
     """
 
     offset: float  # m
-    slope: float  # tan of the angle from the circumferential direction, where c = radius around
+    slope: float  # tan of the angle from the circumferential direction, at c = radius around
     around: float  # rad
     radius: float  # m, of the pipe
 
@@ -141,14 +141,14 @@ class WeldCurve(NamedTuple):
         return np.asarray(self.offset + self.radius * self.slope * np.sin(phi))
 
     def touch(self, c: float) -> SurfaceLine:
-        """Return the straight line that touches the weld at `c` (m)."""
+        """Return the tangent of the weld at `c` (m)."""
         if math.isinf(self.slope):
             return SurfaceLine(0.0, self.offset + self.radius * self.around, math.pi / 2)
         steep = self.slope * math.cos(c / self.radius - self.around)
         return SurfaceLine(float(self.place(c)), c, math.atan(steep))
 
     def measure_distance(self, s: Array | float, c: Array | float) -> Array:
-        """Return the signed distance (m) of points (s, c) m from the line across itself."""
+        """Return the signed distance (m) of points (s, c) m normal to the line."""
         return np.asarray(weld_distance.py_func(*self, np.asarray(s), np.asarray(c)))
 
     def follow(self, half_length: float, count: int) -> tuple[Array, Array]:
@@ -160,13 +160,13 @@ class WeldCurve(NamedTuple):
 
 
 def build_weld_curve(weld: Weld, radius: float) -> WeldCurve:
-    """Return the middle of a weld on a pipe of `radius` (m)."""
+    """Return the centre line of a weld on a pipe of `radius` (m)."""
     slope = math.inf if weld.angle_deg == 90.0 else math.tan(math.radians(weld.angle_deg))
     return WeldCurve(weld.offset_m, slope, math.radians(weld.around_deg), radius)
 
 
 def find_weld_on_pipe(pipe: Pipe, weld: Weld, count: int = 2001) -> tuple[Array, Array]:
-    """Return (s, c), each (count,) m, along a weld's middle; NaN where it has left the pipe."""
+    """Return (s, c), each (count,) m, along a weld's centre line; NaN beyond the pipe's ends."""
     s, c = build_weld_curve(weld, pipe.diameter_m / 2).follow(pipe.length_m / 2, count)
     outside = np.abs(s) > pipe.length_m / 2
     s[outside], c[outside] = np.nan, np.nan

@@ -1,11 +1,12 @@
-"""What stands or lies in a world: the abstract thing, and the plain data that it consists of.
+"""The base class of objects in a world, and the plain data that they consist of.
 
-A kind of thing is a subclass in a file of its own: `models/things/<kind>.py`, a user's file
-(`kind = "my_thing.py:HandWheel"`) or an installed package (entry points `skywright.things`). Its
-fields are the keys of its table `[world.things.NAME]`. It says what it consists of as data; the
-scene (models/things/_build.py), drawings and planners are made from that.
+A kind of thing is a subclass in its own file: `models/things/<kind>.py`, a user's file (`kind =
+"my_thing.py:HandWheel"`) or an installed package (entry points `skywright.things`). Its fields are
+the keys of its table `[world.things.NAME]`. It returns its parts as data, from which the scene
+(models/things/_build.py), drawings and planners are built.
 
-Frames: W world; a thing's own frame O; `Frame`s name a place of O for other things and missions.
+Frames: W world; a thing's own frame O; `Frame`s are named frames in O for other things and
+missions.
 """
 
 from __future__ import annotations
@@ -28,45 +29,46 @@ Vector = Sequence[float] | Array
 
 
 class Frame(NamedTuple):
-    """A place and attitude in an outer frame: p (3,) m, R (3, 3)."""
+    """A position and attitude in an outer frame: p (3,) m, R (3, 3)."""
 
     p: Array
     R: Array
 
     def at(self, inner: Frame) -> Frame:
-        """Return a frame that is given in this one, in the outer frame."""
+        """Return a frame that is given in this one, expressed in the outer frame."""
         return Frame(self.p + self.R @ inner.p, self.R @ inner.R)
 
 
 def build_frame(x: float = 0.0, y: float = 0.0, z: float = 0.0, R: Array | None = None) -> Frame:
-    """Return the frame at (x, y, z) m, turned by R (3, 3)."""
+    """Return the frame at (x, y, z) m, rotated by R (3, 3)."""
     return Frame(np.array([x, y, z]), np.eye(3) if R is None else R)
 
 
 class Contact(NamedTuple):
-    """How a solid touches others; the defaults are MuJoCo's.
+    """Contact parameters of a solid; the defaults are MuJoCo's.
 
-    Friction is Coulomb's. Of a pair the larger coefficient holds, or that of the higher `priority`.
+    Friction is Coulomb's. A pair uses the larger coefficient, or that of the higher `priority`.
     """
 
     friction: float = 1.0
     priority: int = 0
     torsion: bool = False
-    """Whether friction also resists turning about the normal: a contact patch of 5 mm."""
-    time_constant_s: float = 0.02  # two steps of the simulation (2 ms) at least; damped critically
-    impedance: float = 0.9  # 0 soft to 1 hard, at no depth
+    """Whether friction also resists rotation about the normal: a contact patch of 5 mm."""
+    time_constant_s: float = 0.02  # at least two steps of the simulation (2 ms); critically damped
+    impedance: float = 0.9  # 0 soft to 1 hard, at zero depth
 
 
 SOFT = Contact(torsion=True, time_constant_s=0.008)
-"""Of what hands hold: eight steps, so that half a kilogram sinks in by less than 0.1 mm."""
+"""Contact of objects held in hands: eight steps, so that half a kilogram penetrates less than 0.1
+mm."""
 
 
 class Solid(NamedTuple):
-    """A rigid shape in the frame of its part; cylinders and capsules lie along z.
+    """A rigid shape in the frame of its part; cylinders and capsules are along z.
 
     `size` (m): the half edges of a box; radius and half length of a cylinder or capsule (without
     its caps); the radius of a sphere. A capsule may be given by its `ends` instead: size is then
-    its radius alone, and `frame` is not looked at.
+    its radius alone, and `frame` is ignored.
     """
 
     shape: Literal["box", "cylinder", "capsule", "sphere"]
@@ -80,34 +82,34 @@ class Solid(NamedTuple):
 
 
 class Joint(NamedTuple):
-    """How a part moves against its thing: along (slide, m) or about (hinge, rad) `axis`."""
+    """Motion of a part relative to its thing: along (slide, m) or about (hinge, rad) `axis`."""
 
     kind: Literal["slide", "hinge"]
     axis: Vector  # (3,), in the part's frame
     low: float  # stops, m or rad
     high: float
-    stiffness: float = 0.0  # N/m or N m/rad, of a spring that rests at 0
+    stiffness: float = 0.0  # N/m or N m/rad, of a spring with its rest position at 0
     damping: float = 0.0  # N s/m or N m s/rad
     friction: float = 0.0  # N or N m
 
 
 class Part(NamedTuple):
-    """Solids that are one rigid body; one with a joint moves in the plant, else it is fixed."""
+    """Solids that form one rigid body; with a joint it moves in the plant, else it is fixed."""
 
     solids: Sequence[Solid]
     joint: Joint | None = None
     name: str = ""  # among the moving parts of its thing
     frame: Frame = build_frame()  # in O
     gauged: bool = False
-    """Whether a run records how hard it is hit (vehicle/observers/gauges.py)."""
+    """Whether a run records its contact force (vehicle/observers/gauges.py)."""
 
 
 class Thing(OpenSpec):
-    """What stands or lies in a world; the base of every kind."""
+    """An object in a world; the base of every kind."""
 
     group: ClassVar[str] = "thing"
     is_marker: ClassVar[bool] = False
-    """Whether its O is what cameras and motion capture read."""
+    """Whether cameras and motion capture measure its O."""
 
     @property
     def movable(self) -> bool:
@@ -116,30 +118,32 @@ class Thing(OpenSpec):
 
     @property
     def frees_at_n(self) -> float | None:
-        """Pull (N) at which a movable thing comes free of what holds it; None: it lies loose."""
+        """Pull (N) at which a movable thing is released; None: it is not held."""
         return None
 
     def list_parts(self) -> list[Part]:
-        """List what it consists of, in O."""
+        """Return its parts, in O."""
         return []
 
     def list_frames(self) -> dict[str, Frame]:
-        """Name its frames, in O; things stand on `top`, or else on O."""
+        """Return its named frames, in O; other things stand on `top`, otherwise on O."""
         return {}
 
     def extend_plant(self, spec: Any, name: str) -> None:
-        """Add to the plant's MjSpec what parts cannot say; the robot is in it already."""
+        """Add to the plant's MjSpec elements that parts cannot express; it contains the robot
+        already."""
 
     def describe(self) -> str:
-        """Return one line about it, for `skywright show`."""
+        """Return a description of one line, for `skywright show`."""
         return self.kind
 
 
 class Placed(Thing):
-    """A thing with a place: O in W, or `on` another thing.
+    """A thing with a pose: O in W, or `on` another thing.
 
-    `on = "THING"` is that thing's frame `top`, where it has one, or its O; `on = "THING.FRAME"` is
-    one of its named frames. A thing stands with its foot there, (x, y) aside and z above it.
+    `on = "THING"` is that thing's frame `top`, if it has one, otherwise its O; `on = "THING.FRAME"`
+    is one of its named frames. A thing stands there with its foot, offset by (x, y) horizontally
+    and by z upwards.
     """
 
     on: str | None = None
@@ -148,15 +152,15 @@ class Placed(Thing):
     z_m: Coordinate = 0.0
     yaw_deg: float = 0.0
     tracked: bool = False
-    """Whether motion capture sees where it is. One that does not move stands in truth where
-    `plant.socket_*_error` says, against the world file."""
+    """Whether motion capture measures its pose. The true pose of a tracked thing that does not move
+    deviates from the world file by `plant.socket_*_error`."""
 
     anywhere: ClassVar[bool] = False
-    """Whether a table without a place has a meaning."""
+    """Whether the position may be omitted."""
 
     @property
     def foot_m(self) -> float:
-        """Height of O above what it stands on."""
+        """Height of O above its support."""
         return 0.0
 
     @property
@@ -166,7 +170,7 @@ class Placed(Thing):
 
     @property
     def frame(self) -> Frame:
-        """O in W, or in the frame that it is on, its foot left out."""
+        """O in W, or in the frame that it is on, without the height of its foot."""
         return build_frame(self.x_m, self.y_m, self.z_m, self.attitude)
 
     @model_validator(mode="after")
@@ -180,10 +184,10 @@ class Placed(Thing):
 
 
 class Fixture(Placed):
-    """A thing that clamps the platform: its O is where the platform's origin is held.
+    """A thing that clamps the platform: it holds the platform's origin at its O.
 
-    Its `extend_plant` adds the constraint CLAMP between the platform and a body of its own that is
-    moved by hand (MuJoCo's "mocap" body).
+    Its `extend_plant` adds the constraint CLAMP between the platform and a separate body of
+    prescribed motion (MuJoCo's "mocap" body).
     """
 
     CLAMP: ClassVar[str] = "clamp"

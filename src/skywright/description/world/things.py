@@ -1,4 +1,4 @@
-"""The things of a world: which move, where they are, and whether they go together."""
+"""The things of a world: which ones move, their poses, and their consistency."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ T = TypeVar("T", bound=Thing)
 
 
 def list_movers(things: Things) -> list[str]:
-    """List what moves freely, in order: `object<i>` in a recording is number i of these."""
+    """List the freely movable things in order: `object<i>` in a recording is number i of these."""
     return [name for name, thing in things.items() if thing.movable]
 
 
@@ -31,7 +31,7 @@ def find_marker(things: Things) -> str:
 
 
 def find_thing(things: Things, name: str, cls: type[T], world: str) -> T:
-    """Return the thing of that name; InputError where there is none or it is of another class.
+    """Return the thing of that name; InputError if it does not exist or is of another class.
 
     `world` is the world's name, for the message.
     """
@@ -48,7 +48,7 @@ def find_thing(things: Things, name: str, cls: type[T], world: str) -> T:
 
 
 def drop_things(things: Things, *names: str) -> dict[str, Thing]:
-    """Return the things without those named and what is on them."""
+    """Return the things without those named and those on them."""
     return {
         name: thing
         for name, thing in things.items()
@@ -64,8 +64,8 @@ def locate_thing(
 ) -> Frame:
     """Return O of a thing in W, or in O of `within`, a thing that it is on.
 
-    `offsets` say by name where O is in truth, in the frame where the file has it.
-    Raises InputError for a thing without a place.
+    `offsets` are true poses of O by name, relative to the frame of the file. Raises InputError for
+    a thing without a pose.
     """
     thing = things[name]
     if not isinstance(thing, Placed):
@@ -88,7 +88,7 @@ def find_carrier(things: Things, name: str) -> str | None:
 
 
 def split_support(things: Things, on: str) -> tuple[str, str]:
-    """Split `on` into (thing, frame); the frame is "top" where none is named.
+    """Split `on` into (thing, frame); the frame is "top" if none is named.
 
     Raises ValueError for an unknown thing or frame.
     """
@@ -109,7 +109,7 @@ def split_support(things: Things, on: str) -> tuple[str, str]:
 
 
 def _list_below(things: Things, name: str) -> Iterator[str]:
-    """Yield what a thing is on, what that is on, and so on."""
+    """Yield the support of a thing, the support of that, and so on."""
     thing = things[name]
     while isinstance(thing, Placed) and thing.on is not None:
         name = split_support(things, thing.on)[0]
@@ -118,7 +118,7 @@ def _list_below(things: Things, name: str) -> Iterator[str]:
 
 
 def check_things(things: Things) -> None:
-    """Raise ValueError where things do not go together or do not consist of sound parts."""
+    """Raise ValueError if things are inconsistent or do not consist of valid parts."""
     for name, thing in things.items():
         _check_support(things, name)
         try:

@@ -1,4 +1,4 @@
-"""What is known of the wind: the mean jet of a fan, and the scales of Dryden turbulence.
+"""Models of the wind: the mean jet of a fan, and the scales of Dryden turbulence.
 
 The plant draws its gusts from these numbers (vehicle/effects/wind.py); limits and planners use the
 same means and standard deviations.
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 SPREAD = 0.094
 """Growth of the jet's half-width with distance (Pope 2000, Turbulent Flows, table 5.1)."""
 OUTLET = math.sqrt(math.log(2.0) / 2.0)
-"""Half-width over the outlet's diameter of the Gaussian that carries the outlet's momentum."""
+"""Half-width of the Gaussian with the outlet's momentum, relative to the outlet's diameter."""
 
 FOOT = 0.3048
 KNOT = 1852.0 / 3600.0
@@ -39,12 +39,12 @@ class DrydenScales(NamedTuple):
 
 @helper
 def jet_speed(along: float, across: float, diameter: float, outlet_speed: float) -> float:
-    """Mean speed (m/s) in a free round turbulent jet, `along` and `across` its axis (m).
+    """Return the mean speed (m/s) in a free round turbulent jet, `along` and `across` its axis (m).
 
     Gaussian profile U_c exp(-ln 2 (r / r_h)^2) with half-width r_h = 0.094 x and, by conservation
     of momentum, U_c / U_0 = 6.3 d / x (Pope 2000, section 5.1; Hussein et al. 1994 measure 5.8). In
-    the core, up to 6.3 d, the axis keeps the outlet's speed; the true profile is flatter there.
-    Nothing behind the outlet: the inflow is left out.
+    the core, up to 6.3 d, the axis keeps the outlet's speed; the true profile is flatter there. The
+    speed behind the outlet is zero: the model omits the inflow.
     """
     if along < 0.0:
         return 0.0
@@ -59,7 +59,7 @@ def jet_velocity(
 ) -> None:
     """Write the mean air velocity (3,) m/s at p (3,) of a jet from `place` along the unit `axis`.
 
-    Streamlines are taken parallel to the axis; entrainment (a few per cent) is left out.
+    Streamlines are parallel to the axis; the model omits entrainment (a few per cent).
     """
     along = square = 0.0
     for i in range(3):
@@ -73,9 +73,9 @@ def jet_velocity(
 
 
 def compute_direction(wind: Wind, turn: float = 0.0) -> Array:
-    """Return the unit vector (3,) in W that the wind blows along, turned by `turn` (rad) about z.
+    """Return the wind's direction, a unit vector (3,) in W, rotated by `turn` (rad) about z.
 
-    Points along +x for no wind.
+    Points along +x without wind.
     """
     toward = math.radians(wind.toward_deg) + turn
     v = np.array([
@@ -91,9 +91,9 @@ def compute_speed(wind: Wind) -> float:
 
 
 def compute_mean_wind(wind: Wind, p_W: Array, turn: float = 0.0) -> Array:
-    """Return the mean air velocity (n, 3) m/s in W at the places p_W (n, 3) m.
+    """Return the mean air velocity (n, 3) m/s in W at the positions p_W (n, 3) m.
 
-    `turn` (rad): where an oscillating fan points now, from the middle of its sweep.
+    `turn` (rad) is the present direction of an oscillating fan, from the middle of its sweep.
     """
     points = np.ascontiguousarray(np.atleast_2d(p_W), dtype=np.float64)
     speed = compute_speed(wind)
@@ -107,10 +107,10 @@ def compute_mean_wind(wind: Wind, p_W: Array, turn: float = 0.0) -> Array:
 
 
 def compute_dryden_scales(wind: Wind) -> DrydenScales:
-    """Scales of MIL-F-8785C, 3.7.3.4, below 1000 ft: h in feet, sigma from the wind at 20 ft.
+    """Return the scales of MIL-F-8785C, 3.7.3.4, below 1000 ft.
 
-    L_w = h, L_u = L_v = h / (0.177 + 0.000823 h)^1.2; sigma_w = 0.1 W20, sigma_u = sigma_v =
-    sigma_w / (0.177 + 0.000823 h)^0.4.
+    h is in feet, sigma follows from the wind at 20 ft. L_w = h, L_u = L_v = h / (0.177 + 0.000823
+    h)^1.2; sigma_w = 0.1 W20, sigma_u = sigma_v = sigma_w / (0.177 + 0.000823 h)^0.4.
     """
     d = wind.dryden
     h = d.height_m / FOOT
@@ -134,8 +134,9 @@ def _wind_at_20_ft(wind: Wind, d: Dryden) -> float:
 
 
 def compute_gust_scales(wind: Wind, speed: float) -> tuple[Array, Array]:
-    """Return rms (3,) m/s and time scale L / V (3,) s of the gusts along, across and above a mean
-    `speed` (m/s); zero rms without gusts.
+    """Return rms (3,) m/s and time scale L / V (3,) s of the gusts, along, across and above.
+
+    `speed` (m/s) is the mean speed. The rms is zero without gusts.
     """
     if wind.kind == "dryden":
         length, sigma = compute_dryden_scales(wind)
@@ -150,9 +151,9 @@ def compute_gust_scales(wind: Wind, speed: float) -> tuple[Array, Array]:
 def compute_gust_sigma(wind: Wind, speed: float, bandwidth: float = math.inf) -> Array:
     """Return the rms (3,) m/s of the gusts along, across and above a mean `speed` (m/s).
 
-    Only what is slower than `bandwidth` (rad/s, first order): what a robot has to hold against.
-    Gusts of the time T = L / V are taken as first order too, so 1 / (1 + 1 / (T w)) of the variance
-    remains.
+    Only the part below `bandwidth` (rad/s, first order) is included, against which a robot has to
+    hold its position. Gusts of the time T = L / V are first order, too, so 1 / (1 + 1 / (T w)) of
+    the variance remains.
     """
     sigma, lag = compute_gust_scales(wind, speed)
     return np.asarray(sigma / np.sqrt(1.0 + 1.0 / (lag * bandwidth)))

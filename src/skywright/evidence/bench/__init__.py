@@ -1,1 +1,1 @@
-"""`skywright bench`: what things cost, as ratios measured side by side in one process."""
+"""`skywright bench`: computing times, as ratios of cases measured in turns in one process."""

@@ -1,4 +1,4 @@
-"""A newcomer's first minutes: from a fresh clone of this checkout to the first report."""
+"""Time from a fresh clone of this checkout to the first report."""
 
 import os
 import shutil
@@ -17,9 +17,9 @@ LIMIT = 60.0  # s
 
 
 def measure(session: Session) -> list[Row]:
-    """Clone what is committed, download what `make demo` installs, and time it offline, twice.
+    """Clone the last commit, download the packages of `make demo`, and time it offline, twice.
 
-    The first time takes nothing from a cache: neither packages nor compiled code.
+    The first run uses no cache, neither of packages nor of compiled code.
     """
     missing = [tool for tool in ("git", "make") if shutil.which(tool) is None]
     if missing or read_commit()["commit"] is None:

@@ -1,4 +1,4 @@
-"""The first run on a machine: nothing is compiled yet (takes about a minute)."""
+"""The first run on a machine, without compiled code (takes about a minute)."""
 
 from skywright.evidence.bench.commands import time_run
 from skywright.evidence.bench.flights import SCAN
@@ -8,7 +8,7 @@ LIMIT = 40.0  # s
 
 
 def measure(session: Session) -> list[Row]:
-    """Time `skywright run` with an empty cache, and again with the cache that it left."""
+    """Time `skywright run` with an empty cache, and again with the filled cache."""
     cache = {"NUMBA_CACHE_DIR": str(session.scratch / "cache")}
     cold, warm = (
         time_run(SCAN, session.scratch / f"cold-{i}", environment=cache)[0] for i in range(2)

@@ -1,4 +1,4 @@
-"""Commands of the command line, timed in processes of their own."""
+"""Commands of the command line, timed in separate processes."""
 
 import json
 import os
@@ -28,7 +28,7 @@ def time_command(
     environment: dict[str, str] | None = None,
     codes: Sequence[int] = (0,),
 ) -> Timed:
-    """Run a command to its end; raises SimulationError when it exits with none of `codes`."""
+    """Run a command and time it. Raises SimulationError if its exit code is not in `codes`."""
     begin = time.perf_counter()
     done = subprocess.run(
         words, capture_output=True, text=True, env={**os.environ, **(environment or {})},
@@ -45,7 +45,7 @@ def time_command(
 def time_run(
     mission: str, out: Path, *sets: str, environment: dict[str, str] | None = None
 ) -> tuple[float, dict[str, Any]]:
-    """Time `skywright run`; returns (wall time, its JSON). Requirements need not be met."""
+    """Time `skywright run`; return (wall time, its JSON). Failed requirements are accepted."""
     changes = [word for text in sets for word in ("--set", text)]
     done = time_command(
         [*SKYWRIGHT, "run", mission, *changes, "--out", str(out), "--json"],

@@ -1,4 +1,4 @@
-"""Growth of cost with contacts: the same robot in the air, on the pipe and on its feet."""
+"""Growth of the computing time with contacts: the same robot hovering, on the pipe, standing."""
 
 from functools import partial
 
@@ -19,7 +19,7 @@ NOTES = {"air": "hovering", "tip": "the probe's tip on the pipe", "feet": "stand
 
 
 def measure(session: Session) -> list[Row]:
-    """Time bare stepping and the fast closed loop in each state, in turns."""
+    """Time physics steps alone and the fast closed loop in each state, in turns."""
     vehicles = {
         "air": fly_to_hover(load_scan()),
         "tip": fly_into_contact(load_scan()),

@@ -1,4 +1,4 @@
-"""Environments: steps over the bare vehicle tick and a second, a reset, and processes."""
+"""Environments: steps relative to a vehicle tick and per second, a reset, and processes."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from skywright.evidence.bench.rows import Row, Session, build_row, build_unmeasu
 from skywright.evidence.bench.timing import compute_ratios, interleave, read_clock
 
 TICKS = 50
-"""Of a turn: as many as a block of noise lasts, so that each turn draws once."""
+"""Ticks of one measurement: the length of a block of noise, so each draws one block."""
 STEP_LIMIT, RESET_LIMIT, SHARE_LIMIT = 1.1, 1.0, 0.95
 VECTOR, FEW, MANY = "WeldPress", 8, 32
-"""What flies over processes, and environments a process."""
+"""Environment of the test with processes, and numbers of environments per process."""
 COARSE_MS = 2
-"""Of the physics: `mission.timestep_ms` of the second rate."""
+"""`mission.timestep_ms` of the measurement with coarse physics."""
 LONG = 5
-"""Ticks of a longer step: a message is shared by as many."""
+"""Ticks of a longer step, to share the cost of a message."""
 
 
 def measure(session: Session) -> list[Row]:
-    """Measure every environment in this process, and one over processes."""
+    """Measure every environment in this process, and one in several processes."""
     if importlib.util.find_spec("gymnasium") is None:
         return [build_unmeasured_row("envs", "Gymnasium is not installed (extra 'envs')")]
     from skywright.analysis.envs.registry import PLACES, make
@@ -37,7 +37,7 @@ def measure(session: Session) -> list[Row]:
         try:
             coarse = make(name, states=2, sets=[f"mission.timestep_ms={COARSE_MS}"])
             cases["coarse"] = partial(_step, coarse, still)
-        except InputError as error:  # a contact is too stiff for it
+        except InputError as error:  # a contact is too stiff for this time step
             rows.append(build_unmeasured_row(f"{name}.steps_{COARSE_MS}_ms", str(error)))
         times = interleave(cases, rounds)
         rows.append(
@@ -82,7 +82,7 @@ def _reset(env: Any) -> float:
 
 
 def _measure_vector(session: Session) -> list[Row]:
-    """Two processes that step against two that tick, by the wall, in turns."""
+    """Measure processes with environments relative to bare ticks, in wall time, in turns."""
     cases = [(FEW, 1), (FEW, LONG), (MANY, 1)]
     return [_measure_share(session, each, ticks) for each, ticks in cases]
 

@@ -1,4 +1,4 @@
-"""The studies behind the documentation's tables, as rows: no timings, the same on any machine."""
+"""Studies behind the tables of the documentation, as rows: no timings, machine-independent."""
 
 import re
 
@@ -30,7 +30,7 @@ def measure_consistency(session: Session) -> list[Row]:
 
 
 def measure_estimators(session: Session) -> list[Row]:
-    """Each estimator in good and bad conditions of motion capture and link."""
+    """Measure each estimator in good and degraded conditions of motion capture and link."""
     seeds = range(1, 1 + session.pick(1, 3, 10))
     conditions = list(estimators.CONDITIONS)[: session.pick(1, None, None)]
     rows = []
@@ -48,7 +48,7 @@ def measure_estimators(session: Session) -> list[Row]:
 
 
 def measure_margins(session: Session) -> list[Row]:
-    """Margins of the weld scan's loops from their linear model."""
+    """Compute the margins of the weld scan's loops from their linear model."""
     d = load_description("pipe-weld-scan")
     m, g = loop.build_loop_model(d), loop.read_gains(d)
     rows = [build_row("least_damping", loop.compute_least_damping(m, g),
@@ -60,7 +60,7 @@ def measure_margins(session: Session) -> list[Row]:
 
 
 def measure_force(session: Session) -> list[Row]:
-    """The two estimators of a compliant arm's force, each closing the loop at 2 N."""
+    """Measure both force estimators of a compliant arm in a force loop at 2 N."""
     rows = []
     for r in force_estimators.compare():
         tare = "tare" if r.tare else "no tare"

@@ -1,4 +1,4 @@
-"""Stretches of flight that benchmarks time: in contact, hovering, and the same steps bare."""
+"""Flight segments for the benchmarks: in contact, hovering, and replayed with physics alone."""
 
 from typing import NamedTuple
 
@@ -29,11 +29,11 @@ FULL_STRENGTH = (
     "world.link.delay_s=0.004", "world.link.jitter_s=0.002", "world.link.loss_fraction=0.01",
     "world.pipe.friction_variation=0.3",
 )  # fmt: skip
-"""The scan with everything on: gusts, a link, artefacts of motion capture, varying friction."""
+"""Settings of a scan with gusts, a link, artefacts of motion capture and varying friction."""
 
 
 class Applied(NamedTuple):
-    """What a flight wrote into the plant, a row a control tick."""
+    """Inputs of the plant during a flight, one row per control tick."""
 
     controls: Array
     forces: Array
@@ -43,20 +43,20 @@ class Applied(NamedTuple):
 
 
 def count_ticks(seconds: float) -> int:
-    """Mission ticks in a stretch of simulated time."""
+    """Return the number of mission ticks in `seconds` of simulated time."""
     return max(round(seconds / MISSION_TICK), 1)
 
 
 def load_scan(*sets: str) -> Description:
-    """Load the scan with changes; its pipe stands where the map has it, so it needs no survey."""
+    """Load the scan with changes; the pipe is at its map position, so no survey is needed."""
     exact = [f"plant.{key}=0" for key in KEYS]
     return load_description(SCAN, sets=[*exact, *sets])
 
 
 def fly_into_contact(description: Description) -> SimulatedVehicle:
-    """Fly a scan until the probe slides on the pipe; at its end the robot keeps pressing.
+    """Fly a scan until the probe slides on the pipe. After the scan the robot keeps pressing.
 
-    Raises InfeasibleError when the scan has no plan, SimulationError without contact.
+    Raises InfeasibleError if the scan has no plan, SimulationError if there is no contact.
     """
     plan = plan_mission(description)
     if not plan.feasible:
@@ -86,7 +86,7 @@ def fly_to_hover(description: Description) -> SimulatedVehicle:
 
 
 def fly_with_hands(robot: str) -> SimulatedVehicle:
-    """Hover with the arms at work, both hands keeping their places."""
+    """Hover with the arms in working posture, with both hands holding their positions."""
     vehicle = fly_to_hover(load_description("waypoints", robot=robot))
     arms = Arms(vehicle)
     arms.move_to(posture(vehicle.robot, "working"))
@@ -98,7 +98,7 @@ def fly_with_hands(robot: str) -> SimulatedVehicle:
 
 
 def fly_with_bar() -> SimulatedVehicle:
-    """Carry the bar of the transport: held in the air, let go, some seconds on its way."""
+    """Carry the bar of the transport mission for some seconds of its path."""
     description = load_description("bar-transport", sets={"mission.task.planner_slices": 50})
     plan, vehicle = plan_mission(description), build_vehicle(description)
     run_ticks(vehicle, count_ticks(1.0))
@@ -111,13 +111,14 @@ def fly_with_bar() -> SimulatedVehicle:
 
 
 class _Docked(Exception):
-    """The flight is where its stretch begins."""
+    """The flight has reached the start of the segment."""
 
 
 def fly_docked(*sets: str) -> SimulatedVehicle:
-    """Fly the inspection of a bridge that is known until the docked robot holds its first force.
+    """Fly the inspection of a bridge with an exact map until the docked robot holds its first
+    force.
 
-    Raises InfeasibleError when it has no plan, SimulationError where it does not get that far.
+    Raises InfeasibleError if it has no plan, SimulationError if the robot does not dock.
     """
     known = ("plant.map_error_m=0", "plant.map_error_deg=0")
     description = load_description("bridge-contact", sets=(*known, *sets))
@@ -139,7 +140,7 @@ def fly_docked(*sets: str) -> SimulatedVehicle:
 
 
 def run_ticks(vehicle: SimulatedVehicle, ticks: int) -> float:
-    """Run mission ticks; returns the processor time (s)."""
+    """Run mission ticks; return the processor time (s)."""
     start = read_clock()
     for _ in range(ticks):
         vehicle.tick()
@@ -148,7 +149,7 @@ def run_ticks(vehicle: SimulatedVehicle, ticks: int) -> float:
 
 
 def record_applied(vehicle: SimulatedVehicle, ticks: int) -> Applied:
-    """Fly one control tick at a time and keep what was applied to the plant."""
+    """Fly one control tick at a time and record the inputs of the plant."""
     rows: list[tuple[Array, ...]] = []
     sim, keep = vehicle.sim, (vehicle.interactive, vehicle.n_ticks)
     start = Snapshot(sim)
@@ -157,15 +158,15 @@ def record_applied(vehicle: SimulatedVehicle, ticks: int) -> Applied:
         vehicle.tick()
         rows.append((sim.ctrl.copy(), sim.xfrc.copy(), sim.pair_friction.copy()))
     vehicle.interactive, vehicle.n_ticks = keep
-    vehicle.flush()  # or the next stretch that is timed would write these samples, too
+    vehicle.flush()  # otherwise the next timed segment would write these samples
     controls, forces, frictions = (np.array(column) for column in zip(*rows, strict=True))
     return Applied(controls, forces, frictions, start, Snapshot(sim))
 
 
 def step_bare(vehicle: SimulatedVehicle, applied: Applied) -> float:
-    """Step the same stretch by `mj_step` alone, called as MuJoCo's users do; processor time (s).
+    """Replay the segment with `mj_step` alone, called from Python; return the processor time (s).
 
-    The robot ends where it was after the recorded flight; a test holds the replay bit-identical.
+    The robot ends in the state after the recorded flight; a test checks that it is bit-identical.
     """
     sim, n = vehicle.sim, vehicle.n_steps
     applied.start.restore(sim)

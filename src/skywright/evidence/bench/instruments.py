@@ -1,4 +1,4 @@
-"""What an inspection's instrument adds to the closed loop, each beside the scan without it."""
+"""Computing time of inspection instruments in the closed loop, relative to the plain scan."""
 
 from functools import partial
 
@@ -21,11 +21,11 @@ NOTES = {
     "ascans": "20 A-scans a second, pressed on a painted wall",
 }
 LIMITS = {"one_coil": 1.1, "array": 2.0, "ascans": 2.0}
-"""Wanted of the ratio; a timing is no test, so it is only told."""
+"""Target of the ratio; it is reported only, because timings are not tests."""
 
 
 def measure(session: Session) -> list[Row]:
-    """Fly all cases in contact, a second of each in turns."""
+    """Fly all cases in contact, one second of each in turns."""
     vehicles = {name: fly_into_contact(load_scan(*sets)) for name, sets in CASES.items()}
     ticks = count_ticks(session.pick(0.2, 1.0, 1.0))
     calls = {name: partial(run_ticks, v, ticks) for name, v in vehicles.items()}

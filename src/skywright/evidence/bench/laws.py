@@ -1,7 +1,7 @@
-"""What a step of each control law costs beside that of the first one, and a program at its limits.
+"""Computing time of a step of each control law relative to the first one.
 
-Each law stands in a vehicle of its own that hovers; its row of the schedule alone is called, in
-compiled code. `whole_body_qp` is measured twice more: where a limit binds and the solver runs.
+Each law hovers in its own vehicle; only its row of the schedule is called, in compiled code.
+`whole_body_qp` is also measured at a limit, where its solver runs.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ FIRST = "push_and_slide"
 CALLS = 500
 BOUND = "whole_body_qp"
 DEEP = 0.5
-"""m, of a reference beside the robot: more than its rotors can push."""
+"""m, offset of the reference that demands more than the rotors can produce."""
 
 
 def measure(session: Session) -> list[Row]:
-    """Measure the laws that fly the scan's robot."""
+    """Measure the laws that can fly the robot of the scan."""
     return measure_laws(list_kinds("law"), session.pick(2, 15, 40))
 
 
 def measure_laws(kinds: Sequence[str], rounds: int) -> list[Row]:
-    """Return a row a law, its time over that of `push_and_slide`, measured by turns."""
+    """Return one row per law: its time relative to `push_and_slide`, measured in turns."""
     laws: dict[str, LawStep] = {}
     for kind in [FIRST, *(k for k in kinds if k != FIRST)]:
         try:
             laws[kind] = hover(kind)
         except InputError:
-            continue  # the robot is none for it
+            continue  # the law cannot fly this robot
     if BOUND in laws:
         at_limits = hover(BOUND)
         at_limits.reference.p_WB = at_limits.reference.p_WB + [DEEP, 0.0, 0.0]
@@ -57,18 +57,18 @@ def measure_laws(kinds: Sequence[str], rounds: int) -> list[Row]:
 
 
 def hover(kind: str) -> LawStep:
-    """Build the scan's vehicle with a law that hovers; raises InputError where it cannot fly it."""
+    """Build the scan's vehicle with a hovering law. Raises InputError if the law cannot fly it."""
     law = LawStep(build_vehicle(load_scan(f"mission.law={kind}")))
     law.step()
     return law
 
 
 def time_step(law: LawStep) -> float:
-    """Return the seconds of CALLS steps on the records as they are."""
+    """Return the time (s) of CALLS steps on unchanged records."""
     a, row = law.assembly, law.rows[-1]
     clock = a.get(Clock)
     every = int(a.rows["every"][row])
-    clock["tick"] += (int(a.rows["phase"][row]) - int(clock["tick"])) % every  # it is due
+    clock["tick"] += (int(a.rows["phase"][row]) - int(clock["tick"])) % every  # make the step due
     begin = read_clock()
     repeat_row(int(a.rows.ctypes.data), row, a.address(Clock), CALLS)
     return read_clock() - begin

@@ -1,4 +1,4 @@
-"""Processing a recorded flight of total station and tracking camera: calibration, filter."""
+"""Computing time for a recorded flight of total station and tracking camera."""
 
 from functools import partial
 
@@ -13,7 +13,7 @@ DURATION, CALIBRATION = 100.0, 40.0  # s
 
 
 def measure(session: Session) -> list[Row]:
-    """Time clocks, calibration and filter on a flight of 100 s, calibrated on its first 40 s."""
+    """Time clock alignment, calibration and filter on a flight of 100 s, calibrated on 40 s."""
     flight = simulate_flight(build_inspection_path(1, DURATION), 1)
     found = _calibrate(flight)
     times = interleave(
@@ -33,7 +33,7 @@ def measure(session: Session) -> list[Row]:
 
 
 def _calibrate(flight: Flight) -> Calibration:
-    """Clocks from the speeds, then clocks, frame and scale together."""
+    """Estimate the clock offset from the speeds, then clocks, frame and scale together."""
     first = float(flight.station.t[0])
     span = (first, first + CALIBRATION)
     offset = estimate_offset(flight.station.cut(*span), flight.camera).offset

@@ -1,9 +1,9 @@
-"""The closed loop over bare `mj_step`.
+"""Computing time of the closed loop relative to bare `mj_step`.
 
-The same stretch is flown with sensors, estimation, control and recording in both ways of running,
-and stepped by MuJoCo alone with what the flight applied (left alone the robot would fall, which is
-cheaper to simulate). The scan is flown in contact, the F550 docked, the two-arm robots in the air:
-there MuJoCo has least to do, so the ratio is at its worst.
+A flight segment runs with sensors, estimation, control and recording in both modes. MuJoCo alone
+replays it with the recorded inputs; without inputs the robot would fall, which is cheaper to
+simulate. The scan is flown in contact, the F550 docked, and the two-arm robots in the air. In the
+air MuJoCo has the least work, so the ratio is largest.
 """
 
 from collections.abc import Callable
@@ -32,10 +32,10 @@ LIMITS = {"fast": 1.5, "interactive": 2.2}
 
 
 class Case(NamedTuple):
-    """A flight that is timed."""
+    """A flight to time."""
 
     fly: Callable[[], SimulatedVehicle]
-    """Flies to where the stretch begins."""
+    """Flies to the start of the segment."""
     note: str
 
 
@@ -66,7 +66,7 @@ CASES = {
 
 
 def measure(session: Session) -> list[Row]:
-    """Measure both ways of running, of the scan and of two-arm robots, and the physics step."""
+    """Measure both modes for all cases, and the effect of the physics step."""
     rounds = session.pick(2, 20, 100)
     rows = [
         row
@@ -77,7 +77,7 @@ def measure(session: Session) -> list[Row]:
 
 
 def measure_step(rounds: int) -> Row:
-    """Measure the scan at a physics step of 2 ms over that at 1 ms, nothing recorded."""
+    """Measure the scan at a physics step of 2 ms relative to 1 ms, without recording."""
     coarse = fly_into_contact(load_scan("mission.timestep_ms=2"))
     fine, ticks = fly_into_contact(load_scan()), count_ticks(1.0)
     times = interleave(
@@ -88,7 +88,7 @@ def measure_step(rounds: int) -> Row:
 
 
 def measure_case(name: str, case: Case, folder: Path, rounds: int) -> list[Row]:
-    """Measure one case; a round is 1 s of simulated time of each way."""
+    """Measure one case; a round is 1 s of simulated time in each mode."""
     vehicle = case.fly()
     ticks = count_ticks(1.0)
     with RecordingWriter(folder / f"{name}loop.mcap", *vehicle.recorded) as writer:

@@ -1,4 +1,4 @@
-"""What a result was measured on, and what with."""
+"""Machine, versions and load of a measurement."""
 
 import os
 import platform
@@ -10,11 +10,11 @@ from typing import Any
 from skywright.run.versions import collect_versions
 
 BUSY = 0.25
-"""Load average a core from which a result is called noisy."""
+"""Load average per core from which a result counts as noisy."""
 
 
 def describe_machine() -> dict[str, Any]:
-    """Return processor, cores that may be used, memory (GB) and operating system."""
+    """Return processor, usable cores, memory (GB) and operating system."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return {
         "processor": _read_field("/proc/cpuinfo", "model name") or platform.processor(),
@@ -26,7 +26,7 @@ def describe_machine() -> dict[str, Any]:
 
 
 def collect_all_versions() -> dict[str, str]:
-    """Versions of what a run depends on, and of what the benchmarks add."""
+    """Return the versions of the dependencies of runs and of benchmarks."""
     out = collect_versions()
     for name in ("llvmlite", "scipy"):
         try:
@@ -37,7 +37,8 @@ def collect_all_versions() -> dict[str, str]:
 
 
 def read_commit() -> dict[str, Any]:
-    """Return the commit of this source, and whether tracked files differ from it; None outside."""
+    """Return the commit of this source, and whether tracked files differ; None outside a
+    checkout."""
     folder = Path(__file__).parent
 
     def git(*args: str) -> str | None:
@@ -49,7 +50,7 @@ def read_commit() -> dict[str, Any]:
             return None
         return done.stdout.strip()
 
-    # an installed package may sit inside somebody else's repository
+    # an installed package may be inside an unrelated repository
     if git("ls-files", "--error-unmatch", Path(__file__).name) is None:
         return {"commit": None, "changed": None}
     status = git("status", "--porcelain", "--untracked-files=no", "--", ".", "../..")
@@ -57,7 +58,7 @@ def read_commit() -> dict[str, Any]:
 
 
 def read_load() -> float | None:
-    """Load average of the last minute, or None where there is none."""
+    """Return the load average of the last minute; None if unavailable."""
     try:
         return round(os.getloadavg()[0], 2)
     except (OSError, AttributeError):

@@ -1,9 +1,9 @@
-"""Memory of a long flight and of many runs, each in a process of its own.
+"""Memory of a long flight and of many runs, each in a separate process.
 
     python -m skywright.evidence.bench.memory flight MINUTES [keep]
     python -m skywright.evidence.bench.memory runs COUNT
 
-print the resident memory (MB) once a simulated minute, or after each run.
+print the resident memory (MB) after each simulated minute, or after each run.
 """
 
 import json
@@ -23,15 +23,15 @@ from skywright.recordings.writer import RecordingWriter
 from skywright.run.run import fly_and_evaluate
 
 FLIGHT_LIMIT = 20.0
-"""MB: ours, for the flight loop and the recording however long the flight is."""
+"""MB, project limit for the flight loop and the recording, independent of the duration."""
 RUN_LIMIT = 1.0
-"""MB a run: ours, for a worker that flies a campaign's runs one after the other."""
+"""MB per run, project limit for a worker that flies many runs of a campaign."""
 
 SHORT = ("mission.task.passes=2", "mission.task.pass_length_m=0.05")
 
 
 def measure(session: Session) -> list[Row]:
-    """Fly long twice, without and with the samples kept as a run keeps them, and many runs."""
+    """Fly long twice, without and with the samples that a run keeps, and many runs."""
     if not Path("/proc/self/status").exists():
         return [
             build_unmeasured_row("flight_growth_mb", "resident memory is read from Linux's /proc")
@@ -50,7 +50,7 @@ def measure(session: Session) -> list[Row]:
     few = session.pick(2, 4, 10)
     kept = _call("flight", str(few), "keep")
     runs = _call("runs", str(session.pick(2, 8, 40)))
-    half = len(runs) // 2  # caches and arenas have filled by then
+    half = len(runs) // 2  # caches and arenas are filled by then
     return [
         *rows,
         build_row(
@@ -71,7 +71,7 @@ def _call(*words: str) -> list[float]:
 
 
 def fly_long(minutes: int, keep: bool, folder: Path) -> list[float]:
-    """Fly in contact with a recording; returns the memory (MB) before and after each minute."""
+    """Fly in contact with a recording; return the memory (MB) before and after each minute."""
     description = load_scan()
     vehicle = fly_into_contact(description)
     kept: list[NDArray[Any]] = []
@@ -88,12 +88,12 @@ def fly_long(minutes: int, keep: bool, folder: Path) -> list[float]:
             run_ticks(vehicle, count_ticks(60.0))
             found.append(read_rss())
     if keep:
-        np.concatenate(kept)  # as a run does at its end: both are there for a moment
+        np.concatenate(kept)  # as at the end of a run: both copies exist for a moment
     return found
 
 
 def fly_many(count: int) -> list[float]:
-    """Fly short runs one after the other, as a campaign's worker does."""
+    """Fly short runs one after the other, like a worker of a campaign."""
     found = []
     for i in range(count):
         fly_and_evaluate(load_scan(*SHORT, f"mission.seed={i}"))

@@ -1,4 +1,4 @@
-"""Planning time over seeds, and what one distance query of the whole robot costs."""
+"""Planning time over seeds, and the time of one distance query of the whole robot."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from skywright.models.geometry import ClearanceQuery, build_clearance, compute_c
 from skywright.models.scene import build_scene
 from skywright.run.planning import plan_mission
 
-LIMIT = 1.0  # s, warm, for a plan of about 110 s of motion
+LIMIT = 1.0  # s, with loaded code, for a plan of about 110 s of motion
 
 CASES: dict[str, tuple[str, ...]] = {
     "default": (),
@@ -24,7 +24,7 @@ CASES: dict[str, tuple[str, ...]] = {
     "underside": ('mission.task.side="underside"',),
 }  # fmt: skip
 REFUSED = {"underside"}
-"""Cases without a plan (the posts are in the way): the time until that is known."""
+"""Cases without a plan, because the posts block the path: the time until that is known."""
 
 
 def measure(session: Session) -> list[Row]:

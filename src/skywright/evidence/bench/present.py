@@ -1,4 +1,4 @@
-"""Benchmarks on the terminal: a table each, as soon as it is measured."""
+"""Benchmarks on the terminal: one table each, printed when it is measured."""
 
 from rich.console import Console
 from rich.table import Table
@@ -12,10 +12,10 @@ SIGNS = {"<=": "≤", ">=": "≥"}
 
 
 class Tables:
-    """Prints a table a benchmark on standard output and what goes on to standard error."""
+    """Prints one table per benchmark to standard output, and the progress to standard error."""
 
     def __init__(self, *, quiet: bool = False) -> None:
-        """`quiet` prints no tables: `--json` has standard output for itself."""
+        """`quiet` prints no tables, because `--json` uses standard output."""
         self._quiet = quiet
         self._out = Console(highlight=False, soft_wrap=True)
         if not self._out.is_terminal:
@@ -23,13 +23,13 @@ class Tables:
         self._err = Console(stderr=True, highlight=False, soft_wrap=True)
 
     def begin(self, name: str, description: str) -> None:
-        """Say what is measured now."""
+        """Print the current benchmark."""
         text = f"{name}: {description} ..." if name else f"{description} ..."
         if not self._err.is_terminal:
             self._err.print(text, markup=False)
             return
         self.close()
-        # no animation: its thread would run beside what is measured
+        # no animation: its thread would disturb the measurement
         self._err.print(text, markup=False, end="\r")
 
     def end(self, name: str, rows: list[Row]) -> None:
@@ -39,13 +39,13 @@ class Tables:
             self._out.print(build_table(name, rows))
 
     def close(self) -> None:
-        """Remove the line that says what is measured."""
+        """Remove the progress line."""
         if self._err.is_terminal:
             self._err.print(" " * 79, end="\r")
 
 
 def build_table(name: str, rows: list[Row]) -> Table:
-    """Build the table of one benchmark; the quartiles say how steady a number is."""
+    """Build the table of one benchmark; the quartiles show the spread of a value."""
     table = Table(title=name, title_justify="left", title_style="bold", header_style="bold")
     table.add_column("name", overflow="fold")
     table.add_column("median", justify="right")
@@ -71,7 +71,7 @@ def build_table(name: str, rows: list[Row]) -> Table:
 
 
 def print_end(report: Report) -> None:
-    """Print what all of it means, and where it is."""
+    """Print the summary and the path of the file."""
     console = Console(highlight=False, soft_wrap=True)
     judged = [r for r in report.rows if r.limit is not None]
     missed = [r for r in judged if not r.passed]

@@ -1,4 +1,4 @@
-"""The benchmarks by name: a function `measure(session) -> list[Row]`, and one entry here."""
+"""Registry of the benchmarks: a function `measure(session) -> list[Row]` and one entry here."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ HERE = "skywright.evidence.bench."
 
 
 class Benchmark(NamedTuple):
-    """A benchmark that can be measured."""
+    """An entry of the registry."""
 
     module: str
     description: str
     by_default: bool = True
-    """Whether it is measured when no name is given; `--full` measures all."""
+    """Whether it runs when no name is given; `--full` runs all."""
     function: str = "measure"
 
 
@@ -64,7 +64,8 @@ BENCHMARKS = {
 
 
 def choose_benchmarks(names: Sequence[str], full: bool) -> list[str]:
-    """Check names, in the order of the registry; none means all (of `full`) or the default ones.
+    """Check names and return them in registry order; without names all (`full`) or the default
+    ones.
 
     Raises InputError that lists the valid names.
     """
@@ -78,7 +79,7 @@ def choose_benchmarks(names: Sequence[str], full: bool) -> list[str]:
 
 
 def load_benchmark(name: str) -> Callable[[Session], list[Row]]:
-    """Import a benchmark and return its `measure`."""
+    """Import a benchmark and return its measuring function."""
     entry = BENCHMARKS[name]
     measure: Callable[[Session], list[Row]] = getattr(
         importlib.import_module(entry.module), entry.function

@@ -1,8 +1,8 @@
-"""Growth of cost with the number of robots.
+"""Growth of the computing time with the number of robots.
 
-One model: copies of the robot in one MuJoCo world, stepped bare with the controls of one flight.
-The vehicle layer flies one robot a world; several fly as independent vehicles in one process, which
-is measured beside it, closed loop and all.
+One model: copies of the robot in one MuJoCo world, stepped with the recorded inputs of one flight.
+The vehicle layer flies one robot per world. Several robots fly as independent vehicles in one
+process, which is measured for comparison with the closed loop.
 """
 
 from functools import partial
@@ -28,7 +28,7 @@ COUNTS = (1, 2, 4, 8)
 
 
 class Stretch(NamedTuple):
-    """A stretch of flight of one robot: where it starts and what was applied."""
+    """A flight segment of one robot: initial state and inputs."""
 
     qpos: Array
     qvel: Array
@@ -39,7 +39,7 @@ class Stretch(NamedTuple):
 
 
 def measure(session: Session) -> list[Row]:
-    """Time 1, 2, 4 and 8 robots in turns: in the air, on their feet, and as vehicles."""
+    """Time 1, 2, 4 and 8 robots in turns: hovering, standing, and as vehicles."""
     counts = session.pick(COUNTS[:2], COUNTS, COUNTS)
     ticks = count_ticks(session.pick(0.1, 0.5, 0.5))
     rounds = session.pick(2, 10, 40)
@@ -63,14 +63,14 @@ def measure(session: Session) -> list[Row]:
 
 
 def build_plants(description: Description, count: int) -> Crowd:
-    """Compile several of a description's plant into its world."""
+    """Compile several copies of a description's plant into its world."""
     d = description
     deviation = build_deviation(d.plant, d.robot, d.mission.seed)
     return build_crowd(d.robot, d.world, deviation, count)
 
 
 def record_stretch(vehicle: SimulatedVehicle, ticks: int) -> Stretch:
-    """Fly on and keep what is needed to repeat it with more robots."""
+    """Fly on and record what is needed to repeat the segment with more robots."""
     sim = vehicle.sim
     start = (sim.qpos.copy(), sim.qvel.copy(), sim.act.copy())
     applied = record_applied(vehicle, ticks)
@@ -78,7 +78,7 @@ def record_stretch(vehicle: SimulatedVehicle, ticks: int) -> Stretch:
 
 
 def step_all(crowd: Crowd, stretch: Stretch) -> float:
-    """Step all robots of a crowd through a stretch; processor time (s)."""
+    """Step all robots of a crowd through a segment; return the processor time (s)."""
     set_crowd(crowd, stretch.qpos, stretch.qvel, stretch.act)
     controls, forces = repeat_controls(crowd, stretch.controls, stretch.forces)
     begin = read_clock()
@@ -87,7 +87,7 @@ def step_all(crowd: Crowd, stretch: Stretch) -> float:
 
 
 def _run_vehicles(vehicles: list[SimulatedVehicle], ticks: int) -> float:
-    """A mission tick of each in turn, as robots that share a clock would fly."""
+    """Tick the vehicles in turn, like robots that share a clock."""
     begin = read_clock()
     for _ in range(ticks):
         for vehicle in vehicles:
@@ -98,7 +98,7 @@ def _run_vehicles(vehicles: list[SimulatedVehicle], ticks: int) -> float:
 def _build_rows(
     name: str, times: dict[str, list[float]], counts: tuple[int, ...], note: str
 ) -> list[Row]:
-    """Cost of `n` robots over `n` times the cost of one: 1 is linear growth."""
+    """Return the time of `n` robots over `n` times that of one: 1 is linear growth."""
     return [
         build_row(
             f"{name}_{n}_over_{n}_times_1",

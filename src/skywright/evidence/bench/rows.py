@@ -1,4 +1,4 @@
-"""What a benchmark is given (a session) and what it returns (rows)."""
+"""Input (a session) and output (rows) of a benchmark."""
 
 import math
 import statistics
@@ -13,44 +13,44 @@ from skywright.errors import InputError
 T = TypeVar("T")
 
 Effort = Literal["quick", "default", "full"]
-"""quick: seconds, to see that everything works; default: minutes; full: as long as it takes."""
+"""quick: seconds, a functional check; default: minutes; full: unlimited."""
 
 
 class Session(NamedTuple):
-    """What every benchmark of one call shares."""
+    """Settings that all benchmarks of one call share."""
 
     effort: Effort
     scratch: Path
     """An empty folder that is removed at the end."""
     workers: int = 1
-    """Processes that a benchmark may share its work among; those that time one process do not."""
+    """Number of processes for work that can be shared; single-process timings ignore it."""
     resume: Path | None = None
     """Folder that keeps finished parts of long benchmarks."""
 
     def pick(self, quick: T, default: T, full: T) -> T:
-        """Choose by effort."""
+        """Choose a value by the effort."""
         return {"quick": quick, "default": default, "full": full}[self.effort]
 
 
 class Row(NamedTuple):
-    """One measured number. Names are `benchmark.what_unit`, as those of metrics."""
+    """One measured value, with a name such as `benchmark.what_unit`, as for metrics."""
 
     name: str
     value: float | None
-    """Median of the repetitions; None where it could not be measured (`note` says why)."""
+    """Median of the repetitions; None if it could not be measured (`note` gives the reason)."""
     unit: str
     limit: float | None
     sense: str
-    """How value and limit compare: "<=" or ">="; empty without a limit."""
+    """Comparison of value and limit: "<=" or ">="; empty without a limit."""
     passed: bool | None
     low: float | None
-    """Lower quartile of the repetitions; None of a single one."""
+    """Lower quartile of the repetitions; None for a single one."""
     high: float | None
     repetitions: int
     note: str
 
     def to_json(self) -> dict[str, Any]:
-        """Return the keys of `skywright bench --json`, numbers with five digits."""
+        """Return the keys of `skywright bench --json`, with five digits."""
 
         def short(x: object) -> object:
             return float(f"{x:.5g}") if isinstance(x, float) else x
@@ -69,7 +69,7 @@ def build_row(
 ) -> Row:
     """Build a row from one value or from repetitions. A ratio has no unit.
 
-    A value that is not finite raises InputError: it was not measured, and nobody should read it.
+    Raises InputError if a value is not finite.
     """
     many = [float(v) for v in np.atleast_1d(np.asarray(values, dtype=float))]
     if not many or not all(math.isfinite(v) for v in many):
@@ -88,5 +88,5 @@ def build_row(
 
 
 def build_unmeasured_row(name: str, why: str, *, failed: bool = False) -> Row:
-    """Build the row of a number that does not exist here, or of a benchmark that failed."""
+    """Build the row of a value that is unavailable here, or of a benchmark that failed."""
     return Row(name, None, "", None, "", False if failed else None, None, None, 0, why)

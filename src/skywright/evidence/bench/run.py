@@ -1,4 +1,4 @@
-"""Whole runs against real time: planned, flown, recorded and evaluated; the report apart."""
+"""Real-time factor of whole runs: planned, flown, recorded and evaluated, without the report."""
 
 from typing import NamedTuple
 
@@ -11,12 +11,12 @@ COARSE = "mission.timestep_ms=2"
 
 
 class Case(NamedTuple):
-    """A run that is timed."""
+    """A run to time."""
 
     mission: str
     sets: tuple[str, ...]
     limit: float
-    """Of the real-time factor of a process of its own."""
+    """Limit of the real-time factor in a separate process."""
     note: str
 
 
@@ -30,11 +30,11 @@ CASES = {
     "long_reach_2_ms_": Case("sensor-install", (COARSE,), 22.0, "sensor-install, physics of 2 ms"),
 }
 AGAIN = ("", "full_strength_", "scan_2_ms_")
-"""Those that are also flown in a process that has flown before."""
+"""Cases that are also flown in a process that has flown before."""
 
 
 def measure(session: Session) -> list[Row]:
-    """Runs in this process, compiled code loaded; then each in a process of its own."""
+    """Time runs in this process with loaded code, then each in a separate process."""
     rounds = session.pick(1, 2, 15)
     factors = [{name: _fly(name, session, i) for name in AGAIN} for i in range(rounds + 1)]
     rows = [
@@ -56,7 +56,7 @@ def _fly(name: str, session: Session, i: int) -> float:
 
 
 def _measure_process(name: str, session: Session) -> Row:
-    """`skywright run` from its start: loading compiled code is part of the run."""
+    """Time `skywright run` from its start, including the loading of compiled code."""
     case, factors = CASES[name], []
     for i in range(session.pick(1, 3, 5)):
         _, found = time_run(case.mission, session.scratch / f"{name}process-{i}", *case.sets)

@@ -1,4 +1,4 @@
-"""Benchmarks one after the other: check, measure, keep what was measured, write."""
+"""Run benchmarks one after the other: check, measure, collect, write."""
 
 import json
 import os
@@ -22,21 +22,21 @@ from skywright.evidence.bench.rows import Effort, Row, Session, build_unmeasured
 from skywright.run.warm_up import is_compiled
 
 RESULTS = Path("benchmarks") / "results"
-"""Where a whole measurement is kept, below the current folder."""
+"""Folder of complete measurements, below the current folder."""
 
 
 class Watcher(Protocol):
-    """Something that shows the benchmarks as they go."""
+    """Interface for the display of progress."""
 
     def begin(self, name: str, description: str) -> None:
-        """A benchmark begins; the name is empty while code is compiled."""
+        """A benchmark starts; the name is empty while code is compiled."""
 
     def end(self, name: str, rows: list[Row]) -> None:
-        """It has ended, or failed (a row says so)."""
+        """A benchmark has ended or failed; a row of a failed one gives the reason."""
 
 
 class Report(NamedTuple):
-    """What one call measured, and on what."""
+    """Results of one call, and their conditions."""
 
     when: str
     """UTC, ISO 8601."""
@@ -45,7 +45,7 @@ class Report(NamedTuple):
     versions: dict[str, str]
     commit: dict[str, Any]
     load: dict[str, float | None]
-    """Load average of the minute before, and of the last one."""
+    """Load average of the minute before, and of the last minute."""
     wall_s: float
     benchmarks: list[str]
     rows: list[Row]
@@ -55,17 +55,17 @@ class Report(NamedTuple):
 
     @property
     def exit_code(self) -> int:
-        """0 when everything was measured, limits met or not; else 1."""
+        """0 if everything was measured, whether limits are met or not; else 1."""
         return 1 if self.interrupted or self.failed else 0
 
     @property
     def busy(self) -> bool:
-        """Whether others used the machine before the first benchmark."""
+        """Whether the machine was busy before the first benchmark."""
         load = self.load["before"]
         return load is not None and load > BUSY * (self.machine["cores"] or 1)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the keys of `skywright bench --json`, which are those of a result's file."""
+        """Return the keys of `skywright bench --json` and of a result file."""
         out = self._asdict()
         del out["file"]
         return {**out, "busy": self.busy, "rows": [row.to_json() for row in self.rows]}
@@ -88,14 +88,16 @@ def run_benchmarks(
     workers: int = 1,
     resume: Path | None = None,
 ) -> Report:
-    """Measure the named benchmarks, or those that are measured by default.
+    """Measure the named benchmarks, or the default ones.
 
-    A measurement of all default benchmarks is written into `benchmarks/results`; one of named
-    benchmarks or a quick one only where `out` (a folder) is given. An interrupted call returns what
-    it has; a benchmark that fails becomes a row that says why, and the others go on.
-    `workers` processes share what can be shared (the comparison of planners, by processor time);
-    `resume` is a folder that keeps its finished parts, so that a second call goes on.
-    Raises InputError for an unknown name or a folder that cannot be written, before the start.
+    A measurement of all default benchmarks is written to `benchmarks/results`; one of named
+    benchmarks or a quick one is written only if `out` (a folder) is given. An interrupted call
+    returns the finished results. A benchmark that fails becomes a row with the reason, and the
+    others continue.
+
+    `workers` processes share what can be shared (the comparison of planners, in processor time).
+    `resume` is a folder that keeps its finished parts, so that a second call continues. Raises
+    InputError for an unknown name or a folder that cannot be written, before the start.
     """
     chosen = choose_benchmarks(names, effort == "full")
     folder = RESULTS if out is None and not names and effort != "quick" else out
@@ -137,13 +139,13 @@ def run_benchmarks(
 
 @on_one_thread
 def _measure(name: str, session: Session) -> tuple[list[Row], bool]:
-    """Measure one benchmark; returns its rows and whether it went well."""
+    """Measure one benchmark; return its rows and whether it succeeded."""
     try:
         rows = load_benchmark(name)(session)
         good = True
     except SkywrightError as error:
         rows, good = [build_unmeasured_row("failed", str(error), failed=True)], False
-    except Exception as error:  # one broken benchmark must not lose the others
+    except Exception as error:  # one broken benchmark must not discard the others
         if os.environ.get("SKYWRIGHT_DEBUG"):
             raise
         why = " ".join(f"{type(error).__name__}: {error}".split())
@@ -158,7 +160,7 @@ def _compile() -> None:
 
 
 def check_folder(folder: Path, option: str = "--out") -> None:
-    """Refuse a folder that cannot be written before the work begins."""
+    """Raise InputError if a folder cannot be written."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -169,7 +171,7 @@ def check_folder(folder: Path, option: str = "--out") -> None:
 
 
 def write_report(report: Report, folder: Path) -> Path:
-    """Write `DATE-TIME.json` whole or not at all; returns its path. Raises InputError."""
+    """Write `DATE-TIME.json` atomically and return its path. Raises InputError."""
     stamp = report.when.replace(":", "").removesuffix("Z").replace("T", "-")
     path = folder / f"{stamp}.json"
     partial = path.with_suffix(".partial")

@@ -1,4 +1,4 @@
-"""Growth of cost with the length of a scan: planning, flight with recording, and evaluation."""
+"""Growth of time and memory with the length of a scan: planning, recorded flight, evaluation."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -15,16 +15,16 @@ PASSES = (2, 4, 8, 16)
 
 
 class Cost(NamedTuple):
-    """What one run cost; processor times (s)."""
+    """Cost of one run; processor times (s)."""
 
     simulated_s: float
     plan_s: float
-    run_s: float  # planning apart
+    run_s: float  # without planning
     recording_mb: float
 
 
 def measure(session: Session) -> list[Row]:
-    """Scan the same area with more and more passes; exponents of cost over simulated time."""
+    """Scan the same area with more passes; return exponents of cost over simulated time."""
     passes = session.pick(PASSES[:2], PASSES[:3], PASSES)
     rounds = session.pick(1, 2, 5)
     fly_passes(PASSES[0], session.scratch / "first")  # warms up
@@ -53,7 +53,7 @@ def measure(session: Session) -> list[Row]:
 
 
 def fly_passes(passes: int, out: Path) -> Cost:
-    """Plan, then run a scan of some passes."""
+    """Plan, then run a scan with `passes` passes."""
     description = load_scan(f"mission.task.passes={passes}")
     begin = read_clock()
     plan_mission(description)
@@ -66,7 +66,7 @@ def fly_passes(passes: int, out: Path) -> Cost:
 
 
 def fit_exponent(costs: dict[int, Cost], field: str) -> float:
-    """Slope of log cost over log simulated time."""
+    """Return the slope of log cost over log simulated time."""
     x = np.log([c.simulated_s for c in costs.values()])
     y = np.log([getattr(c, field) for c in costs.values()])
     return float(np.polyfit(x, y, 1)[0])

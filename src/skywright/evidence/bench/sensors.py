@@ -1,4 +1,5 @@
-"""What sensors, link, wind and friction add to the closed loop, each case beside the plain scan."""
+"""Computing time of sensors, link, wind and friction in the closed loop, relative to the plain
+scan."""
 
 from functools import partial
 
@@ -43,7 +44,7 @@ NOTES = {
 
 
 def measure(session: Session) -> list[Row]:
-    """Fly all cases in contact, a second of each in turns."""
+    """Fly all cases in contact, one second of each in turns."""
     chosen = session.pick(["plain", "observer", "full_strength"], [*CASES], [*CASES])
     vehicles = {name: fly_into_contact(load_scan(*CASES[name])) for name in chosen}
     ticks = count_ticks(session.pick(0.2, 1.0, 1.0))

@@ -1,4 +1,4 @@
-"""How long a user waits: for the command line to answer, for imports, for the first report."""
+"""Waiting times of a user: command line, imports, first report."""
 
 from functools import partial
 
@@ -40,7 +40,7 @@ def measure(session: Session) -> list[Row]:
 
 
 def measure_report(session: Session) -> Row:
-    """The whole command `skywright run`, report and replay included."""
+    """Time the whole command `skywright run`, with report and replay."""
     walls = []
     for i in range(session.pick(1, 1, 5)):
         walls.append(time_run(SCAN, session.scratch / f"report-{i}")[0])

@@ -1,7 +1,7 @@
-"""What each component of a vehicle costs in a control tick.
+"""Computing time of each component of a vehicle per control tick.
 
-A vehicle flies to where it is busy. Each row of its schedule is then called many times over, in
-compiled code, on the records as they are; the state is put back after each row.
+A vehicle flies to a demanding state. Each row of its schedule is then called many times in compiled
+code on unchanged records; the state is restored after each row.
 """
 
 from functools import partial
@@ -21,18 +21,19 @@ from skywright.vehicle.schedule import repeat_row
 from skywright.vehicle.simulated import SimulatedVehicle
 
 CALLS, STRETCHES = 16, 12
-"""Calls of a row at a time, and how often: no row that collects samples runs out of room."""
+"""Calls of a row at a time, and repetitions: few enough for the buffers of collected samples."""
 
 
 def measure(session: Session) -> list[Row]:
-    """Measure the components of a scan in contact and of a long-reach robot with busy hands."""
+    """Measure the components of a scan in contact, and of a long-reach robot that moves its
+    hands."""
     ticks, rounds = count_ticks(session.pick(1.0, 2.0, 2.0)), session.pick(2, 15, 40)
     rows = measure_vehicle("scan", fly_into_contact(load_scan()), ticks, rounds)
     return rows + measure_vehicle("arms", fly_with_hands("bimanual-longreach"), ticks, rounds)
 
 
 def measure_vehicle(name: str, vehicle: SimulatedVehicle, ticks: int, rounds: int) -> list[Row]:
-    """Measure all rows of a vehicle's schedule beside a control tick of bare stepping."""
+    """Measure all rows of a vehicle's schedule, and a control tick of physics alone."""
     assembly, applied = vehicle.assembly, record_applied(vehicle, ticks)
     cases = {"": partial(step_bare, vehicle, applied)}
     for i, step in enumerate(assembly.steps):
@@ -52,10 +53,10 @@ def measure_vehicle(name: str, vehicle: SimulatedVehicle, ticks: int, rounds: in
 
 
 def time_row(vehicle: SimulatedVehicle, row: int) -> float:
-    """Return the seconds of CALLS calls of a row; the vehicle is as before."""
+    """Return the time (s) of the repeated calls of a row; the state of the vehicle is restored."""
     assembly, saved = vehicle.assembly, vehicle.save()
     clock = assembly.get(Clock)
-    clock["tick"] -= int(clock["tick"]) % int(assembly.rows["every"][row])  # it is due
+    clock["tick"] -= int(clock["tick"]) % int(assembly.rows["every"][row])  # make the step due
     at, clock_at, spent = int(assembly.rows.ctypes.data), assembly.address(Clock), 0.0
     repeat_row(at, row, clock_at, 1)
     for _ in range(STRETCHES):

@@ -1,7 +1,7 @@
-"""Timing side by side: cases take turns, so that a busy machine slows all of them alike.
+"""Timing in turns: cases alternate, so that a busy machine slows all of them alike.
 
-What runs in this process is timed by its processor time. On an idle machine that is the wall time;
-on a busy one the time that others had is not in it.
+Work in this process is timed by its processor time. On an idle machine that equals the wall time;
+on a busy one it excludes the time of other processes.
 """
 
 import ctypes
@@ -17,10 +17,10 @@ read_clock = time.process_time
 
 
 def interleave(cases: Mapping[str, Callable[[], float]], rounds: int) -> dict[str, Seconds]:
-    """Call each case once a round and collect the seconds that it returns.
+    """Call each case once per round and collect the returned times (s).
 
-    A first round warms up and is dropped. Every other round runs backwards, so that a slow drift
-    of the clock cancels. The garbage collector rests meanwhile, as it does in `timeit`.
+    The first round is a warm-up and discarded. Every other round runs backwards, so that a slow
+    drift of the clock cancels. The garbage collector is disabled, as in `timeit`.
     """
     times: dict[str, Seconds] = {name: [] for name in cases}
     names = list(cases)
@@ -36,18 +36,18 @@ def interleave(cases: Mapping[str, Callable[[], float]], rounds: int) -> dict[st
 
 
 def compute_ratios(above: Seconds, below: Seconds) -> list[float]:
-    """Return the ratio of each round; its median is robust where a ratio of sums is not."""
+    """Return the ratio of each round; its median is more robust than a ratio of sums."""
     return [a / b for a, b in zip(above, below, strict=True)]
 
 
 def read_rss() -> float:
-    """Return the resident memory of this process (MB); raises OSError where /proc is missing.
+    """Return the resident memory of this process (MB). Raises OSError without /proc.
 
-    What is free is given back to the system first, so that growth means memory in use: the C
-    library keeps freed blocks, and how many is chance.
+    Free memory is returned to the system first, so that growth means memory in use: the C library
+    keeps a varying number of freed blocks.
     """
     gc.collect()
-    with suppress(AttributeError):  # another C library than GNU's
+    with suppress(AttributeError):  # a C library other than GNU's
         ctypes.CDLL(None).malloc_trim(0)
     for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
         if line.startswith("VmRSS:"):

@@ -1,4 +1,4 @@
-"""A campaign's runs on one worker and on two: how much of the second core is gained."""
+"""Runs of a campaign on one worker and on two: gain of the second core."""
 
 import time
 from collections.abc import Iterator
@@ -15,7 +15,7 @@ SHORT = ("mission.task.passes=2", "mission.task.pass_length_m=0.1")
 
 
 def measure(session: Session) -> list[Row]:
-    """Fly the same runs on one and on two workers in turns, start of the workers included."""
+    """Fly the same runs on one and on two workers in turns, including their start."""
     if count_cores() < 2:
         return [build_unmeasured_row("speed_up", "this machine has one core that may be used")]
     campaign = build_campaign(SCAN, ["world.pipe.friction=uniform(0.1,0.3)"], sets=SHORT)
@@ -39,7 +39,7 @@ def measure(session: Session) -> list[Row]:
 
 
 def _fly(campaign: Campaign, runs: int, workers: int) -> float:
-    """Seconds from the first task to the last row."""
+    """Return the time (s) from the first task to the last row."""
     begin = time.perf_counter()
     found = list(fly_local(_iterate_tasks(campaign, runs), workers))
     wall = time.perf_counter() - begin

@@ -1,1 +1,2 @@
-"""Planners compared: ours, the paper's, and OMPL's (a benchmark-only dependency)."""
+"""Comparison of planners: the default one, the paper's, and OMPL's (a benchmark-only
+dependency)."""

@@ -1,7 +1,7 @@
 """The full comparison of planners, in parts: `python -m skywright.evidence.planning DIR`.
 
-A job that DIR keeps already is not run again; `--only` runs some kinds, `--only none` shows what
-there is. Rows go to standard output, the plot of cost against time to `--figure`.
+Jobs whose results DIR holds are not repeated; `--only` runs some kinds, `--only none` only prints
+the existing results. Rows go to standard output, the plot of cost against time to `--figure`.
 `skywright bench planning --full --resume DIR` uses the same parts.
 """
 
@@ -35,11 +35,11 @@ NAMES = {
     **dict(zip(OMPL, ("OMPL RRT*", "OMPL Informed RRT*", "OMPL RRT-Connect"), strict=True)),
 }
 PANELS = 4
-"""Scenarios of the figure: the first with all planners."""
+"""Maximum number of scenarios in the figure; those with all planners come first."""
 
 
 def draw_found(found: Found) -> Any:
-    """Return the figure of what was found; the paper's scenario first."""
+    """Return the figure of the results, the paper's scenario first."""
     names = [job.scenario for job in found if job.what == OURS and "bound" in found[job]]
     full = [n for n in names if all(Job(n, what) in found for what in OMPL)]
     panels = []

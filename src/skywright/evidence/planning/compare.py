@@ -1,4 +1,4 @@
-"""The default planner against OMPL's and the paper's on the frozen scenarios, as benchmark rows."""
+"""The default planner against OMPL's and the paper's on fixed scenarios, as benchmark rows."""
 
 import importlib.util
 import math
@@ -46,7 +46,8 @@ def measure_planners(session: Session) -> list[Row]:
 
 
 def build_kept_rows(effort: Effort, found: Found) -> list[Row]:
-    """Rows of the scenarios of which both of our own jobs are there, and of decoupled planning."""
+    """Return rows of the scenarios with finished jobs of the default planner, and of decoupled
+    planning."""
     rows = []
     for name in effort.scenarios:
         if Job(name, OURS) in found and Job(name, SUCCESS) in found:
@@ -62,7 +63,7 @@ def has_ompl() -> bool:
 
 
 def build_rows(name: str, effort: Effort, found: Found) -> list[Row]:
-    """Rows of one scenario: our planner, the references, and the lower bound."""
+    """Return the rows of one scenario: default planner, references, lower bound."""
     ours, quick = found[Job(name, OURS)], found[Job(name, SUCCESS)]
     early, late = statistics.median(ours["early"]), statistics.median(ours["late"])
     success = [math.isfinite(c) for c in quick["cost"]]
@@ -102,7 +103,8 @@ def build_rows(name: str, effort: Effort, found: Found) -> list[Row]:
 
 
 def _compare(row: str, ours: float, theirs: list[float], limit: float, note: str) -> Row:
-    """Row of our cost over the median of theirs; a reference without a path is told."""
+    """Return the row of our cost over the median of theirs, or a note if the reference has no
+    path."""
     their = statistics.median(theirs)
     if not math.isfinite(their):
         return build_unmeasured_row(row, f"the reference found no path; ours {ours:.3f}; {note}")
@@ -110,7 +112,7 @@ def _compare(row: str, ours: float, theirs: list[float], limit: float, note: str
 
 
 def build_decoupled_rows(effort: Effort, found: Found) -> list[Row]:
-    """Joint against decoupled planning (platform first, arms after) with the same time."""
+    """Compare joint with decoupled planning (platform first, then arms) at equal time."""
     rows, total = [], {"joint": 0, "cost": 0}
     for name in effort.decoupled:
         both = found[Job(name, DECOUPLED)]

@@ -1,4 +1,5 @@
-"""Cost of the best path against planning time, several planners, with the lower bound."""
+"""Figure of the cost of the best path over planning time, for several planners and the lower
+bound."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -10,7 +11,7 @@ from skywright.core.arrays import Array
 from skywright.reports.figures.style import SERIES, WIDTH, draw_limit, new_figure
 
 ROOM = 0.22
-"""Of the lower bound, above which a cost is not shown."""
+"""Plotted range above the lower bound, as a share of it."""
 
 
 class Progress(NamedTuple):
@@ -30,7 +31,7 @@ class Scenario(NamedTuple):
 
 
 def draw_convergence(scenarios: Sequence[Scenario]) -> Figure:
-    """One panel a scenario; a line is the median of the seeds, its band all that have a path."""
+    """Draw one panel per scenario; a line is the median of the seeds, its band their range."""
     columns = min(len(scenarios), 2)
     rows = -(-len(scenarios) // columns)
     figure = new_figure(WIDTH, 0.6 + 3.1 * rows)

@@ -1,7 +1,7 @@
-"""The comparison's work as small jobs that processes share; what is done may be kept in a folder.
+"""The comparison as small jobs for several processes; a folder may keep finished ones.
 
-A job is one planner on one scenario with all its seeds. All times are processor time of the
-planning thread: a busy machine slows wall clocks, not these.
+A job is one planner on one scenario with all its seeds. All times are processor times of the
+planning thread, which a busy machine does not change.
 """
 
 import hashlib
@@ -41,24 +41,25 @@ SCENARIOS: dict[str, tuple[int | None, float]] = {
     **{f"draw{seed}": (seed, difficulty) for seed, difficulty in BENCHMARK},
 }
 HIGH = "paper_high"
-"""The paper's scenario without its ceiling: what planning platform and arms apart can solve."""
-HIGH_M = 6.0  # m, of the area there
+"""The paper's scenario without its ceiling, which decoupled planning of platform and arms can
+solve."""
+HIGH_M = 6.0  # m, height of its area
 EARLY_S = 0.2
 CURVE_S = tuple(1e-3 * 10.0 ** (k / 10) for k in range(46))  # 1 ms to 32 s
-"""When the cost of the best path is kept, for the plot of cost against time."""
-RESOLUTION = 1e-3  # m of cost (6), between the samples that look for violated margins
+"""Times at which the cost of the best path is recorded, for the plot of cost against time."""
+RESOLUTION = 1e-3  # m of cost (6), between samples for the check of the margins
 OURS, SUCCESS, PAPER, DECOUPLED = "ours", "success", "paper_rrt_star", "decoupled"
 OMPL = ("RRTstar", "InformedRRTstar", "RRTConnect")
 
 
 class Effort(NamedTuple):
-    """How much is measured."""
+    """Amount of work of a comparison."""
 
     scenarios: tuple[str, ...]
     decoupled: tuple[str, ...]
     seeds: int
     late_s: float
-    star_s: float  # of OMPL's RRT* and Informed RRT*, and of the paper's on its own scenario
+    star_s: float  # OMPL's RRT* and Informed RRT*, and the paper's planner on its own scenario
     success_seeds: int
     decoupled_s: float
 
@@ -71,7 +72,7 @@ class Job(NamedTuple):
 
 
 def list_jobs(effort: Effort, with_ompl: bool) -> list[Job]:
-    """All jobs of an effort, scenario by scenario, the longest first of each."""
+    """Return all jobs of an effort by scenario, the longest first within each."""
     kinds = [*(OMPL if with_ompl else ()), OURS, PAPER, SUCCESS]
     jobs = [Job(name, what) for name in effort.scenarios for what in kinds]
     return [*jobs, *(Job(name, DECOUPLED) for name in effort.decoupled)]
@@ -90,7 +91,7 @@ def build_problem(name: str) -> TransportProblem:
 
 
 def cost_at(history: Array | Sequence[tuple[float, float]], when: float) -> float:
-    """Cost of the best path that was known at a time (s); inf before the first."""
+    """Return the cost of the best path known at a time (s); inf before the first."""
     return min((float(c) for t, c in history if t <= when), default=math.inf)
 
 
@@ -107,11 +108,11 @@ def _plan(problem: TransportProblem, seed: int, time_s: float) -> PlannedPath:
 
 @on_one_thread
 def run_job(job: Job, effort: Effort) -> dict[str, Any]:
-    """Run one job; its numbers are lists over the seeds, inf where no path was found."""
+    """Run one job; return lists over the seeds, with inf if no path was found."""
     problem = build_problem(job.scenario)
     space, start, goal = problem.space, problem.start, problem.goal
     if job.what == OURS:
-        _plan(problem, 0, 0.05)  # loads compiled code
+        _plan(problem, 0, 0.05)  # loads the compiled code
         paths = [_plan(problem, seed, effort.late_s) for seed in range(effort.seeds)]
         scratch, best = build_scratch(space), min(paths, key=lambda p: p.cost)
         found = {
@@ -174,10 +175,10 @@ def run_job(job: Job, effort: Effort) -> dict[str, Any]:
 def run_jobs(
     jobs: Sequence[Job], effort: Effort, workers: int = 1, keep: Path | None = None
 ) -> dict[Job, dict[str, Any]]:
-    """Run jobs on `workers` processes (1: in this one); returns what each found.
+    """Run jobs on `workers` processes (1: in this one); return their results.
 
-    With `keep` every finished job is written into that folder, and one that is there already, of
-    the same source and effort, is not run again: an interrupted comparison goes on.
+    With `keep`, finished jobs are written to that folder, and results of the same source and effort
+    are reused. An interrupted comparison can therefore be continued.
     """
     found = {} if keep is None else dict(load_kept(jobs, effort, keep))
     left = [job for job in jobs if job not in found]
@@ -193,7 +194,7 @@ def _run(jobs: Sequence[Job], effort: Effort, workers: int) -> Iterator[tuple[Jo
         for job in jobs:
             yield job, run_job(job, effort)
         return
-    # the cache of compiled code is filled once, not by all processes at a time
+    # fill the cache of compiled code once instead of in all processes at a time
     run_job(Job(jobs[0].scenario, OURS), effort._replace(seeds=1, late_s=0.1))
     run_job(Job(jobs[0].scenario, PAPER), effort._replace(seeds=1, late_s=0.1))
     context = multiprocessing.get_context("spawn")
@@ -208,7 +209,7 @@ def _run(jobs: Sequence[Job], effort: Effort, workers: int) -> Iterator[tuple[Jo
 
 
 def _list_sources(what: str) -> list[Path]:
-    """The source files of the planner that a job runs."""
+    """Return the source files of the planner that a job runs."""
     folder, own = Path(planner.__file__).parent, Path(__file__).parent
     planners = {PAPER: ("rrt_star",), DECOUPLED: ("decoupled",), **dict.fromkeys(OMPL, ())}
     left = [folder / f"{name}.py" for name in planners.get(what, ("planner", "bound"))]
@@ -223,7 +224,7 @@ def _list_sources(what: str) -> list[Path]:
 
 
 def _stamp(job: Job, effort: Effort) -> dict[str, Any]:
-    """What a kept result depends on: the effort, the planner's source, the problem."""
+    """Return what a kept result depends on: the effort, the planner's source, the problem."""
     numbers = effort._asdict()
     del numbers["scenarios"], numbers["decoupled"]
     source, problem = hashlib.sha256(), build_problem(job.scenario)
@@ -237,7 +238,7 @@ def _stamp(job: Job, effort: Effort) -> dict[str, Any]:
 def load_kept(
     jobs: Iterable[Job], effort: Effort, keep: Path
 ) -> Iterator[tuple[Job, dict[str, Any]]]:
-    """Yield what `run_jobs` has kept in a folder and what is still true."""
+    """Yield the kept results in a folder that are still valid."""
     for job in jobs:
         path = keep / f"{job.scenario}-{job.what}.json"
         try:

@@ -1,10 +1,10 @@
-"""OMPL's planners on the same problems, with every advantage that its Python package allows.
+"""OMPL's planners on the same problems, as fast as its Python package allows.
 
 - The state space is a compound one whose own (C++) distance is the cost (6), so nearest
-  neighbours, path lengths and pruning never call back into Python.
-- Edges are judged by our compiled, certified check as one call an edge; it is exact, so no
-  resolution can be too coarse (unsafe) or too fine (slow).
-- Time is the processor time of this thread, so that a busy machine does not count against it.
+  neighbours, path lengths and pruning never call Python.
+- Edges are checked by Skywright's compiled, certified check with one call per edge. It is exact, so
+  there is no resolution that could be too coarse (unsafe) or too fine (slow).
+- Time is the processor time of this thread, which a busy machine does not change.
 """
 
 import math
@@ -22,9 +22,9 @@ from skywright.planning.motion.space import Scratch, Space, build_scratch
 
 
 class Trace(NamedTuple):
-    """What a planner had found when."""
+    """Progress and result of a planner."""
 
-    first_s: float  # until the first path; of an optimising planner, until the first look at one
+    first_s: float  # until the first path; if optimising: until the first stop with one
     history: list[tuple[float, float]]  # time s, cost of (6), improving
     rows: Array  # (m, n) of the last path; empty: none
 
@@ -45,31 +45,31 @@ def _cost(space: Space, rows: Array) -> float:
 
 
 def measure_cost(space: Space, rows: Array) -> float:
-    """Cost (6) of a path, rows of coordinates."""
+    """Return the cost (6) of a path, given as rows of coordinates."""
     return float(_cost(space, np.ascontiguousarray(rows)))
 
 
 class _Setting(NamedTuple):
-    """An OMPL problem's parts that outlive one query."""
+    """Parts of an OMPL problem that are reused between queries."""
 
     information: Any
     read: Callable[[Any, Array], None]
     write: Callable[[Any, Array], None]
     objective: Any
-    keep: tuple[Any, ...]  # what OMPL refers to and Python owns
+    keep: tuple[Any, ...]  # references that keep Python objects used by OMPL alive
 
 
 def _build(space: Space, informed: bool) -> _Setting:
-    """Build the state space; `informed` planners need one that OMPL can sample an ellipsoid in.
+    """Build the state space; `informed` planners need one with sampling of an ellipsoid in OMPL.
 
     Otherwise it is a compound space whose own distance is the cost (6). An informed one is a plain
-    vector space, each coordinate scaled by its weight: its Euclidean length never exceeds the
-    cost (6), so the ellipsoid holds every better path; the cost itself is a call into our code.
+    vector space with coordinates scaled by their weights. Its Euclidean length never exceeds the
+    cost (6), so the ellipsoid contains every better path; the cost itself is a call into Python.
     """
     from ompl import base as ob
     from ompl import util
 
-    util.setLogLevel(util.LogLevel.LOG_NONE)  # it writes to standard output
+    util.setLogLevel(util.LogLevel.LOG_NONE)  # it would write to standard output
     n, n_move = int(space["n"][0]), int(space["n_move"][0])
     low, high, weight = (space[0][name][:n].copy() for name in ("low", "high", "weight"))
 
@@ -169,11 +169,12 @@ def run_planner(
     time_s: float,
     rewire: float | None = None,
 ) -> Trace:
-    """Run an optimising planner for `time_s` of processor time, looked at after each of `looks_s`.
+    """Run an optimising planner for `time_s` of processor time, interrupted after each of
+    `looks_s`.
 
-    Between two looks it goes on with what it has; no planner tells its path while it works.
-    `rewire` is its rewire factor. OMPL's default tries about a thousand neighbours of every node
-    in four dimensions, as its proof of optimality asks; fewer may find better paths in practice.
+    It continues with its tree after each interruption; no planner returns its path while it runs.
+    `rewire` is its rewire factor. OMPL's default tries about a thousand neighbours of every node in
+    four dimensions, as the proof of optimality requires; fewer may find better paths in practice.
     """
     from ompl import base as ob
     from ompl import geometric as og
@@ -205,7 +206,7 @@ def _clock_after(until: float) -> Callable[[], bool]:
 
 
 def run_connect(space: Space, start: Array, goal: Array, time_s: float) -> Trace:
-    """RRT-Connect with OMPL's path simplifier, restarted until the time is over; the best counts.
+    """Run RRT-Connect with OMPL's path simplifier repeatedly until `time_s`; return the best path.
 
     Every path is simplified to convergence (simplifyMax) before the next search.
     """

@@ -1,5 +1,5 @@
-"""Claims of the source papers, measured: `skywright reproduce`.
+"""Measurement of claims of the source papers: `skywright reproduce`.
 
-A claim is data (`claims/PAPER.toml`): what the paper says, what it prints, which flights measure it
-and how. Verdicts follow from measured values; only their explanations are text.
+A claim is data (`claims/PAPER.toml`): the statement, the printed values, and the flights and
+measures that test it. Verdicts follow from measured values; only their explanations are text.
 """

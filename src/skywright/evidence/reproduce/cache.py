@@ -1,8 +1,9 @@
 """Flights cached by content: the same flight of the same code is flown once.
 
-The key is the resolved description, what is done with it, and everything that decides the result:
-the source of the packages that fly, a user's law, and the versions of MuJoCo, numba, NumPy and
-SciPy. A damaged entry is flown again; a full or read-only disk costs the cache, not the result.
+The key contains the resolved description, the kind of evaluation, and everything on which the
+result depends: the source of the flying packages, a user's law, and the versions of MuJoCo, numba,
+NumPy and SciPy. A damaged entry is flown again. Without disk space the cache is unused; results do
+not change.
 """
 
 import contextlib
@@ -24,47 +25,47 @@ FLIGHTS = (
     "evidence/reproduce/flights.py", "evidence/reproduce/flights_arms.py",
     "evidence/force_estimators.py", "analysis/compare/flown.py",
 )  # fmt: skip
-"""Files beside the packages that fly: what is done with the flights."""
+"""Further source files on which the results depend."""
 
 KEEP = 3
-"""Versions of the source whose flights are kept."""
+"""Number of versions of the source whose flights are kept."""
 
 
 class Record(NamedTuple):
-    """What is kept of a flight: a few words and numbers, and arrays."""
+    """Stored result of a flight: JSON values and arrays."""
 
     info: dict[str, Any]
     arrays: dict[str, NDArray[Any]]
 
 
 def default_folder() -> Path:
-    """The user's cache folder for flights."""
+    """Return the user's cache folder for flights."""
     base = os.environ.get("XDG_CACHE_HOME")
     return (Path(base) if base else Path.home() / ".cache") / "skywright" / "reproduce"
 
 
 def hash_source() -> str:
-    """Hash of the source and of the versions that decide a flight."""
+    """Return a hash of the source and of the versions on which a flight depends."""
     versions = {**collect_versions(), **collect_code_versions(*FLIGHTS)}
     return hashlib.sha256(json.dumps(versions, sort_keys=True).encode()).hexdigest()[:16]
 
 
 class Cache:
-    """A folder of flights; `folder` None keeps nothing."""
+    """A folder of flights; with `folder` None nothing is kept."""
 
     def __init__(self, folder: Path | None) -> None:
         self.folder = folder
         self.trouble = ""  # why the last flight could not be kept
 
     def path(self, content: str) -> Path | None:
-        """File of the flight with this content."""
+        """Return the file of the flight with this content."""
         if self.folder is None:
             return None
         key = hashlib.sha256(content.encode()).hexdigest()[:24]
         return self.folder / hash_source() / f"{key}.npz"
 
     def load(self, content: str) -> Record | None:
-        """Return the flight, or None where it is not there or damaged."""
+        """Return the flight; None if it is missing or damaged."""
         path = self.path(content)
         if path is None or not path.is_file():
             return None
@@ -76,7 +77,7 @@ class Cache:
             return None
 
     def store(self, content: str, record: Record) -> None:
-        """Keep a flight; what goes wrong is told in `trouble`."""
+        """Keep a flight; `trouble` holds the reason if that fails."""
         path = self.path(content)
         if path is None:
             return
@@ -93,7 +94,7 @@ class Cache:
                 scratch.unlink()
 
     def prune(self) -> None:
-        """Drop the flights of all but the newest versions of the source."""
+        """Remove the flights of all but the newest versions of the source."""
         if self.folder is None or not self.folder.is_dir():
             return
         versions = [p for p in self.folder.iterdir() if p.is_dir() and len(p.name) == 16]

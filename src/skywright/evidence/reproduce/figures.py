@@ -28,12 +28,12 @@ class Curve(NamedTuple):
     label: str
     x: Array
     y: Array
-    style: str = "line"  # line, dashed, points, line+points
+    style: str = "line"  # line, dashed, points or line+points
     color: str = ""  # default: the next of the series
 
 
 class Band(NamedTuple):
-    """A stretch of the x axis with a background."""
+    """A coloured interval of the x axis."""
 
     start: float
     end: float
@@ -68,7 +68,8 @@ class Bars(NamedTuple):
 
 
 class Map(NamedTuple):
-    """A value in the cells of a grid, (rows, columns); a sign change is what matters."""
+    """Values in the cells of a grid, (rows, columns); negative and positive have different
+    colours."""
 
     title: str
     x_label: str
@@ -94,7 +95,7 @@ class Blocks(NamedTuple):
 
     title: str
     blocks: Sequence[Block]
-    arrows: Sequence[tuple[int, int, str]]  # from, to, what goes there
+    arrows: Sequence[tuple[int, int, str]]  # from, to, label
 
 
 Part = Panel | Bars | Map | Blocks
@@ -104,7 +105,7 @@ BLOCK = (1.7, 0.74)
 
 
 class ClaimFigure(NamedTuple):
-    """What shows a claim; panels side by side in rows of `across`."""
+    """Figure of a claim; panels are arranged in rows of `across`."""
 
     panels: Sequence[Part]
     caption: str
@@ -169,7 +170,7 @@ def _draw_bars(ax: Axes, bars: Bars) -> None:
     for j, name in enumerate(bars.series):
         at = x + (j - 0.5 * (n - 1)) * width
         drawn = ax.bar(at, bars.values[:, j], 0.92 * width, color=SERIES[j], label=name)
-        many = n * len(bars.groups) > 12  # short numbers, or they run into each other
+        many = n * len(bars.groups) > 12  # fewer digits, or the numbers overlap
         ax.bar_label(drawn, fmt="%.2g" if many else "%.3g", fontsize=6 if many else 7.5, padding=1)
     ax.set_xticks(x, bars.groups)
     ax.grid(False, axis="x")
@@ -219,7 +220,7 @@ def _draw_blocks(ax: Axes, data: Blocks) -> None:
         ax.text(block.x, block.y, block.text, ha="center", va="center", fontsize=7)
     for start, end, what in data.arrows:
         a, b = data.blocks[start], data.blocks[end]
-        if abs(b.x - a.x) > width:  # from side to side
+        if abs(b.x - a.x) > width:  # the blocks are side by side
             side = 0.5 * width * np.sign(b.x - a.x)
             tail, head = (a.x + side, a.y), (b.x - side, b.y)
         else:
@@ -240,7 +241,7 @@ def _draw_blocks(ax: Axes, data: Blocks) -> None:
 
 
 def _plain(axis: Axis) -> None:
-    """Numbers as numbers on a logarithmic axis: the style parses no formulae."""
+    """Label a logarithmic axis with plain numbers, because the style parses no formulae."""
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_locator(NullLocator())

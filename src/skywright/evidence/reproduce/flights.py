@@ -1,6 +1,6 @@
-"""The flights that measure claims: missions, a tap on the probe, a bump into the surface.
+"""Flights that measure claims: missions, a tap on the probe, a collision with the surface.
 
-All start from ordinary descriptions; what is kept of a flight is small enough to be cached.
+All use ordinary descriptions; the stored result of a flight is small enough for the cache.
 """
 
 import json
@@ -40,36 +40,36 @@ FIELDS = (
     "t", "phase", "p_WB", "q_WB", "p_WT", "q_WT", "spring", "gap_max", "tilt", "f_normal",
     "f_wind_W", "ref_p_WB", "ref_q_WB", "ref_p_WT", "ref_normal_W", "ec", "meas_p_WT",
 )  # fmt: skip
-"""Columns that are kept."""
+"""Stored columns."""
 
 ARM_FIELDS = (
     "q", "deflection", "est_p_WB", "load_t_peak", "load_f_peak", "pad_f_peak",
     *(f"{side}_{n}" for side in ("left", "right")
       for n in ("p_WH", "ref_p_WH", "est_p_WH", "f_W", "est_f_W")),
 )  # fmt: skip
-"""Likewise of compliant arms."""
+"""Stored columns of compliant arms."""
 
 CONTACT_FIELDS = (
     "q", "est_p_WB", "force_meas", "ref_force", "pressing", "docked", "f_contact", "f_docking_W",
     "fix_age", "pose_std",
 )  # fmt: skip
-"""Likewise of missions that press with a force sensor, and of flight modes."""
+"""Stored columns of missions with a force sensor, and of flight modes."""
 
 TAP = (1.0, 0.0, 1.0)  # N, on the probe's holder, for one mission tick (20 ms)
-RING = 3.0  # s, watched after the tap
-LEFT = 0.5  # m, from the reference: the platform has left
-WATCH = 2.0  # s, after a bump
+RING = 3.0  # s, recorded after the tap
+LEFT = 0.5  # m, distance from the reference beyond which the platform counts as lost
+WATCH = 2.0  # s, recorded after a touch
 
 
 def build_description(case: Case, seed: int) -> Description:
-    """The description that a case flies with one seed."""
+    """Load the description of a case with one seed."""
     return load_description(case.mission, case.robot or None, sets=case.sets, seed=seed)
 
 
 def describe_content(case: Case, description: Description) -> str:
-    """Everything that says what is flown."""
+    """Return the text on which the result of a flight depends, as the key of the cache."""
     doing = case.model_dump(exclude={"mission", "robot", "sets", "seeds", "needs"})
-    doing["sources"] = hash_sources(list_sources(description))  # the cache hashes none of a user's
+    doing["sources"] = hash_sources(list_sources(description))  # the cache hashes no user's sources
     return json.dumps(doing, sort_keys=True) + dump_description(description)
 
 
@@ -79,26 +79,26 @@ def fly_case(case: Case, description: Description) -> Record:
 
 
 class _Watcher:
-    """Keeps, every mission tick (20 ms), what samples do not hold."""
+    """Records values at every mission tick (20 ms) that samples do not contain."""
 
     def __init__(self) -> None:
         self.rows: list[Array] = []
 
     def on_plan(self, plan: MissionPlan, description: Description) -> None:
-        """Nothing to do before the flight."""
+        """Do nothing."""
 
     def on_tick(self, t: float, phase: str, vehicle: SimulatedVehicle) -> None:
-        """Keep time, arm torques of the structure, and the position integral."""
+        """Record time, torques of the arm's structural springs, and the position integral."""
         law = vehicle.read_memory("law")
-        sigma = law["sigma"] if "sigma" in law.dtype.names else np.zeros(3)  # not every law has one
+        sigma = law["sigma"] if "sigma" in law.dtype.names else np.zeros(3)  # some laws have none
         self.rows.append(np.concatenate([[t], flex_torque(vehicle), sigma]))
 
     def close(self) -> None:
-        """Nothing to close."""
+        """Do nothing."""
 
 
 def flex_torque(vehicle: SimulatedVehicle) -> Array:
-    """Torque (n,) N m in the arm's structural springs."""
+    """Return the torque (n,) N m in the arm's structural springs."""
     model, places = vehicle.scene.model, vehicle.scene.places
     flex = places.flex_qpos[places.flex_qpos >= 0]
     joints = [int(np.flatnonzero(model.jnt_qposadr == q)[0]) for q in flex]
@@ -132,7 +132,7 @@ def _fly_mission(case: Case, description: Description) -> Record:
         arrays["tool_p_WO"] = result.samples[f"object{index}_p_WO"]
         for name, along in (("grasp_error_O", 0.0), ("wait_error_O", -LOW)):
             arrays[name] = compute_grasp_errors(result.samples, index, result.plan.get_way(), along)
-    if isinstance(description.mission.task, ExcitationTask):  # kept whole enough to identify from
+    if isinstance(description.mission.task, ExcitationTask):  # keep the columns for identification
         samples = result.samples
         arrays |= {n: samples[n] for n in IDENTIFY_FIELDS if has_columns(samples, n)}
         info["mission"] = dump_description(description)
@@ -143,7 +143,7 @@ def _fly_mission(case: Case, description: Description) -> Record:
 def _fly_to_stand_off(
     description: Description, blocks: list[NDArray[Any]]
 ) -> tuple[SimulatedVehicle, WholeBody, MissionPlan]:
-    """Fly to the stand-off before the surface, tip loop closed, and hold."""
+    """Fly to the stand-off before the surface, with the tip loop closed, and hold."""
     plan = plan_mission(description)
     vehicle = build_vehicle(description, blocks.append)
     uav, body = Moves(vehicle), WholeBody(vehicle)
@@ -169,10 +169,10 @@ def _arrive(vehicle: SimulatedVehicle) -> None:
 
 
 def _fly_taps(case: Case, description: Description) -> Record:
-    """Knock on the probe's holder and watch the tip ring, for each gain.
+    """Tap the probe's holder and record the vibration of the tip, for each gain.
 
-    The position integral is off meanwhile, so that the gain in question acts alone. `tip` is
-    (gains, n, 3) m: the tip relative to the platform, NaN once the platform has left.
+    The position integral is disabled, so that only the tested gain acts. `tip` is (gains, n, 3) m:
+    the tip relative to the platform, NaN from the loss of the platform.
     """
     blocks: list[NDArray[Any]] = []
     vehicle, _, _ = _fly_to_stand_off(description, blocks)
@@ -201,7 +201,7 @@ def _fly_taps(case: Case, description: Description) -> Record:
 
 
 def _watch(vehicle: SimulatedVehicle, seconds: float) -> None:
-    """Tick for some time, or until the platform has left its reference."""
+    """Tick for some time, or until the platform is too far from its reference."""
     end = vehicle.t + seconds
     while vehicle.t < end - 1e-9:
         try:
@@ -218,10 +218,10 @@ def _joined(vehicle: SimulatedVehicle, blocks: list[NDArray[Any]]) -> NDArray[An
 
 
 def _fly_bumps(case: Case, description: Description) -> Record:
-    """Touch the surface at each mean speed and watch the arm's structure.
+    """Touch the surface at each mean speed and record the torques of the arm's structure.
 
-    `torque` is (speeds, n, joints) N m, every 4 ms from the start of the touch, `force` (speeds,)
-    N the largest contact force.
+    `torque` is (speeds, n, joints) N m, every 4 ms from the start of the touch; `force` (speeds,) N
+    is the maximum contact force.
     """
     blocks: list[NDArray[Any]] = []
     vehicle, body, plan = _fly_to_stand_off(description, blocks)
@@ -258,4 +258,4 @@ FLIGHTS = {
     "hover": flights_arms.fly_hover,
     "lean": flights_arms.fly_lean,
 }
-"""Kind of a case -> what flies it."""
+"""Kind of a case -> function that flies it."""

@@ -1,6 +1,6 @@
 """Trials of compliant arms that measure claims: pressing on a bench, hovering, pulling the link.
 
-Suarez 2020. What is kept of each is small; see `flights.py` for whole missions.
+Suarez 2020. Only small results are stored; see `flights.py` for whole missions.
 """
 
 import math
@@ -24,12 +24,12 @@ from skywright.run.backends import build_vehicle
 from skywright.vehicle.arms_interface import Arms
 from skywright.vehicle.rest_to_rest import quintic
 
-RADIUS = 0.1  # m, of the paper's pipe: the arms' pose
+RADIUS = 0.1  # m, of the paper's pipe; sets the pose of the arms
 RAMP, REST, MEAN = 4.0, 6.0, 4.0  # s: the link's period is 1.9 s
 
 
 def fly_press(case: Case, description: Description) -> Record:
-    """Close the force loop at 2 N on a bench; the numbers of `force_estimators.Row`."""
+    """Close the force loop at 2 N on a bench; store the fields of `force_estimators.Row`."""
     found = measure(
         case.pose, case.direction, description.robot.control.force_estimator, False,
         description.robot.name, description.mission.seed,
@@ -38,9 +38,10 @@ def fly_press(case: Case, description: Description) -> Record:
 
 
 def fly_hover(case: Case, description: Description) -> Record:
-    """Keep the tip in place in each wind.
+    """Hold the position of the tip at each wind speed.
 
-    `tip` and `platform` (winds,) m rms from their places, `deflection` (winds, n_joints) rad mean.
+    `tip` and `platform` (winds,) m are rms distances from their references, `deflection` (winds,
+    n_joints) rad is the mean.
     """
     d = description
     q = build_pose(d.robot, "L", RADIUS)
@@ -58,9 +59,9 @@ def fly_hover(case: Case, description: Description) -> Record:
 
 
 def load_arms(name: str, elbow: float | None = None) -> Loaded:
-    """The paper's arms in L (upper arm hangs, forearm level), or with the elbow at an angle (rad).
+    """Load the paper's L pose (upper arm hanging, forearm level), or set the elbow angle (rad).
 
-    The mission's L leans forward and its forearm rises, to stay clear of the pipe.
+    The mission's L pose leans forward with a raised forearm, to keep distance from the pipe.
     """
     robot, _ = load_robot(name)
     q = build_pose(robot, "L", RADIUS)
@@ -73,10 +74,10 @@ def load_arms(name: str, elbow: float | None = None) -> Loaded:
 
 
 def fly_lean(case: Case, description: Description) -> Record:
-    """Pull back on the left hand, arms in the paper's L, platform clamped; the link finds its rest.
+    """Pull the left hand back, arms in the paper's L, platform clamped; the passive link is free.
 
-    `goal` (n_joints,) rad is the posture without a force, `q` (forces, n_joints) rad what the
-    encoders say under each, mean of four seconds.
+    `goal` (n_joints,) rad is the posture without force, `q` (forces, n_joints) rad the encoder
+    angles under each force, averaged over four seconds.
     """
     d = description
     goal = load_arms(d.robot.name).q

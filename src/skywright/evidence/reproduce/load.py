@@ -1,4 +1,4 @@
-"""Loads claims files, ours or the user's."""
+"""Load claims files, built-in ones or a user's."""
 
 from pathlib import Path
 
@@ -13,18 +13,18 @@ DATA = Path(__file__).parent / "claims"
 
 
 def list_papers() -> list[str]:
-    """Names of the papers with claims."""
+    """Return the names of the papers with claims."""
     return sorted(p.stem for p in DATA.glob("*.toml"))
 
 
 def list_claims() -> list[Entry]:
-    """Every claim as PAPER/CLAIM with its statement."""
+    """Return every claim as PAPER/CLAIM with its statement."""
     files = [load_claims(name) for name in list_papers()]
     return [Entry(f"{f.paper.id}/{c.id}", c.statement) for f in files for c in f.claims]
 
 
 def load_claims(paper: str) -> ClaimsFile:
-    """Load the claims of a paper: a name of `list_papers`, or a file of one's own.
+    """Load the claims of a paper: a name of `list_papers`, or a user's file.
 
     Raises InputError for an unknown name or an invalid file.
     """
@@ -45,7 +45,7 @@ def load_claims(paper: str) -> ClaimsFile:
 
 
 def _check_measures(file: ClaimsFile, label: str) -> None:
-    from skywright.evidence.reproduce.measures import MEASURES  # half a second to import
+    from skywright.evidence.reproduce.measures import MEASURES  # the import takes half a second
 
     for claim in file.claims:
         if claim.measure not in MEASURES:

@@ -1,4 +1,4 @@
-"""What a measure takes and gives."""
+"""Input and output of a measure."""
 
 from typing import NamedTuple
 
@@ -6,11 +6,11 @@ from skywright.evidence.reproduce.cache import Record
 from skywright.evidence.reproduce.figures import ClaimFigure
 
 Records = dict[str, list[Record]]
-"""Role of a claim -> its flights, one a seed."""
+"""Role of a claim -> its flights, one per seed."""
 
 
 class Measured(NamedTuple):
-    """Quantities by name, and the figure that shows them."""
+    """Quantities by name, and their figure."""
 
     values: dict[str, float]
     figure: ClaimFigure | None

@@ -1,4 +1,4 @@
-"""Every measure by name: (records by role) -> what was measured, and the figure that shows it."""
+"""Every measure by name: (records by role) -> quantities and figure."""
 
 from collections.abc import Callable
 

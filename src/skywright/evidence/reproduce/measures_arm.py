@@ -1,4 +1,4 @@
-"""Measures on the arm's elasticity and on the control laws that the paper argues against."""
+"""Measures of the arm's elasticity and of the control laws that the paper rejects."""
 
 import math
 
@@ -31,10 +31,10 @@ DAMPING_RATIOS = (0.5, 1.0, 2.0)
 
 
 def measure_joint_space(records: Records) -> Measured:
-    """Tip error along the surface when only joints are tracked, against the displaced law.
+    """Tip error along the surface with joint-space tracking only, compared with the displaced law.
 
-    Three plants: kinematic errors as shipped, mirrored, and none (the arm still sags). The least
-    of the three counts, because errors may happen to cancel.
+    Three plants: kinematic errors as shipped, mirrored, and none (the arm still sags). The smallest
+    of the three errors counts, because errors may cancel by chance.
     """
     names = {"joint": "as shipped", "joint_mirrored": "mirrored", "joint_exact": "none"}
     rms, tilt = {}, []
@@ -72,7 +72,7 @@ def measure_joint_space(records: Records) -> Measured:
 
 
 def measure_vibration(records: Records) -> Measured:
-    """Tip vibration in flight and after a tap, inverse kinematics against the displaced law."""
+    """Vibration of the tip in flight and after a tap: inverse kinematics and the displaced law."""
     flown = {}
     curves = []
     for role, label in (("flight", "inverse kinematics"), ("displaced", "displaced, law (4)")):
@@ -97,7 +97,7 @@ def measure_vibration(records: Records) -> Measured:
         record = records[role][0]
         gains = np.array(record.info["gains"])
         growth = np.array([ring_growth(tip, *BAND) for tip in record.arrays["tip"]])
-        still = growth[0]  # the first gain is 0: the arm holds still
+        still = growth[0]  # the first gain is 0: no feedback to the arm
         rings.append(Curve(label, gains[1:], np.clip(growth[1:], -8.0, 8.0), "line+points"))
         unstable = gains[growth > 0.0]
         values[f"{role}_still"] = float(still)
@@ -119,7 +119,8 @@ def measure_vibration(records: Records) -> Measured:
 
 
 def measure_workspace(records: Records) -> Measured:
-    """Angles around which a scan of 40 deg can be planned, with posts and without; a rigid tool."""
+    """Share of angles at which a scan of 40 deg is feasible, with and without posts; a rigid
+    tool."""
     angles = np.arange(-180.0, 180.0, 15.0)
     shares = {}
     for posts in (False, True):
@@ -133,7 +134,7 @@ def measure_workspace(records: Records) -> Measured:
             for angle in angles
         ]  # fmt: skip
         shares[posts] = float(np.mean(found))
-    # held fast, a tool points as its platform: within the pitch that this one hovers at
+    # a rigid tool turns with the platform, within the pitch angles at which it can hover
     tilt = math.degrees(
         max(compute_capability(load_description("pipe-weld-scan").robot).hover_tilt)
     )
@@ -150,9 +151,9 @@ def measure_workspace(records: Records) -> Measured:
 
 
 def build_elastic(robot: Robot, ratio: float = 0.0) -> elastic.Elastic:
-    """The reduced model of a robot: platform and arm's base, probe, and the arm's bending.
+    """Build the reduced model of a robot: platform with the arm's base, probe, bending of the arm.
 
-    The two structural springs act in series at the tip, each over its distance to it.
+    The two structural springs act in series at the tip, each with its distance to the tip.
     """
     assert robot.arm is not None and robot.probe is not None
     mass, _, _ = compute_body(build_body_model(robot), posture(robot, "working"))
@@ -201,7 +202,7 @@ def measure_reduced_tip_only(records: Records) -> Measured:
 
 
 def measure_reduced_displaced(records: Records) -> Measured:
-    """Largest stable Kp of the displaced law over the elastic stiffness, for several Kd."""
+    """Largest stable Kp of the displaced law relative to the elastic stiffness, for several Kd."""
     model = build_elastic(load_description("pipe-weld-scan").robot)
     kp, kds = _gains(model)
     limits = [elastic.find_stability_limit(model, d, True, 10.0 * model.k) / model.k for d in kds]
@@ -235,7 +236,7 @@ def measure_reduced_displaced(records: Records) -> Measured:
 
 
 def measure_stability_map(records: Records) -> Measured:
-    """Growth of the tip's ringing in the full simulation: Kp, structural damping, two laws."""
+    """Growth of the tip's vibration in the full simulation: Kp, structural damping, two laws."""
     rows = ("damping_00", "damping_01", "damping_03")
     groups = {
         "tip_shipped": "tip only, as shipped",
@@ -283,7 +284,8 @@ def measure_stability_map(records: Records) -> Measured:
 
 
 def measure_spared_arm(records: Records) -> Measured:
-    """Peak change of the arm's structural torque at touch-down, sprung over rigid holder."""
+    """Ratio of peak changes of the arm's structural torque at touch-down: sprung to rigid
+    holder."""
     peaks: dict[str, Array] = {}
     for role in ("sprung_bump", "rigid_bump"):
         record = records[role][0]
@@ -333,7 +335,7 @@ def measure_spared_arm(records: Records) -> Measured:
 
 
 def _touch_torque(record: Record) -> float:
-    """Peak change (N m) of any structural torque from stand-off through touch and settle."""
+    """Return the peak change (N m) of any structural torque from the touch to the settling."""
     watched = record.arrays["watched"]
     start, _ = phase_time(record, "touch")
     end = phase_time(record, "settle")[1]

@@ -1,4 +1,4 @@
-"""Measures of Suarez 2020, section V-E: two hands together, from the mission bimanual-bench."""
+"""Measures of Suarez 2020, section V-E: two cooperating hands, from the mission bimanual-bench."""
 
 import numpy as np
 
@@ -10,7 +10,8 @@ from skywright.evidence.reproduce.series import cut
 
 
 def _values(records: list[Record], **names: str) -> dict[str, float]:
-    """The worst of all flights for metrics `bench.NAME`; a trial that failed has no number."""
+    """Return the worst of all flights for metrics `bench.NAME`. Raises InputError if one is
+    missing."""
     out = {}
     for key, name in names.items():
         found = [r.info["metrics"].get(f"bench.{name}") for r in records]
@@ -44,7 +45,7 @@ def measure_squeeze(records: Records) -> Measured:
 
 
 def measure_unplug(records: Records) -> Measured:
-    """A plug pulled until it comes free, noticed by (33)."""
+    """Pulling a plug until it is free, as detected by (33)."""
     flights = records["bench"]
     values = _values(flights, delay_s="unplug_delay_s", slip_mm="plug_slip_mm")
     s = cut(flights[0], "pull", "unplugged")
@@ -62,12 +63,12 @@ def measure_unplug(records: Records) -> Measured:
 
 
 def _threshold(record: Record) -> float:
-    """Delta_th of (33) in mm."""
+    """Return Delta_th of (33) in mm."""
     return 1e3 * float(record.info["task"]["unplug_threshold_m"])
 
 
 def measure_bar(records: Records) -> Measured:
-    """A bar led by both hands: (29), (30)."""
+    """A bar moved by both hands: (29), (30)."""
     flights = records["bench"]
     values = _values(flights, off_mm="bar_position_mm", off_deg="bar_direction_deg")
     s = cut(flights[0], "lift bar", "turn bar", "bar forward")
@@ -90,7 +91,7 @@ def measure_bar(records: Records) -> Measured:
 
 
 def measure_sensor(records: Records) -> Measured:
-    """The drift of the base, felt by arms that hold something firm."""
+    """Estimation of the base's drift from arms that hold a fixed object."""
     flights = records["bench"]
     values = _values(flights, off_mm="drift_error_mm")
     values["drift_mm"] = float(np.mean([r.info["metrics"]["bench.drift_rms_mm"] for r in flights]))

@@ -1,4 +1,4 @@
-"""Measures on the compliant dual arm that need no flight: reach, clearance, statics of a force."""
+"""Measures of the compliant dual arm without flights: reach, clearance, statics of a force."""
 
 import math
 from functools import lru_cache
@@ -35,15 +35,16 @@ STATICS = "Statics: platform level and held, the link free."
 
 @lru_cache(maxsize=1)
 def load_sides() -> tuple[Side, Side]:
-    """What `skywright compare` finds without flying."""
+    """Return the results of `skywright compare` without flights."""
     a, b = [measure(load_description(MISSION, name), lambda _: None) for name in NAMES]
     return a, b
 
 
 def judge_statement(text: str, flown: dict[str, tuple[float, float]] | None = None) -> float:
-    """What `skywright compare` says of a statement of table 3: 1 holds, 0.5 partly, 0 not.
+    """Return the verdict of `skywright compare` on a statement of table 3: 1 holds, 0.5 partly, 0
+    not.
 
-    `flown` are the rows (both robots) that flights have measured. NaN where nothing was measured.
+    `flown` are rows (values of both robots) from flights. NaN if nothing was measured.
     """
     a, b = load_sides()
     for row, pair in (flown or {}).items():
@@ -56,7 +57,7 @@ def judge_statement(text: str, flown: dict[str, tuple[float, float]] | None = No
 
 
 def measure_separation(records: Records) -> Measured:
-    """How far the platform can stay from the pipe while a hand touches it, wherever; figure 32."""
+    """Maximum distance between platform and pipe while a hand touches it; figure 32."""
     near, far = (_most_room(name) for name in NAMES)
     sides = load_sides()
     assert sides[0].way is not None and sides[1].way is not None
@@ -84,7 +85,7 @@ def measure_separation(records: Records) -> Measured:
 
 
 def _most_room(name: str) -> tuple[float, float]:
-    """Distances (m) of propellers and gear in the touch that leaves the platform most room."""
+    """Return distances (m) of propellers and gear for the touch with the largest clearance."""
     d = load_description(MISSION, name)
     assert d.world.pipe is not None and d.robot.arm is not None
     cylinder = build_cylinder(d.world.pipe)
@@ -110,7 +111,7 @@ def _most_room(name: str) -> tuple[float, float]:
 
 
 def measure_underside(records: Records) -> Measured:
-    """Which part of the pipe's circumference a hand can touch."""
+    """Share of the pipe's circumference that a hand can touch."""
     sides = load_sides()
     values: dict[str, float] = {}
     curves = []
@@ -141,7 +142,8 @@ def measure_underside(records: Records) -> Measured:
 
 @lru_cache(maxsize=1)
 def compute_statics() -> dict[str, float]:
-    """Wrench on the platform while a hand pushes forward, and how link and springs give way."""
+    """Return the wrench on the platform under a push forward, and the motion of link and
+    springs."""
     near, far = load_arms(NAMES[0]), load_arms(NAMES[1])
     push = np.array([-FORCE, 0.0, 0.0])  # on the hand
     a, b = near.compute_reaction(push), far.compute_reaction(push)
@@ -180,7 +182,7 @@ def compute_statics() -> dict[str, float]:
 
 
 def measure_reaction(records: Records) -> Measured:
-    """Torque on the platform by a push of either configuration; figure 33."""
+    """Torque on the platform from a push in both configurations; figure 33."""
     near, far = load_arms(NAMES[0]), load_arms(NAMES[1])
     torque = [_sweep_pitch(arms) for arms in (near, far)]
     panel = Panel(
@@ -199,7 +201,7 @@ def measure_reaction(records: Records) -> Measured:
 
 
 def measure_direction(records: Records) -> Measured:
-    """Where the force that the link passes on points; figure 33, below."""
+    """Direction of the force that the link transmits; figure 33, below."""
     values = compute_statics()
     angle = math.radians(values["rest_deg"] + values["swing_deg"])  # of the link, leaning back
     whole = np.array([FORCE, values["weight_n"]])
@@ -220,7 +222,7 @@ def measure_direction(records: Records) -> Measured:
 
 
 def measure_recoil(records: Records) -> Measured:
-    """How link and hand give way to a push forward and upward."""
+    """Motion of link and hand under a push forward and upward."""
     far = load_arms(NAMES[1])
     forces = np.arange(0.0, 4.01, 0.5)
     turned: list[list[float]] = [[], []]
@@ -248,7 +250,7 @@ def measure_recoil(records: Records) -> Measured:
 
 
 def measure_shoulder(records: Records) -> Measured:
-    """The shoulder's torque beside that on the platform, over the direction of the push."""
+    """Torque of the shoulder compared with that on the platform, over the direction of the push."""
     near = load_arms(NAMES[0])
     _, J, _ = near.hand(near.q)
     pitch = next(j for j, x in enumerate(near.joints) if x.name == "left_shoulder_pitch")
@@ -263,7 +265,7 @@ def measure_shoulder(records: Records) -> Measured:
 
 
 def _sweep_pitch(arms: Loaded) -> Array:
-    """Pitch torque (n,) N m by a push of 2 N above level by WAYS."""
+    """Return the pitch torque (n,) N m under a push of 2 N at elevations WAYS."""
     out = []
     for e in np.radians(WAYS):
         found = arms.compute_reaction(-FORCE * np.array([math.cos(e), 0.0, math.sin(e)]))
@@ -272,7 +274,7 @@ def _sweep_pitch(arms: Loaded) -> Array:
 
 
 def near_max(arms: Loaded, axis: int, about: int) -> float:
-    """Torque (N m/N) about an axis by a force along another."""
+    """Return the torque (N m/N) about axis `about` from a force along `axis`."""
     f = np.zeros(3)
     f[axis] = FORCE
     found = arms.compute_reaction(f)
@@ -284,7 +286,8 @@ def _hand_mass(arms: Loaded) -> float:
 
 
 def _shoulder_torque(arms: Loaded) -> tuple[float, float]:
-    """Shoulder's torque (N m) under a push forward; and up, over the platform's pitch torque."""
+    """Return the shoulder torque (N m) under a push forward, and its ratio to pitch torque
+    upward."""
     _, J, _ = arms.hand(arms.q)
     pitch = next(j for j, x in enumerate(arms.joints) if x.name == "left_shoulder_pitch")
     up = arms.compute_reaction(np.array([0.0, 0.0, -FORCE]))
@@ -293,7 +296,7 @@ def _shoulder_torque(arms: Loaded) -> tuple[float, float]:
 
 
 def measure_stiffness(records: Records) -> Measured:
-    """Cartesian stiffness (27) and the servos' load as the arm stretches; figures 28, 31."""
+    """Cartesian stiffness (27) and load of the servos as the arm stretches; figures 28, 31."""
     bend = np.concatenate([np.arange(90.0, 10.0, -5.0), np.arange(10.0, 0.5, -1.0)])
     robot, _ = load_robot(NAMES[0])
     servos = [s for _, s in list_servos(robot)]
@@ -336,7 +339,7 @@ def measure_stiffness(records: Records) -> Measured:
 
 
 def measure_arm_motion(records: Records) -> Measured:
-    """How far the link turns because the arms move, nothing touched."""
+    """Rotation of the link from motion of the arms without contact."""
     robot, _ = load_robot(NAMES[1])
     model, joints = build_body_model(robot), list_joints(robot)
     lift = np.radians(np.arange(0.0, 91.0, 5.0))

@@ -1,4 +1,4 @@
-"""Measures on flights and bench trials of the compliant dual arm."""
+"""Measures from flights and bench trials of the compliant dual arm."""
 
 import math
 
@@ -20,7 +20,7 @@ from skywright.models.tip_force import Loaded
 
 
 def measure_press(records: Records) -> Measured:
-    """True force under the printed estimator and under joint torques, in both poses."""
+    """True force with the paper's estimator and with joint torques, in both poses."""
     cases = [records[r][0].info for r in ("l", "l_torque", "stretched", "stretched_torque")]
     true = np.array([r["true_mean_n"] for r in cases])
     bars = Bars(
@@ -47,7 +47,7 @@ def measure_press(records: Records) -> Measured:
 
 
 def measure_lean(records: Records) -> Measured:
-    """Force from the angle of the link, (VI-C), against the force that pulled; figure 33."""
+    """Force from the angle of the link, (VI-C), compared with the applied force; figure 33."""
     said, angle, expected, pulled = [], [], [], []
     robot, _ = load_robot(NAMES[1])
     for record in records["pull"]:
@@ -82,7 +82,7 @@ def measure_lean(records: Records) -> Measured:
 
 
 def measure_impact(records: Records) -> Measured:
-    """Largest loads on the platform in a collision of a hand at 0.5 m/s."""
+    """Maximum loads on the platform in a collision of a hand at 0.5 m/s."""
     roles = ("stiff", "soft", "far")
     torque = np.array([_mean(records[r], "impact.peak_torque_nm") for r in roles])
     force = np.array([_mean(records[r], "impact.peak_force_n") for r in roles])
@@ -101,7 +101,7 @@ def measure_impact(records: Records) -> Measured:
 
 
 def measure_safer(records: Records) -> Measured:
-    """What `skywright compare` says of "safer", the collision flown."""
+    """Verdict of `skywright compare` on "safer", with the collision flown."""
     torque = [_mean(records[r], "impact.peak_torque_nm") for r in ("near", "far")]
     statics = compute_statics()
     values = {
@@ -122,7 +122,7 @@ def _mean(records: list[Record], name: str) -> float:
 
 
 def measure_accuracy(records: Records) -> Measured:
-    """How well tip and platform keep their places in gusty wind."""
+    """Rms distances of tip and platform from their references in gusty wind."""
     values, panels = {}, []
     wind = np.array(records["near"][0].info["winds_mps"])
     for what in ("tip", "platform"):
@@ -147,7 +147,7 @@ def measure_accuracy(records: Records) -> Measured:
 
 
 def measure_downwash(records: Records) -> Measured:
-    """What the rotors' air does to the springs of the arms: with it and without."""
+    """Effect of the rotors' downwash on the springs of the arms: with and without it."""
     values, rows = {}, []
     for role in ("near", "far"):
         blown = np.mean([r.arrays["deflection"][0] for r in records[role]], axis=0)
@@ -169,7 +169,7 @@ def _tip(records: list[Record]) -> float:
 
 
 def measure_install(records: Records) -> Measured:
-    """The sensor pressed on in flight: force, platform, link; figures 27 to 29."""
+    """Pressing the sensor on in flight: force, platform, link; figures 27 to 29."""
     flights = records["flight"]
     shown = flights[0]
     keys = {
@@ -201,7 +201,7 @@ def measure_install(records: Records) -> Measured:
 
 
 def measure_swing(records: Records) -> Measured:
-    """How fast the link's swing decays after it is let go from 10 deg."""
+    """Decay of the link's swing after its release at 10 deg."""
     values = {"decay_s": max(_list(records["flight"], "swing.decay_s"))}
     s = cut(records["flight"][0], "swing check")
     t, q = s["t"] - s["t"][0], np.degrees(s["q"][:, 0])
@@ -231,7 +231,7 @@ def measure_stretched(records: Records) -> Measured:
         s = cut(flights[0], "touch", "press", "leave singularity", "force")
         curves.append(Curve(name, s["t"] - s["t"][0], s["left_f_W"][:, 2]))
         off = [r.info["metrics"].get("force.rms_error_n", FORCE) for r in flights]
-        # the law that is said to fail counts where it fails least
+        # for the law that the paper says fails, the smallest error counts
         values[f"{role}_off_n"] = float(min(off) if role == "printed" else max(off))
         values[f"{role}_mean_n"] = float(
             np.mean([r.info["metrics"].get("force.mean_n", 0.0) for r in flights])

@@ -1,4 +1,4 @@
-"""Measures on the bridge's missions: sensor, bench, flight modes, inspection, localisation."""
+"""Measures of the bridge missions: sensor, bench, flight modes, inspection, localisation."""
 
 import math
 from typing import Any
@@ -25,17 +25,17 @@ from skywright.missions.flight_modes.figures import MODES
 from skywright.models.drawing import rotate_vectors
 from skywright.models.force_sensor import build_force_sensor, compute_count, compute_force
 
-THIN = 10  # of the samples, in figures
+THIN = 10  # decimation of samples in figures
 SATURATED = "flight.saturated_max_s"
 
 
 def _count_failed(records: list[Record]) -> float:
-    """How many flights missed a requirement of the mission, or did not come to its end."""
+    """Return the number of flights that failed a requirement or were not completed."""
     return float(sum(r.info["outcome"] != "succeeded" for r in records))
 
 
 def _worst(records: list[Record], name: str) -> float:
-    """Largest value of a metric over flights; InputError where one did not get that far."""
+    """Return the largest value of a metric over flights. Raises InputError if a flight lacks it."""
     found = [r.info["metrics"].get(name) for r in records]
     if any(value is None for value in found):
         reason = next(r.info["reason"] for r in records if name not in r.info["metrics"])
@@ -44,13 +44,13 @@ def _worst(records: list[Record], name: str) -> float:
 
 
 def _press(a: dict[str, NDArray[Any]]) -> Array:
-    """True force (n,) N of the tip along the probe."""
+    """Return the true force (n,) N of the tip along the probe."""
     axis = rotate_vectors(a["q_WT"], np.tile([0.0, 0.0, 1.0], (len(a["t"]), 1)))
     return np.asarray(-np.sum(a["f_contact"] * axis, axis=1))
 
 
 def _tilt_deg(q_WB: Array) -> Array:
-    """Tilt (n,) deg from level of attitudes (n, 4) wxyz."""
+    """Return the tilt (n,) deg from level of attitudes (n, 4) wxyz."""
     up = rotate_vectors(q_WB, np.tile([0.0, 0.0, 1.0], (len(q_WB), 1)))[:, 2]
     return np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))
 
@@ -59,14 +59,14 @@ def _track(
     a: dict[str, NDArray[Any]], title: str, unit: str, values: Array, wanted: Array,
     bands: list[Band],
 ) -> Panel:  # fmt: skip
-    """A panel of what was flown and what was asked for."""
+    """Build a panel of flown and reference values."""
     t = a["t"][::THIN]
     curves = [Curve("flown", t, values[::THIN]), Curve("reference", t, wanted[::THIN], "dashed")]
     return Panel(title, "time (s)", unit, curves, bands=bands)
 
 
 def _colour(record: Record, colors: dict[str, str]) -> list[Band]:
-    """The phases of a flight whose names begin with a key of `colors`."""
+    """Return coloured bands of the phases whose names begin with a key of `colors`."""
     return [
         Band(p["start_s"], p["end_s"], color)
         for p in record.info["phases"]
@@ -76,7 +76,7 @@ def _colour(record: Record, colors: dict[str, str]) -> list[Band]:
 
 
 def measure_sensor_calibration(records: Records) -> Measured:
-    """The two slopes of Table 3: where they meet, and what a count resolves; figure 7."""
+    """The two slopes of Table 3: jump between them, and resolution of a count; figure 7."""
     spec = load_robot("f550-bridge")[0].force_sensor
     assert spec is not None
     sensor = build_force_sensor(spec)[0]
@@ -136,7 +136,7 @@ def measure_bench(records: Records) -> Measured:
 
 
 def measure_modes(records: Records) -> Measured:
-    """Tilting in place and moving level; figure 20."""
+    """Tilting in place and level translation; figure 20."""
     flown = records["flight"]
     a = cut(flown[0], *{p["name"] for p in flown[0].info["phases"]})
     off = 1e3 * np.linalg.norm(a["p_WB"] - a["ref_p_WB"], axis=1)
@@ -173,7 +173,7 @@ def measure_modes(records: Records) -> Measured:
 
 
 def measure_inspection(records: Records) -> Measured:
-    """How X, Y, Z and the force follow what is commanded; figure 23."""
+    """Tracking of X, Y, Z and the force; figure 23."""
     flown = [*records["level"], *records["sloped"]]
     columns = [
         _draw_inspection(flown[0], "level and calm"),
@@ -198,7 +198,7 @@ def measure_inspection(records: Records) -> Measured:
 
 
 def _draw_inspection(record: Record, name: str) -> list[Panel]:
-    """X, Y, Z and the force of one flight; figure 23."""
+    """Draw X, Y, Z and the force of one flight; figure 23."""
     a = cut(record, *{p["name"] for p in record.info["phases"]})
     docked = dict.fromkeys(("touch", "press", "hold", "release"), "#fbf6dc")
     bands = _colour(record, {**docked, "free touch": "#fbe3cd", "free press": "#fbe3cd",
@@ -214,7 +214,7 @@ def _draw_inspection(record: Record, name: str) -> list[Panel]:
 
 
 def measure_gear(records: Records) -> Measured:
-    """The same forces docked and in flight."""
+    """The same forces, docked and in flight."""
     flown = records["level"]
     force = np.array([
         [_worst(flown, f"{how}.rms_error_n") for how in ("force", "free")],
@@ -234,7 +234,7 @@ def measure_gear(records: Records) -> Measured:
 
 
 def measure_flight_localisation(records: Records) -> Measured:
-    """Error of the estimate that the flights were controlled with."""
+    """Error of the estimate that controlled the flights."""
     flown = [*records["level"], *records["hidden"]]
     panels = []
     for name, role in (("hidden by a pillar twice", "level"),
@@ -264,7 +264,7 @@ def measure_flight_localisation(records: Records) -> Measured:
 
 
 def build_positioning() -> Blocks:
-    """The architecture of the positioning, as in figure 11."""
+    """Return the block diagram of the positioning, as in figure 11."""
     blocks = [
         Block(0.0, 3.0, "total station\n0-20 Hz"),
         Block(0.0, 2.0, "camera\n200 Hz"),

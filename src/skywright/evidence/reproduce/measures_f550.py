@@ -1,4 +1,4 @@
-"""Measures on the tilted F550: what it can do, and how well its model predicts a flight."""
+"""Measures of the tilted F550: capability, and prediction of a flight by its model."""
 
 import math
 
@@ -29,7 +29,7 @@ TILT = math.radians(20.0)
 
 
 def _bare() -> Robot:
-    """The platform of Table 2: 2.0 kg, without arm and gear."""
+    """Return the platform of Table 2: 2.0 kg, without arm and gear."""
     return strip_robot(load_robot("f550-bridge")[0])
 
 
@@ -38,7 +38,7 @@ def _sweep() -> TiltSweep:
 
 
 def measure_lateral_force(records: Records) -> Measured:
-    """Table 2 with the robot's thrust bounds, and with other readings of them; figure 4."""
+    """Table 2 with the robot's thrust bounds, and with other interpretations of them; figure 4."""
     robot = _bare()
     k = compute_capability(robot, directions_deg=[0.0, 90.0, 180.0, 270.0])
     force = k.lateral_force / GF
@@ -77,7 +77,7 @@ def measure_lateral_force(records: Records) -> Measured:
 
 
 def measure_hover_tilt(records: Records) -> Measured:
-    """The largest tilt in hover, bare and as it flies; figure 5."""
+    """Maximum tilt in hover, without and with arm and gear; figure 5."""
     bare, whole = _bare(), load_robot("f550-bridge")[0]
     k, flying = compute_capability(bare), compute_capability(whole, posture="folded")
     s = _sweep()
@@ -100,7 +100,7 @@ def measure_hover_tilt(records: Records) -> Measured:
 
 
 def measure_payload(records: Records) -> Measured:
-    """What the platform lifts at 90 % of the thrust, and what is left for sideways force."""
+    """Payload at 90 % of the thrust, and the remaining lateral force."""
     robot = _bare()
     k = compute_capability(robot)
     masses = np.arange(0.0, 1.01, 0.05)
@@ -125,7 +125,7 @@ def measure_payload(records: Records) -> Measured:
 
 
 def measure_mixer(records: Records) -> Measured:
-    """The printed mixer against the geometry: wrong entries, conditioning, hover."""
+    """The printed mixer compared with the geometry: wrong entries, conditioning, hover."""
     r = build_rotors(load_robot("f550-bridge")[0].rotors)
     printed, correct = build_printed(TILT, TILT), build_correct(r)
     wrong = find_wrong_entries(printed, correct)
@@ -149,7 +149,7 @@ def measure_mixer(records: Records) -> Measured:
 
 
 def measure_model(records: Records) -> Measured:
-    """Predicted against measured angular acceleration on held-out parts; figure 16."""
+    """Predicted and measured angular acceleration on held-out parts; figure 16."""
     worst, errors, inside, count = [], [], 0, 0
     shown: tuple[Array, Array, Array] | None = None
     for record in records["flight"]:

@@ -1,6 +1,6 @@
-"""Measures on where the robot is: alignment, filters, outage, and the time-consistent frame.
+"""Measures of localisation: alignment, filters, outage, and the time-consistent frame.
 
-No mission is flown: the flights are those of `analysis/locate`, a recording of the sensors each.
+No mission is flown: the flights are the simulated sensor recordings of `analysis/locate`.
 """
 
 from functools import lru_cache
@@ -16,11 +16,11 @@ from skywright.models.localisation.drift_filter import CAMERA
 SEEDS = 50
 ALIGNMENT_SEEDS = 20
 EXAMPLE = 1
-"""Seed of the flight that the figures show."""
+"""Seed of the flight in the figures."""
 
 
 def rms(values: Array) -> float:
-    """Root mean square."""
+    """Return the root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 
@@ -30,7 +30,7 @@ def _example() -> reach.Estimates:
 
 
 def measure_alignment(records: Records) -> Measured:
-    """The camera as it is, and after the calibration, while the calibration lasts (figure 10)."""
+    """Error of the camera before and after the calibration, during its span (figure 10)."""
     raw, twelve, seven, scales = [], [], [], []
     for seed in range(1, ALIGNMENT_SEEDS + 1):
         e = reach.process(reach.fly_outage(seed))
@@ -72,7 +72,8 @@ def measure_alignment(records: Records) -> Measured:
 
 
 def measure_outage(records: Records) -> Measured:
-    """13 s without the station: the printed filter, the drift-aware one, the floor (figure 12)."""
+    """13 s without the station: the printed filter, the drift-aware one, the lower bound (figure
+    12)."""
     o = reach.measure_outage(SEEDS)
     values = {
         "paper_cm": 100.0 * rms(o.paper),
@@ -117,7 +118,7 @@ def measure_outage(records: Records) -> Measured:
 
 
 def _draw_outage(e: reach.Estimates, start: float, back: float) -> list[Panel]:
-    """The fused trajectory and its coordinates around the outage; figure 12 (a) and (b)."""
+    """Draw the fused trajectory and its coordinates around the outage; figure 12 (a) and (b)."""
     use = np.flatnonzero((e.t > start - 15.0) & (e.events.kind == CAMERA))[::10]
     station = e.flight.station
     at = station.t - e.flight.station_delay
@@ -147,7 +148,7 @@ def _draw_outage(e: reach.Estimates, start: float, back: float) -> list[Panel]:
 
 
 def measure_rejoin(records: Records) -> Measured:
-    """What happens once the station is back."""
+    """Recovery of the estimates after the outage."""
     o = reach.measure_outage(SEEDS)
     k = int(o.since.searchsorted(2.0))
     values = {
@@ -169,7 +170,7 @@ def measure_rejoin(records: Records) -> Measured:
 
 
 def measure_nominal(records: Records) -> Measured:
-    """Both sensors there, after the calibration."""
+    """Errors with both sensors, after the calibration."""
     found = reach.measure_nominal(ALIGNMENT_SEEDS)
     late = reach.measure_nominal(ALIGNMENT_SEEDS, arrival_stamps=True)
     values = {
@@ -191,7 +192,7 @@ def measure_nominal(records: Records) -> Measured:
 
 
 def measure_climb(records: Records) -> Measured:
-    """3 m up from a calibration in a plane."""
+    """Errors after a climb of 3 m from a calibration in a plane."""
     c = reach.measure_climb(SEEDS)
     values = {
         "affine_cm": 100.0 * rms(c.affine),
@@ -213,7 +214,7 @@ def measure_climb(records: Records) -> Measured:
 
 
 def measure_revisit(records: Records) -> Measured:
-    """One point inspected in ten flights, the station elsewhere each time."""
+    """One point inspected in ten flights, with the station elsewhere each time."""
     r = reach.measure_revisit()
     size = np.linalg.norm(r.errors, axis=1)
     values = {

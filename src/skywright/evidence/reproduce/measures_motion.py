@@ -1,6 +1,6 @@
-"""Measures of Caballero 2018, section III: planning platform and arms together, and its optimality.
+"""Measures of Caballero 2018, section III: joint planning of platform and arms, and its optimality.
 
-Nothing is flown. The scenarios are the frozen ones of the planners' benchmark.
+Nothing is flown. The scenarios are the fixed ones of the planners' benchmark.
 """
 
 import math
@@ -27,7 +27,7 @@ LONG_S = 10.0  # for the paper's RRT*
 
 
 def measure_joint_planning(records: Records) -> Measured:
-    """Scenarios solved by planning everything together, and by the platform first."""
+    """Share of scenarios solved by joint planning, and by planning the platform first."""
     names = [*SCENARIOS, HIGH]
     solved = np.zeros((len(names), 2))
     for i, name in enumerate(names):
@@ -59,10 +59,10 @@ def measure_joint_planning(records: Records) -> Measured:
 
 
 def measure_lower_gap(records: Records) -> Measured:
-    """The second structure: what each opening leaves the bar, and where the plan passes."""
+    """The second structure: width of each opening for the bar, and the path of the plan."""
     p = build_problem("paper")
     widths = {w.name: w for w in list_passages(p.world, p.space, 0.0, p.transport.margin)}
-    # both openings against the bar, whatever the plan has to take through them
+    # both openings relative to the bar, including those that the plan does not use
     needs = p.transport.bar_length + 2.0 * p.transport.margin
     path = plan_path(p.space, p.start, p.goal, np.random.default_rng(0), slices=2000)
     reserve, _ = sample_reserve(p.space, build_scratch(p.space), path.rows, RESOLUTION)
@@ -77,14 +77,14 @@ def measure_lower_gap(records: Records) -> Measured:
     }
     fine = _sample_rows(path.rows)
     scratch, bar = build_scratch(p.space), np.empty((len(fine), 2, 3))
-    for ends, row in zip(bar, fine, strict=True):  # what is carried is the last shape
+    for ends, row in zip(bar, fine, strict=True):  # the bar is the last shape
         check_state(p.space, row, scratch)
         last = int(p.space[0]["ns"]) - 1
         ends[:] = scratch[0]["p0"][last], scratch[0]["p1"][last]
     tubes = get_structures(p.world).tubes
     at = tubes[p.world.passages["lower gap"].between[0]].x_m
     passes = bar[int(np.argmin(np.abs(bar[:, :, 0].mean(axis=1) - at)))]
-    gap = np.array([np.nan, np.nan])  # lines are drawn up to it
+    gap = np.array([np.nan, np.nan])  # separates the lines
     pipes = np.concatenate([
         [[tube.y_m, tube.z_m], [tube.to_y_m, tube.to_z_m], gap]
         for tube in tubes.values() if abs(tube.x_m - at) < 1e-6
@@ -110,13 +110,13 @@ def measure_lower_gap(records: Records) -> Measured:
 
 
 def _sample_rows(rows: Array) -> Array:
-    """Configurations along a path, some centimetres apart."""
+    """Interpolate configurations along a path, a few centimetres apart."""
     s = np.linspace(0.0, len(rows) - 1.0, 40 * len(rows))
     return np.column_stack([np.interp(s, np.arange(len(rows)), c) for c in rows.T])
 
 
 def measure_optimality(records: Records) -> Measured:
-    """Cost of the paper's RRT* over time against a lower bound, and of the default planner."""
+    """Cost of the paper's RRT* over time, the lower bound, and the cost of the default planner."""
     p = build_problem("paper")
     world = build_angular_map(p.space)
     stars = [

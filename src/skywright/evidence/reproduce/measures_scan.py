@@ -1,4 +1,4 @@
-"""Measures on the scan itself: contact, attitude, weld, degraded conditions, planning."""
+"""Measures of the scan: contact, attitude, weld, degraded conditions, planning."""
 
 import math
 
@@ -37,7 +37,7 @@ def _mean(records: list[Record], name: str) -> float:
 
 
 def lift_off(ec: Array) -> Array:
-    """The instrument's lift-off component (n,), its own units."""
+    """Return the lift-off component (n,) of the instrument's signal, in its units."""
     phase = Instrument().phase
     return np.asarray(ec @ np.array([math.cos(phase), math.sin(phase)]))
 
@@ -87,9 +87,9 @@ def measure_probe_tilt(records: Records) -> Measured:
 
 
 def measure_platform_offset(records: Records) -> Measured:
-    """Offsets along the surface: platform from nominal, tip from desired; with and without errors.
+    """Offsets along the surface, with and without errors: platform from nominal, tip from desired.
 
-    Along the surface, because along its normal both stand off on purpose.
+    Offsets along the normal are excluded, because both are intended there.
     """
     names = {
         "exact_stiff": "kinematics exact,\narm ten times stiffer",
@@ -129,10 +129,10 @@ def measure_platform_offset(records: Records) -> Measured:
 
 
 def measure_touch_down(records: Records) -> Measured:
-    """How fast the attitude error of the touch-down fades, with and without the integral.
+    """Decay of the attitude error after touch-down, with and without integral action.
 
-    The error is the change against the last second before the contact, so that a constant error of
-    the model does not count; observed until the sliding begins.
+    The error is relative to the last second before the contact, which excludes constant errors of
+    the model. It is observed until the sliding starts.
     """
     fades, left, peaks, curves, tilt = [], [], [], [], []
     for role, label in (("with_integral", "with the integral"), ("without", "integral off")):
@@ -163,7 +163,7 @@ def measure_touch_down(records: Records) -> Measured:
 
 
 def _turned_by_contact(record: Record) -> tuple[Array, Array, dict[str, Array]]:
-    """Time since the contact (s), change of the attitude by it (deg), samples until the sliding."""
+    """Return time since contact (s), attitude change (deg) and samples until the sliding starts."""
     s = cut(record, "trim", "touch", "settle")
     start = phase_time(record, "touch")[0]
     touching = (s["f_normal"] > 0.2) & (s["t"] > start)
@@ -176,7 +176,7 @@ def _turned_by_contact(record: Record) -> tuple[Array, Array, dict[str, Array]]:
 
 
 def measure_weld(records: Records) -> Measured:
-    """Crossings of the weld that the processing found, and how far its line is off."""
+    """Detected crossings of the weld, and the error of its line."""
     runs = records["scan"]
     values = {
         "crossings": float(np.min([_metric(r, "weld.crossings") for r in runs])),
@@ -206,11 +206,11 @@ def measure_weld(records: Records) -> Measured:
 
 
 def measure_degraded(records: Records) -> Measured:
-    """Rise of the tip's error along the surface against good conditions, the same seeds; with
-    several degraded cases the worst one counts, and every flight's requirements.
+    """Increase of the tip's error along the surface relative to good conditions, with equal seeds.
+    Of several degraded cases the worst counts, together with the requirements of all flights.
     """
     good = records["good"]
-    told = records.get("across", [])  # beyond what a fan does: told, not judged
+    told = records.get("across", [])  # beyond the effect of a fan: reported, not judged
     cases = {role: runs for role, runs in records.items() if role not in ("good", "across")}
     names = ("tip.tangential_rms_mm", "contact.tilt_max_deg", "weld.offset_error_mm")
     rms = {role: _mean(runs, names[0]) for role, runs in cases.items()}
@@ -260,10 +260,10 @@ def measure_degraded(records: Records) -> Measured:
 
 
 def measure_planning(records: Records) -> Measured:
-    """Wall time of planning, and the length of the contact part."""
+    """Wall time of planning, and duration of the contact phase."""
     runs = records["scan"]
     for r in runs:
-        cut(r, "scan")  # a flight that never slid measures no duration
+        cut(r, "scan")  # raises InputError for a flight without sliding
     times = [float(r.info["plan_s"]) for r in runs]
     duration = float(np.mean([np.subtract(*phase_time(r, "scan")[::-1]) for r in runs]))
     values = {
@@ -280,7 +280,7 @@ def measure_planning(records: Records) -> Measured:
 
 
 def measure_normal_error(records: Records) -> Measured:
-    """The tip's error along the normal over the scan, and what the integral does meanwhile."""
+    """The tip's error along the normal during the scan, and the integral action."""
     record = records["scan"][0]
     s = cut(record, "touch", "settle", "scan")
     start, end = phase_time(record, "scan")
@@ -293,7 +293,7 @@ def measure_normal_error(records: Records) -> Measured:
     out = np.stack([np.interp(t, s["t"], normal[:, i]) for i in range(3)], axis=1)
     along = np.sum(sigma * out, axis=1)
     across = np.linalg.norm(along_surface(sigma, out), axis=1)
-    # in the dead zone no normal part is added: what the integral holds only turns with the normal
+    # no integral action along the normal: the stored vector is constant, only the normal turns
     held = sigma[0] @ out.T
     grown = along - held
     values = {

@@ -1,4 +1,4 @@
-"""Measures of Suarez 2020, table 3: benefits and drawbacks of both configurations in numbers."""
+"""Measures of Suarez 2020, table 3: benefits and drawbacks of both configurations."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ PAYLOAD = 3.0  # kg, table 1
 
 
 def compute_table() -> dict[str, float]:
-    """The rows of `skywright compare` that say something about table 3."""
+    """Return the rows of `skywright compare` that concern table 3."""
     near, far = (s.values for s in load_sides())
     diameters = (near["access.rotor_diameters"], far["access.rotor_diameters"])
     values = {
@@ -37,15 +37,15 @@ def compute_table() -> dict[str, float]:
 
 
 def gain_near_surface(diameters: float) -> float:
-    """Share of thrust that a rotor gains so high above a surface (Cheeseman and Bennett 1955)."""
+    """Return the relative thrust gain above a surface (Cheeseman and Bennett 1955)."""
     return 1.0 / (1.0 - (0.125 / diameters) ** 2) - 1.0
 
 
 def _show(
     title: str, unit: str, groups: dict[str, str], statement: str, limit: str = ""
 ) -> Measured:
-    """Bars of both configurations for the quantities KEY of near_KEY and far_KEY, and what
-    `skywright compare` says of the statement.
+    """Draw near_KEY and far_KEY of both configurations for each KEY in `groups`, and add the
+    verdict of `skywright compare` on the statement.
     """
     v = {**compute_table(), "holds": judge_statement(statement)}
     table = np.array([[v[f"near_{key}"], v[f"far_{key}"]] for key in groups])
@@ -54,7 +54,7 @@ def _show(
 
 
 def measure_controllability(records: Records) -> Measured:
-    """Angular acceleration that the rotors can give at hover."""
+    """Angular acceleration from the rotors at hover."""
     groups = {"roll": "roll", "pitch": "pitch"}
     return _show(
         "Angular acceleration that the rotors can give", "rad/s²", groups, "more controllable"
@@ -74,13 +74,13 @@ def measure_weight(records: Records) -> Measured:
 
 
 def measure_take_off(records: Records) -> Measured:
-    """Load of the rotors if all weight were lifted as the robot stands or lies on the ground."""
+    """Load of the rotors when they carry the whole weight in the posture on the ground."""
     title, groups = "Most loaded rotor at lift-off", {"share": ""}
     return _show(title, "of its limit", groups, "harder take-off and landing", "limit")
 
 
 def measure_platform(records: Records) -> Measured:
-    """Table 1: endurance in hover without arms, with them and with 3 kg, and what can be lifted."""
+    """Table 1: endurance in hover without arms, with arms and with 3 kg, and the payload."""
     whole, _ = load_robot("bimanual")
     bare = strip_robot(whole)
     mass = bare.platform.mass_kg
@@ -104,7 +104,7 @@ def measure_platform(records: Records) -> Measured:
 
 
 def measure_ground_effect(records: Records) -> Measured:
-    """Thrust gained over the surface that a hand touches."""
+    """Thrust gain above the surface that a hand touches."""
     v = compute_table()
     z = np.linspace(0.4, 3.2, 60)
     panel = Panel(

@@ -1,4 +1,4 @@
-"""Measures on flights that install a tool with two hands (Suarez 2020, section VI-A)."""
+"""Measures of flights that install a tool with two hands (Suarez 2020, section VI-A)."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ SIDES = ("left", "right")
 
 
 def measure_tool(records: Records) -> Measured:
-    """The tool put onto the pipe and brought back, phase by phase; figure 21."""
+    """Installing the tool on the pipe and returning it, by phase; figure 21."""
     flights = records["flight"]
     done = [r for r in flights if r.info["outcome"] == "succeeded"]
     values = {
@@ -36,7 +36,7 @@ def measure_tool(records: Records) -> Measured:
 
 
 def measure_grasp(records: Records) -> Measured:
-    """Both tips on their way to the handle, in the tool's frame; figure 22."""
+    """Motion of both tips to the handle, in the tool's frame; figure 22."""
     reached, bent = [], []
     shown = _first_grasp(records["flight"][0])
     for record in records["flight"]:
@@ -67,7 +67,7 @@ def measure_grasp(records: Records) -> Measured:
 
 
 def measure_tool_hover(records: Records) -> Measured:
-    """How the tips keep their points below the handle for 50 s; figures 23 and 24."""
+    """Distance of the tips from their points below the handle for 50 s; figures 23 and 24."""
     flights = records["flight"]
     values = {
         "tip_rms_mm": max(_list(flights, "tip.hover_rms_mm")),
@@ -98,7 +98,7 @@ def measure_tool_hover(records: Records) -> Measured:
 
 
 def _first_grasp(record: Record) -> dict[str, Array]:
-    """Samples of the first phase "grasp": at the bench. Raises InputError where there is none."""
+    """Return the samples of the first phase "grasp", at the bench. Raises InputError without it."""
     found = [i for i, p in enumerate(record.info["phases"]) if p["name"] == "grasp"]
     keep = record.arrays["phase"] == found[0] if found else np.zeros(0, bool)
     if not np.any(keep):
@@ -107,6 +107,6 @@ def _first_grasp(record: Record) -> dict[str, Array]:
 
 
 def _list(records: list[Record], name: str) -> list[float]:
-    """A metric of every flight; what a flight did not reach counts as a miss."""
+    """Return a metric of every flight; missing values count as failed."""
     lacking = 0.0 if name in ("tool.returned", "tool.retries") else np.inf
     return [float(r.info["metrics"].get(name, lacking)) for r in records]

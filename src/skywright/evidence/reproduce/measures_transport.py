@@ -1,4 +1,5 @@
-"""Measures of Caballero 2018, section IV: the bar carried along the plan, and the passive joint."""
+"""Measures of Caballero 2018, section IV: transport of the bar along the plan; the passive
+joint."""
 
 import numpy as np
 
@@ -20,11 +21,12 @@ METRICS = {
     "contacts": ("transport.contacts", max),
     "clearance_m": ("transport.clearance_min_m", min),
 }
-"""Quantity -> metric of a flight, and which of all flights counts."""
+"""Quantity -> metric of a flight, and its reduction over all flights."""
 
 
 def measure_follow(records: Records) -> Measured:
-    """The plan followed: the worst of all flights, and the first one's coordinates (figure 8)."""
+    """Tracking of the plan: the worst of all flights, and the first one's coordinates (figure
+    8)."""
     flights = records["flight"]
     values = {"flights": float(len(flights)), **_find_worst(flights)}
     if "cascade" in records:
@@ -55,7 +57,7 @@ def measure_follow(records: Records) -> Measured:
 
 
 def _find_worst(flights: list[Record]) -> dict[str, float]:
-    """The worst of all flights. Raises InputError where one was cut short."""
+    """Return the worst of all flights. Raises InputError if one was interrupted."""
     values = {}
     for key, (name, worst) in METRICS.items():
         found = [r.info["metrics"].get(name) for r in flights]
@@ -67,7 +69,7 @@ def _find_worst(flights: list[Record]) -> dict[str, float]:
 
 
 def measure_similar(records: Records) -> Measured:
-    """Two flights of one plan, time for time: how far apart platform, bar and arms are."""
+    """Distance between two flights of one plan at equal times: platform, bar and arms."""
     apart, bars, angles = [], [], []
     panels: list[Panel] = []
     for one, other in zip(records["simulated"], records["outdoors"], strict=True):
@@ -91,7 +93,7 @@ def _bar(s: dict[str, Array]) -> Array:
 
 
 def _together(one: Record, other: Record) -> tuple[Array, dict[str, Array], dict[str, Array]]:
-    """Both transports at the same times since their start."""
+    """Return both transports at equal times since their start."""
     parts = []
     for r in (one, other):
         s = cut(r, "transport", "settle")
@@ -107,16 +109,16 @@ def _together(one: Record, other: Record) -> tuple[Array, dict[str, Array], dict
 
 
 def measure_free_joint(records: Records) -> Measured:
-    """Angular acceleration of the platform that a level force at the arms' shoulders makes, by (3).
+    """Angular acceleration of the platform from a horizontal force at the arms' shoulders, by (3).
 
-    With the passive joint free, and with the link fixed to the platform; everything at rest, arms
-    hanging and held.
+    Computed with a free passive joint and with the link fixed to the platform, at rest, with the
+    arms hanging and fixed.
     """
     d = load_description("bar-transport", sets={"mission.task.bar_length_m": 0.0})
     p = build_planar_lrm(build_scene(d.robot, d.world), d.robot)
     M, rhs = np.zeros((8, 8)), np.zeros((8, 24))
     fill_equations(p, np.zeros(8), M, rhs)
-    # a point l below the joint moves by -l a unit of q5 or q0, and the joint by -d of q5
+    # per unit of q5 or q0 a point l below the joint moves by -l; the joint moves by -d of q5
     push = np.array([1.0, 0.0, -(p.d + p.l_b), -p.l_b])
     turn = []
     for free in (4, 3):

@@ -1,4 +1,4 @@
-"""Claims as they are shown: on the terminal, on a page, in the docs."""
+"""Presentation of claims: on the terminal, on a page, in the docs."""
 
 import math
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ SIGNS = {"<=": "≤", ">=": "≥", "==": "="}
 
 
 def write_number(value: float | None, unit: str = "") -> str:
-    """A number with three significant digits and its unit; a missing one as a dash."""
+    """Format a number with three significant digits and its unit; a missing one is a dash."""
     if value is None or math.isnan(value):
         return "–"
     if math.isinf(value):
@@ -30,7 +30,7 @@ def write_number(value: float | None, unit: str = "") -> str:
 
 
 def write_limit(result: CriterionResult) -> str:
-    """What a value is compared with."""
+    """Format the limit of a value."""
     test = result.test
     if test.limit is None:
         return "not judged"
@@ -39,25 +39,25 @@ def write_limit(result: CriterionResult) -> str:
 
 
 def write_paper_value(result: CriterionResult) -> str:
-    """What the paper prints."""
+    """Format the paper's value."""
     test = result.test
     return "no figure" if test.paper_value is None else f"{test.paper_value:g} {test.unit}".strip()
 
 
 def write_verdict(claim: ClaimResult) -> str:
-    """The verdict with its flags, as in "not comparable (fitted)"."""
+    """Format the verdict with its flags, as in "not comparable (fitted)"."""
     words = claim.verdict.replace("_", " ")
     flags = ", ".join(name.replace("_", " ") for name in claim.claim.flags)
     return f"{words} ({flags})" if flags else words
 
 
 def write_bound(result: CriterionResult) -> str:
-    """Whose limit a value is compared with."""
+    """Format the origin of a value's limit."""
     return {"paper": "the paper's", "ours": "ours", "": ""}[result.test.whose]
 
 
 def count_verdicts(report: Report) -> str:
-    """One sentence with the numbers of verdicts."""
+    """Return one sentence with the numbers of verdicts."""
     counts = {name: sum(c.verdict == name for c in report.claims) for name in STYLES}
     lost = sum(bool(c.trouble) for c in report.claims)
     put_in = sum(c.verdict == "not_comparable" and bool(c.claim.flags) for c in report.claims)
@@ -71,9 +71,9 @@ def count_verdicts(report: Report) -> str:
 
 
 def write_claims_page(reports: Sequence[Report], path: Path) -> None:
-    """Write claims.html, a figure a claim; everything that it shows is inside it.
+    """Write claims.html, a self-contained page with one figure per claim.
 
-    Raises InputError when it cannot be written.
+    Raises InputError if it cannot be written.
     """
     with house_style():
         pictures = {
@@ -88,7 +88,8 @@ def write_claims_page(reports: Sequence[Report], path: Path) -> None:
 
 
 def print_reports(reports: Sequence[Report], page: Path) -> None:
-    """Print a table a paper on standard output, then what was not reproduced and why."""
+    """Print one table per paper on standard output, then the claims not reproduced, with
+    reasons."""
     console = Console(highlight=False, soft_wrap=True)
     if not console.is_terminal:
         console = Console(highlight=False, width=110, soft_wrap=True)
@@ -121,7 +122,7 @@ def _print_report(report: Report, console: Console) -> None:
 
 
 class Bar(Steps):
-    """A progress bar on standard error; a line a flight where that is no terminal."""
+    """A progress bar on standard error; without a terminal, one line per flight."""
 
     def __init__(self) -> None:
         self._console = Console(stderr=True, highlight=False)
@@ -141,7 +142,7 @@ class Bar(Steps):
         self._bar.start()
 
     def step(self, name: str, cached: bool) -> None:
-        """Show the flight that begins."""
+        """Show the current flight."""
         self._done += 1
         if self._bar is None or self._task is None:
             if not cached:

@@ -1,8 +1,8 @@
-"""The mixer of Sanchez-Cuevas 2020 as it is printed, (20)-(22), to be held against the geometry.
+"""The mixer of Sanchez-Cuevas 2020 as printed, (20)-(22), for comparison with the geometry.
 
 A maps thrusts to force, G and H to torque: force = A T, torque = (L G + c H) T with the rotors'
-distance L and the torque per thrust c. Nothing flies with these matrices: the robot's come from
-the azimuths and tilts of its rotors (`models/rotors.py`).
+distance L and the torque per thrust c. No robot flies with these matrices; flights compute them
+from the azimuths and tilts of the rotors (`models/rotors.py`).
 """
 
 import math
@@ -15,7 +15,7 @@ from skywright.core.arrays import Array
 from skywright.models.rotors import RotorSet
 
 SIGN_H = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0])
-"""H is A with columns 1, 3 and 5 turned: their propellers turn counter-clockwise."""
+"""H is A with the signs of columns 1, 3 and 5 reversed: their propellers turn counter-clockwise."""
 
 
 class Mixer(NamedTuple):
@@ -31,7 +31,7 @@ class Mixer(NamedTuple):
 
 
 class WrongEntry(NamedTuple):
-    """An entry that disagrees with the geometry; row and column count from 1, as in the paper."""
+    """An entry that differs from the geometry; row and column count from 1, as in the paper."""
 
     block: str
     row: int
@@ -41,11 +41,11 @@ class WrongEntry(NamedTuple):
 
 
 def build_printed(alpha: float, beta: float) -> Mixer:
-    """Return A (21), G (22) and H letter by letter; angles (rad) are the sizes of the tilts."""
+    """Return A (21), G (22) and H literally; angles (rad) are the magnitudes of the tilts."""
     s_b, r3 = math.sin(beta), math.sqrt(3.0)
-    sc = math.sin(alpha) * math.cos(beta)  # "sac beta" in print
-    cs = math.cos(alpha) * math.sin(beta)  # "cas beta"
-    cc = math.cos(alpha) * math.cos(beta)  # "cac beta"
+    sc = math.sin(alpha) * math.cos(beta)  # printed as "sac beta"
+    cs = math.cos(alpha) * math.sin(beta)  # printed as "cas beta"
+    cc = math.cos(alpha) * math.cos(beta)  # printed as "cac beta"
     x, y = r3 / 2 * s_b, r3 / 2 * sc
     A = np.array(
         [
@@ -65,14 +65,14 @@ def build_printed(alpha: float, beta: float) -> Mixer:
 
 
 def build_correct(rotors: RotorSet) -> Mixer:
-    """Return the blocks that the geometry of the rotors gives."""
+    """Return the blocks from the geometry of the rotors."""
     radius = float(np.linalg.norm(rotors.position[0, :2]))
     axis = rotors.axis.T
     return Mixer(axis, np.cross(rotors.position, rotors.axis).T / radius, -rotors.spin * axis)
 
 
 def find_wrong_entries(printed: Mixer, correct: Mixer) -> list[WrongEntry]:
-    """List every printed entry that the geometry contradicts."""
+    """Return every printed entry that differs from the geometry."""
     found = []
     for name, a, b in zip("AGH", printed, correct, strict=True):
         for row, column in np.argwhere(~np.isclose(a, b, atol=1e-9)):
@@ -82,7 +82,7 @@ def find_wrong_entries(printed: Mixer, correct: Mixer) -> list[WrongEntry]:
 
 
 def can_hover(mixer: Array, weight: float, t_min: float, t_max: float) -> bool:
-    """Whether thrusts in [t_min, t_max] N carry `weight` (N) level, without other load."""
+    """Return whether thrusts in [t_min, t_max] N carry `weight` (N) level, without other load."""
     wrench = np.array([0.0, 0.0, weight, 0.0, 0.0, 0.0])
     bounds = [(t_min, t_max)] * mixer.shape[1]
     found = linprog(np.zeros(mixer.shape[1]), A_eq=mixer, b_eq=wrench, bounds=bounds)

@@ -1,4 +1,4 @@
-"""From claims to verdicts: flights (shared and cached), measures, judgement."""
+"""From claims to verdicts: flights (shared and cached), measures, evaluation."""
 
 import os
 import re
@@ -24,7 +24,7 @@ from skywright.evidence.reproduce.spec import (
 
 
 class CriterionResult(NamedTuple):
-    """One test of a claim with what was measured; `passed` None where nothing can be compared."""
+    """One test of a claim with the measured value; `passed` is None without a comparison."""
 
     test: Criterion
     value: float | None
@@ -32,7 +32,7 @@ class CriterionResult(NamedTuple):
 
 
 class ClaimResult(NamedTuple):
-    """A claim with its verdict."""
+    """A claim with its verdict and measured values."""
 
     paper: str
     claim: Claim
@@ -41,11 +41,11 @@ class ClaimResult(NamedTuple):
     tests: list[CriterionResult]
     values: dict[str, float]
     figure: ClaimFigure | None
-    trouble: str  # why it could not be measured
+    trouble: str  # why it could not be measured, or ""
 
     @property
     def id(self) -> str:
-        """Paper and claim in one name."""
+        """Paper and claim, as PAPER/CLAIM."""
         return f"{self.paper}/{self.claim.id}"
 
     def to_json(self) -> dict[str, Any]:
@@ -84,7 +84,7 @@ class ClaimResult(NamedTuple):
 
 
 class Report(NamedTuple):
-    """All claims of a paper, measured."""
+    """Measured claims of a paper."""
 
     file: ClaimsFile
     claims: list[ClaimResult]
@@ -94,7 +94,7 @@ class Report(NamedTuple):
 
     @property
     def exit_code(self) -> int:
-        """0 where everything could be measured, whatever the verdicts; 1 else."""
+        """0 if everything could be measured, whatever the verdicts; else 1."""
         return 1 if any(c.trouble for c in self.claims) else 0
 
     def to_json(self) -> dict[str, Any]:
@@ -107,16 +107,16 @@ def _number(value: float | None) -> float | None:
 
 
 class Steps:
-    """Progress of the flights: told before each one."""
+    """Progress of the flights."""
 
     def begin(self, total: int) -> None:
-        """So many flights are ahead."""
+        """`total` flights follow."""
 
     def step(self, name: str, cached: bool) -> None:
-        """The flight of this name begins."""
+        """The flight with this name starts."""
 
     def close(self) -> None:
-        """All flights are done."""
+        """All flights are finished."""
 
 
 def reproduce_papers(
@@ -126,16 +126,16 @@ def reproduce_papers(
     only: Sequence[str] = (),
     steps: Steps | None = None,
 ) -> list[Report]:
-    """`reproduce` for one paper, or for all of them; `only` may name claims as PAPER/CLAIM."""
+    """Run `reproduce` for one paper or for all; `only` may name claims as PAPER/CLAIM."""
     chosen = check_papers(paper, only)
     return [reproduce(name, cache=cache, only=ids, steps=steps) for name, ids in chosen.items()]
 
 
 def check_papers(paper: str | None, only: Sequence[str] = ()) -> dict[str, list[str]]:
-    """Papers to measure, each with the claims asked for (none: all of them).
+    """Return the papers to measure, each with the requested claims (empty: all).
 
-    Without a paper a claim's bare name is looked for in all papers. Raises InputError for unknown
-    papers or claims.
+    Without a paper, a claim's name without prefix is searched in all papers. Raises InputError for
+    unknown papers or claims.
     """
     if paper is not None:
         _choose(load_claims(paper), only)
@@ -166,10 +166,11 @@ def reproduce(
     steps: Steps | None = None,
     fly: Callable[..., Record] = fly_case,
 ) -> Report:
-    """Measure the claims of a paper, those in `only` or all; flights come from `cache` if there.
+    """Measure the claims of a paper, those in `only` or all; flights are taken from `cache` if
+    present.
 
-    A flight that is refused or fails costs the claims that need it, not the others.
-    Raises InputError for unknown papers or claims.
+    A flight that is refused or fails affects only the claims that need it. Raises InputError for
+    unknown papers or claims.
     """
     file = load_claims(paper)
     claims = _choose(file, only)
@@ -187,7 +188,7 @@ def reproduce(
                 continue
             try:
                 record, cached = _get(file.cases[name], seed, store, steps, name, fly)
-            except Exception as error:  # one broken flight must not lose the others' claims
+            except Exception as error:  # one broken flight must not affect other claims
                 failed[name] = _refusal(name, file.cases[name], error)
                 continue
             counts[cached] += 1
@@ -208,7 +209,7 @@ def _choose(file: ClaimsFile, only: Sequence[str]) -> list[Claim]:
         if "/" not in name
         or name.startswith(f"{file.paper.id}/")
         or name.split("/")[0] not in list_papers()
-    ]  # those of another paper are that paper's
+    ]  # claims of other papers are measured there
     for name in wanted:
         if name not in names:
             raise InputError(
@@ -238,7 +239,7 @@ def _refusal(name: str, case: Case, error: Exception) -> str:
 
 
 def _tell(error: Exception) -> str:
-    """An error in words; a fault of the program with its place."""
+    """Format an error; for an error of the program, with its location."""
     if isinstance(error, SkywrightError):
         return str(error)
     if os.environ.get("SKYWRIGHT_DEBUG"):
@@ -272,7 +273,7 @@ def _measure(
 
 
 class _Roles(dict[str, list[Record]]):
-    """Flights by the role in which a measure asks for them."""
+    """Flights by the role that a measure requests."""
 
     def __missing__(self, role: str) -> list[Record]:
         given = ", ".join(self) or "none"
@@ -280,7 +281,7 @@ class _Roles(dict[str, list[Record]]):
 
 
 def _tell_cut_short(claim: Claim, records: dict[str, list[Record]]) -> str:
-    """Say which flights of a claim did not come to their end: the value is of a part then."""
+    """Return a text about flights that were not completed: the value covers only a part of them."""
     short = [
         f"{case!r} {record.info['outcome']} ({record.info.get('reason') or 'no reason given'})"
         for case in dict.fromkeys(claim.cases.values())
@@ -291,8 +292,8 @@ def _tell_cut_short(claim: Claim, records: dict[str, list[Record]]) -> str:
 
 
 def _explain(claim: Claim, verdict: str, values: dict[str, float]) -> str:
-    """Fill the numbers into the claim's explanation of this verdict; of a flagged one that is met,
-    the flags' reasons lead.
+    """Format the claim's explanation of this verdict with the measured values. For a met claim with
+    flags, the reasons of the flags come first.
     """
     text: str = getattr(claim.why, verdict)
     if verdict == "not_comparable" and claim.flags and claim.tests[0].quantity in values:

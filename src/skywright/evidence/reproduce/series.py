@@ -1,4 +1,4 @@
-"""Reading what was kept of a mission: phases, errors, smoothing, spectra."""
+"""Evaluation of stored missions: phases, errors, smoothing, spectra."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ RATE = 100.0  # Hz, of samples
 
 
 def cut(record: Record, *phases: str) -> dict[str, NDArray[Any]]:
-    """The samples taken in phases of these names. Raises InputError where there are none."""
+    """Return the samples in phases of these names. Raises InputError if there are none."""
     wanted = [i for i, p in enumerate(record.info["phases"]) if p["name"] in phases]
     keep = np.isin(record.arrays["phase"], wanted)
     if not np.any(keep):
@@ -25,7 +25,7 @@ def cut(record: Record, *phases: str) -> dict[str, NDArray[Any]]:
 
 
 def phase_time(record: Record, name: str) -> tuple[float, float]:
-    """Start and end (s) of the last phase of this name."""
+    """Return start and end (s) of the last phase of this name."""
     found = [p for p in record.info["phases"] if p["name"] == name]
     if not found:
         raise InputError(f"the flight has no phase {name}")
@@ -33,24 +33,24 @@ def phase_time(record: Record, name: str) -> tuple[float, float]:
 
 
 def along_surface(error: Array, normal: Array) -> Array:
-    """The part (n, 3) of an error along the surface."""
+    """Return the component (n, 3) of an error along the surface."""
     return np.asarray(error - np.sum(error * normal, axis=1)[:, None] * normal)
 
 
 def tangential(s: dict[str, NDArray[Any]], what: str) -> Array:
-    """Error (n, 3) m of `WT` or `WB` along the surface."""
+    """Return the error (n, 3) m of `WT` or `WB` along the surface."""
     return along_surface(s[f"p_{what}"] - s[f"ref_p_{what}"], s["ref_normal_W"])
 
 
 def attitude_error(s: dict[str, NDArray[Any]]) -> Array:
-    """Rotation vector (n, 3) rad from the nominal to the actual platform attitude."""
+    """Return the rotation vector (n, 3) rad from the nominal to the actual platform attitude."""
     actual = Rotation.from_quat(np.roll(s["q_WB"], -1, axis=1))
     nominal = Rotation.from_quat(np.roll(s["ref_q_WB"], -1, axis=1))
     return np.asarray((nominal.inv() * actual).as_rotvec())
 
 
 def smooth(values: Array, seconds: float) -> Array:
-    """Moving mean over some time, along the first axis, ends included."""
+    """Return a moving mean over a duration, along the first axis, ends included."""
     n = max(round(seconds * RATE), 1)
     pad = [(n // 2, n - 1 - n // 2), *[(0, 0)] * (values.ndim - 1)]
     wide = np.pad(values, pad, mode="edge")
@@ -59,7 +59,8 @@ def smooth(values: Array, seconds: float) -> Array:
 
 
 def spectrum(values: Array) -> tuple[Array, Array]:
-    """Frequencies (Hz) and power density of (n, 3), its axes summed (Welch, windows of 2.56 s)."""
+    """Return frequencies (Hz) and power density of (n, 3), summed over axes (Welch, 2.56 s
+    windows)."""
     found = welch(values - values.mean(axis=0), RATE, nperseg=min(256, len(values)), axis=0)
     frequency: Array = np.asarray(found[0], dtype=np.float64)
     power: Array = np.asarray(found[1], dtype=np.float64).sum(axis=1)
@@ -67,14 +68,14 @@ def spectrum(values: Array) -> tuple[Array, Array]:
 
 
 def band_rms(values: Array, low: float, high: float) -> float:
-    """Root mean square of (n, 3) within a band (Hz)."""
+    """Return the rms of (n, 3) within a band (Hz)."""
     f, power = spectrum(values)
     inside = (f >= low) & (f < high)
     return float(np.sqrt(np.sum(power[inside]) * (f[1] - f[0])))
 
 
 def ring_envelope(tip: Array, low: float, high: float) -> tuple[Array, Array]:
-    """Times and size (m, rms over 0.25 s) of the tip's vibration within a band (Hz)."""
+    """Return times and amplitude (m, rms over 0.25 s) of the tip's vibration within a band (Hz)."""
     sos = butter(2, [low, high], "band", fs=RATE, output="sos")
     size = np.linalg.norm(sosfiltfilt(sos, tip, axis=0), axis=1)
     n = 25
@@ -85,10 +86,10 @@ def ring_envelope(tip: Array, low: float, high: float) -> tuple[Array, Array]:
 
 
 def ring_growth(tip: Array, low: float, high: float) -> float:
-    """Growth (1/s) of the ringing tip (n, 3); below zero it dies out, inf where the robot left.
+    """Return the growth rate (1/s) of the tip's vibration (n, 3); negative decays, inf: robot lost.
 
-    The slope of the logarithm of the envelope from its peak down to a twentieth of it, below which
-    the platform's own slow motion shows through the filter; where it grows, over the whole time.
+    It is the slope of the logarithm of the envelope from its peak to a twentieth of it; below, slow
+    motion of the platform leaks through the filter. For a growing envelope it uses the whole time.
     """
     if np.any(np.isnan(tip)):
         return float("inf")

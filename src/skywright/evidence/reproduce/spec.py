@@ -1,4 +1,4 @@
-"""What a claims file may say, and how its claims are judged."""
+"""Format of a claims file, and evaluation of its claims."""
 
 from __future__ import annotations
 
@@ -32,18 +32,18 @@ class Case(_Strict):
     robot: str = ""  # default: the mission's
     sets: dict[str, Any] = {}
     seeds: list[int] = Field(default=[1], min_length=1)
-    needs: str = ""  # told where the flight is refused
-    # tap: a knock on the probe at the stand-off, for each of these gains
+    needs: str = ""  # stated if the flight is refused
+    # tap: an impulse on the probe at the stand-off, for each of these gains
     gain: Literal["position_n_per_m", "arm_per_s"] = "position_n_per_m"
     gains: list[float] = []
     # bump: the last touch, at each of these mean speeds
     speeds_mps: list[float] = []
-    # press: a hand against a box, platform clamped, with the estimator that `sets` choose
+    # press: a hand against a box, platform clamped, with the estimator in `sets`
     pose: Literal["L", "stretched"] = "L"
     direction: Literal["up", "forward"] = "up"
-    # hover: the tip kept in place, at each of these mean winds (gusty)
+    # hover: the tip holds its position at each of these mean wind speeds (gusty)
     winds_mps: list[float] = []
-    # lean: pulls back on the left hand, platform clamped, link free, one after the other
+    # lean: these forces pull the left hand back in turn, platform clamped, link free
     forces_n: list[float] = []
 
     @model_validator(mode="after")
@@ -65,26 +65,26 @@ class Criterion(_Strict):
     quantity: str
     unit: str = ""
     sense: Sense = "<="
-    paper_value: float | None = None  # as printed; None where the paper prints no figure
+    paper_value: float | None = None  # as printed; None if the paper prints no number
     tolerance: float | None = None  # around the printed value or bound
-    bound: float | None = None  # our reading of the paper's words, where it prints no figure
-    reading: str = ""  # how the words became a bound
+    bound: float | None = None  # interpretation of the paper's words, if it prints no number
+    reading: str = ""  # how the bound follows from the words
 
     @property
     def limit(self) -> float | None:
-        """What the value is compared with; None where nothing can be compared."""
+        """Limit of the value; None without a comparison."""
         return self.paper_value if self.bound is None else self.bound
 
     @property
     def whose(self) -> Literal["paper", "ours", ""]:
-        """Who set the limit: a printed figure is the paper's, a reading of words is ours."""
+        """Origin of the limit: a printed number is the paper's, an interpretation is ours."""
         if self.limit is None:
             return ""
         return "paper" if self.bound is None else "ours"
 
 
 class Why(_Strict):
-    """The explanation of each verdict; `{quantity:.2f}` is filled in from what was measured."""
+    """Explanation of each verdict; `{quantity:.2f}` is replaced by the measured value."""
 
     reproduced: str = ""
     contradicted: str = ""
@@ -98,16 +98,16 @@ class Claim(_Strict):
     where: str  # section and figure
     statement: str
     judged_by: Literal["flight", "bench", "computation"]  # bench: the platform is clamped
-    by_construction: str = ""  # why what was put in decides the verdict
-    fitted: str = ""  # which number was chosen from the figure that is compared
+    by_construction: str = ""  # why the inputs determine the verdict
+    fitted: str = ""  # which number was chosen from the figure of the comparison
     measure: str  # name in `measures.MEASURES`
-    cases: dict[str, str] = {}  # role that the measure asks for -> case
-    tests: list[Criterion] = Field(min_length=1)  # the first one's quantity is the claim's value
+    cases: dict[str, str] = {}  # role that the measure requests -> case
+    tests: list[Criterion] = Field(min_length=1)  # the first one gives the claim's value
     why: Why = Why()
 
     @property
     def flags(self) -> dict[str, str]:
-        """What keeps a met claim from counting as reproduced, with the reason."""
+        """Reasons why a met claim does not count as reproduced."""
         found = {"by_construction": self.by_construction, "fitted": self.fitted}
         return {name: reason for name, reason in found.items() if reason}
 
@@ -116,7 +116,7 @@ class ClaimsFile(_Strict):
     """A paper with its cases and claims."""
 
     paper: Paper
-    sets: dict[str, Any] = {}  # of every case, below its own
+    sets: dict[str, Any] = {}  # for every case; the case's own have priority
     cases: dict[str, Case] = {}
     claims: list[Claim]
 
@@ -143,18 +143,18 @@ class ClaimsFile(_Strict):
 
 
 class Verdict(NamedTuple):
-    """What became of a claim; `passed` is None where nothing can be compared."""
+    """Result of a claim; `passed` is None without a comparison."""
 
     name: Literal["reproduced", "contradicted", "not_comparable"]
-    passed: list[bool | None]  # one a test
+    passed: list[bool | None]  # one per test
 
 
 def judge(claim: Claim, values: dict[str, float]) -> Verdict:
     """Compare the measured values with a claim's tests.
 
-    Not comparable where the first quantity was not measured or has nothing to be compared with, and
-    where a flagged claim is met; reproduced where every other test passes; a missing or NaN
-    quantity does not pass.
+    The claim is not comparable if the first quantity was not measured or has no limit, and if a
+    claim with flags is met. It is reproduced if every other test passes. A missing or NaN quantity
+    does not pass.
     """
     first = claim.tests[0]
     if first.limit is None or first.quantity not in values:
@@ -168,7 +168,7 @@ def judge(claim: Claim, values: dict[str, float]) -> Verdict:
 def _passes(test: Criterion, value: float) -> bool | None:
     limit, tolerance = test.limit, test.tolerance or 0.0
     if limit is None:
-        return None  # told beside the others, not judged
+        return None  # reported only
     if test.sense == "==":
         return abs(value - limit) <= tolerance
     if test.sense in ("<", "<="):

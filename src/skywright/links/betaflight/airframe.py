@@ -1,14 +1,14 @@
-"""A robot as Betaflight controls it: mixer, gains of rate and attitude loops, command line.
+"""A robot in Betaflight's representation: mixer, gains of rate and attitude loops, command line.
 
 The mixer is that of the robot's geometry about its centre of mass (arms folded), so motor i of
-Betaflight is rotor i of the robot's file. One unit of its torque about an axis adds the mixer's
+Betaflight is rotor i of the robot file. One unit of its torque about an axis adds the mixer's
 entries to the motors' commands; a command is a share of a rotor's full speed, so its thrust grows
 with the square.
 
 Rate loop: P, lead by D, and I. With the lag T of the rotors and T_o of filters and exchange, D / P
 cancels a share L of T, up to LEAD, and the crossover is 0.5 / (T - L T + T_o), at which the phase
-margin is above 60 deg. Settings end at 250: where inertia needs more, L and crossover are those of
-the fastest loop that the settings hold.
+margin is above 60 deg. Settings are limited to 250: for a larger inertia, L and crossover are those
+of the fastest loop within this limit.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from skywright.models.rigid_body import compute_body, posture
 Array = NDArray[np.float64]
 
 MOTORS_MAX = 8
-"""Motors that the firmware's mixer has."""
+"""Number of motors of the firmware's mixer."""
 TILT_MAX = 1e-3
-"""Largest 1 - cos of a rotor's tilt that counts as none."""
+"""Largest 1 - cos of a rotor's tilt that is neglected."""
 IDLE = 0.055
 """Share at which armed motors idle (motor_idle = 550)."""
 MIN_CHECK = 1050  # us, end of the throttle's dead zone
 ANGLE_LIMIT_DEG, RATE_DEG_S, YAW_RATE_DEG_S = 30, 200, 100
-"""At the sticks' ends: tilt, and the rates that scale roll and pitch, and yaw."""
+"""At full stick: tilt, and the rates that scale roll and pitch, and yaw."""
 P_SCALE, I_SCALE, D_SCALE = 0.032029, 0.244381, 0.000529
 """Torque in thousandths per deg/s, per deg and per deg/s^2, for a gain of 1 in the settings."""
 GAIN_MAX = 250
@@ -45,7 +45,7 @@ RATE_PER_LAG = 0.5
 YAW_PER_ROLL = 0.5
 ATTITUDE_PER_RATE = 0.4
 CROSSOVER_MIN = {"roll": 5.0, "pitch": 5.0, "yaw": 1.5}
-"""rad/s; slower loops do not hold a robot in gusts."""
+"""rad/s; slower loops cannot hold a robot in gusts."""
 INTEGRAL = 0.4
 """Integral gain over P, as a share of the crossover."""
 AXES = ("roll", "pitch", "yaw")
@@ -58,12 +58,12 @@ class BetaflightAirframe(NamedTuple):
     thrust_max: Array  # (n,) N
     mix: Array  # (n, 4) shares: throttle, torque about x, y and z of B; the largest entries are 1
     hover: float  # command that carries the weight, of the motor with throttle 1
-    units: Array  # (3,) N m that one unit of torque makes at hover
+    units: Array  # (3,) N m of one unit of torque at hover
     gains: Array  # (3, 3) settings P, I, D of roll, pitch, yaw
     angle_gain: float  # 1/s, of the attitude loop
 
     def compute_throttle(self, thrust: float) -> float:
-        """Return the throttle (0 to 1) whose motors thrust `thrust` (N) in sum."""
+        """Return the throttle (0 to 1) with the total thrust `thrust` (N)."""
         slope = (1.0 - IDLE) * self.mix[:, 0]
         a = float(self.thrust_max @ slope**2)
         b = 2.0 * IDLE * float(self.thrust_max @ slope)
@@ -78,7 +78,7 @@ class BetaflightAirframe(NamedTuple):
 
 
 def build_airframe(robot: Robot, world: World) -> BetaflightAirframe:
-    """Compute the airframe; raises InputError, with the reason, where Betaflight cannot fly it."""
+    """Compute the airframe; raises InputError, with the reason, if Betaflight cannot fly it."""
     nominal = Nominal(robot, world)
     rotors, n = nominal.rotors, len(nominal.rotors.spin)
     if n > MOTORS_MAX:
@@ -129,7 +129,7 @@ class _Tuned(NamedTuple):
 
 
 def _tune(name: str, axis: str, inertia: float, lag: float) -> _Tuned:
-    """Return the fastest rate loop whose gains the settings hold.
+    """Return the fastest rate loop whose gains fit the settings.
 
     `inertia` (s^2) is that of the robot over a unit of torque, `lag` (s) that of the rotors.
     """
@@ -161,7 +161,8 @@ def list_commands(airframe: BetaflightAirframe) -> list[str]:
     lines += [
         "aux 0 0 0 1700 2100 0 0",  # arm switch: first auxiliary channel
         "aux 1 1 1 1700 2100 0 0",  # ANGLE: second
-        # on a busy computer its radio task starves for a second: sticks hold, failsafe is late
+        # on a busy computer the firmware's radio task may not run for a second: hold the sticks,
+        # delay the failsafe
         *(f"rxfail {channel} h" for channel in range(4)),
     ]
     settings: dict[str, object] = {
@@ -182,5 +183,5 @@ def list_commands(airframe: BetaflightAirframe) -> list[str]:
 
 
 def format_commands(airframe: BetaflightAirframe, comment: str) -> str:
-    """Return the text that is pasted into Betaflight's command line."""
+    """Return the text to paste into Betaflight's command line."""
     return "\n".join([f"# {comment}", *list_commands(airframe), "save"]) + "\n"

@@ -1,7 +1,7 @@
-"""Betaflight's command line over TCP: settings in, errors and the version back.
+"""Betaflight's command line over TCP: sends settings, receives errors and the version.
 
 `#` without a line feed opens it. It does not answer while the robot is armed. `save` ends the
-process: who runs it starts it again.
+process, which its owner must start again.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from skywright.core.interrupt import check_interrupt
 from skywright.errors import InputError, SimulationError
 
 PROMPT = b"\n# "
-QUIET_S = 0.03  # s without more bytes that confirm a prompt: comments begin like one
+QUIET_S = 0.03  # s without more bytes that confirm a prompt: comments begin with the same character
 ANSWER_S = 3.0
-"""s in which a line is answered."""
+"""s, time limit of an answer."""
 OPEN_S, AGAIN_S = 10.0, 1.0
-"""s until it is open at the latest, and between attempts."""
+"""s, time limit to open it, and time between attempts."""
 MOST_BYTES = 65536  # of an answer
 FAULT = re.compile(r"###\s*ERROR[^#]*###")
 
@@ -29,7 +29,7 @@ class NoCommandLine(SimulationError):
 
 
 def connect(host: str, port: int, timeout_s: float) -> socket.socket | None:
-    """Connect within `timeout_s`; None where nobody listens."""
+    """Connect within `timeout_s`; None if no program listens."""
     end = time.monotonic() + timeout_s
     while True:
         check_interrupt()
@@ -45,15 +45,15 @@ def connect(host: str, port: int, timeout_s: float) -> socket.socket | None:
 
 
 class CommandLine:
-    """One conversation; the connection stays the caller's."""
+    """One session; the caller owns the connection."""
 
     def __init__(self, peer: socket.socket) -> None:
         self._peer = peer
 
     def open(self) -> str:
-        """Enter the command line; returns the firmware's version line."""
+        """Open the command line; return the firmware's version line."""
         end = time.monotonic() + OPEN_S
-        while True:  # what comes while it boots is lost
+        while True:  # input during the boot is lost
             check_interrupt()
             self._peer.sendall(b"#")
             if self._is_answered():
@@ -71,7 +71,7 @@ class CommandLine:
         return found.group(1).strip()
 
     def ask(self, line: str) -> str:
-        """Send a line; returns the answer. Raises InputError for a line that it refuses."""
+        """Send a line; return the answer. Raises InputError for a refused line."""
         self._peer.sendall(line.encode("ascii") + b"\n")
         text = self._read(line, ANSWER_S)
         fault = FAULT.search(text)
@@ -83,7 +83,7 @@ class CommandLine:
         return text
 
     def save(self) -> None:
-        """Keep the settings; the process ends and the connection with it."""
+        """Save the settings; the process and the connection end."""
         self._peer.sendall(b"save\n")
         end = time.monotonic() + ANSWER_S
         while time.monotonic() < end:

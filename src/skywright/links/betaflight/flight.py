@@ -1,7 +1,7 @@
 """A flight under Betaflight: `skywright sitl ROBOT --autopilot betaflight`.
 
-The plant runs a period at the pace of the wall clock; its state goes to Betaflight, whose newest
-outputs lead the rotors. Betaflight has no position loop: Skywright is the pilot.
+The plant runs in periods at the pace of the wall clock. Its state is sent to Betaflight, whose
+newest outputs command the rotors. Betaflight has no position loop: Skywright is the pilot.
 """
 
 from __future__ import annotations
@@ -45,30 +45,30 @@ from skywright.vehicle.geodesy import to_geodetic
 Array = NDArray[np.float64]
 
 STATE_S = 0.002
-"""s between states where the control period divides it."""
+"""s between states, if the control period divides it."""
 STATE_RATES = (200.0, 1000.0)
 STICKS_S = 0.004
-PLACE_S = 0.1  # s between places for its virtual satellite receiver
+PLACE_S = 0.1  # s between positions for its virtual satellite receiver
 LATE_S = 0.010
-"""s without outputs after which the plant's time stands still until they come."""
-AGAIN_S, SAY_S = 0.005, 0.5  # s between states in that time, and until that is said
+"""s without outputs after which the plant's time pauses until they arrive."""
+AGAIN_S, SAY_S = 0.005, 0.5  # s between states during the pause, and time until it is reported
 BEHIND_S = 0.005
-"""s of real time that are caught up: Betaflight's clock is the wall's."""
-ARM_S = 3.0  # s for arming after the switch
+"""s of real time that are caught up: Betaflight's clock is the wall clock."""
+ARM_S = 3.0  # s, time limit for arming after the switch
 UNTOLD_S = 4.0
-"""s without an answer by MSP before the flight, after which it is started again (or has failed)."""
+"""s without an answer by MSP before the flight, after which it is restarted (or has failed)."""
 READY_S, RESTARTS_MAX = 25.0, 3
-"""s until it is ready, after which it is started again, and how often."""
+"""s, time limit until it is ready, after which it is restarted, and number of restarts."""
 SPIN_UP_S = 1.0  # s at idle before take-off
 DOWN_M, DOWN_V, DOWN_S = 0.1, 0.1, 0.3
-"""Landed: so far above the reference (m), so slow (m/s), for so long (s)."""
+"""Criterion of landed: height above the reference (m), speed (m/s), duration (s)."""
 
 
 class Options(NamedTuple):
-    """How a flight is led."""
+    """Options of a flight."""
 
     binary: Path | None = None  # started by Skywright; None: by the user
-    wait_s: float = 120.0  # for Betaflight to be there, and to be ready to arm
+    wait_s: float = 120.0  # for Betaflight to connect, and to be ready to arm
     patience_s: float = 2.0  # without outputs
     duration_s: float = math.inf  # of the plant's time
     out: Path | None = None
@@ -84,12 +84,12 @@ def fly_betaflight(
     say: Callable[[str], None] = lambda _: None,
     route: Callable[[Array], Route] | None = None,
 ) -> SitlResult:  # fmt: skip
-    """Set Betaflight up, fly the mission's way-points and land; writes a run directory.
+    """Set Betaflight up, fly the mission's waypoints and land; write a run directory.
 
-    `route` gives another route from the place (3,) m of the start.
+    `route` computes another route from the start position (3,) m.
 
-    `say` is told one line for each thing that happens. Raises InputError where nothing was
-    started: a robot that Betaflight cannot fly, busy ports, no Betaflight within the time.
+    `say` receives one line per event. Raises InputError if nothing was started: a robot that
+    Betaflight cannot fly, busy ports, no Betaflight in time.
     """
     airframe = build_airframe(description.robot, description.world)
     plant = SitlPlant(description, STATE_S, STATE_RATES)
@@ -130,14 +130,14 @@ class _Flight:
         self._place_due = self._sticks_due = 0.0
         self._sticks: Sticks = IDLE
         self._stage, self._since = "starting", 0.0
-        self._begin = math.inf  # s, the plant's time at which the route begins
+        self._begin = math.inf  # s, the plant's time at the start of the route
         self._leg = -1
         self._down_s = 0.0
-        self._still_s = 0.0  # of wall time in which the plant's time stood still
+        self._still_s = 0.0  # s of wall time in which the plant's time paused
         self._why = ""
 
     def say(self, text: str) -> None:
-        """Tell and record an event at the plant's time."""
+        """Print and record an event at the plant's time."""
         line = f"t = {self.plant.t:.3f} s: {text}"
         self._tell(line)
         self.directory.note(line)
@@ -175,7 +175,7 @@ class _Flight:
             self._sticks_due = reading.t + STICKS_S
             self._lead(reading, estimate)
             armed = self._stage in ("arming", "flying")
-            if link.status is not None:  # before, its radio is not set up, and stays so
+            if link.status is not None:  # before this, its radio is not set up, and remains so
                 sticks = pack_sticks(reading.t, self._sticks, MIN_CHECK, armed)
         link.send(state, sticks)
         link.poll()
@@ -186,7 +186,7 @@ class _Flight:
         self.directory.tick()
 
     def _lead(self, reading: Reading, estimate: Any) -> None:
-        """Compute the sticks, and go to the next stage where it is time."""
+        """Compute the sticks, and enter the next stage if it is due."""
         t, status = reading.t, self.link.status
         if self._stage == "starting":
             self._sticks = IDLE
@@ -229,9 +229,9 @@ class _Flight:
             self._restart(f"Betaflight is not ready after {READY_S:g} s", must=False)
 
     def _restart(self, says: str, must: bool) -> None:
-        """Start a Betaflight that hangs before the flight again, where Skywright runs it.
+        """Restart a Betaflight that hangs before the flight, if Skywright runs it.
 
-        Its scheduler can starve a task for good when a busy computer lets it start slowly.
+        Its scheduler can starve a task permanently if a busy computer delays its start.
         """
         if self._again is None or self._restarts >= RESTARTS_MAX:
             if must:
@@ -267,7 +267,7 @@ class _Flight:
         self.say(says)
 
     def _note(self, estimate: Any) -> None:
-        """Note the place that the outer loop believes, and what Betaflight says."""
+        """Record the position of the outer loop, and Betaflight's state."""
         notes, status, attitude = self.plant.notes, self.link.status, self.link.attitude
         notes.armed = float(status is not None and status.armed)
         notes.p_WB[:], notes.v_WB[:] = estimate["p_WB"], estimate["v_WB"]
@@ -277,7 +277,7 @@ class _Flight:
             notes.R_WB[:] = rot_z(-heading) @ _rot_y(pitch) @ _rot_x(roll)
 
     def _watch(self) -> None:
-        """End the flight where Betaflight has gone or is wrong; say where it is silent."""
+        """End the flight if Betaflight has ended or is wrong; report a silence."""
         link = self.link
         if link.trouble:
             raise AutopilotFailed(link.trouble)
@@ -293,7 +293,7 @@ class _Flight:
             )
 
     def _wait_for_outputs(self, state: bytes) -> None:
-        """Let the plant's time stand still while Betaflight is late; raises where it hangs."""
+        """Pause the plant's time while Betaflight is late; raises an error if it hangs."""
         link, said = self.link, False
         begin = time.monotonic()
         while link.silence_s > LATE_S and not link.gone and not link.trouble:

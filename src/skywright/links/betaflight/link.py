@@ -1,7 +1,7 @@
-"""The sockets to one Betaflight: state and sticks out, outputs in, its own state by MSP.
+"""The sockets to one Betaflight: sends state and sticks, receives outputs, reads its state by MSP.
 
-Betaflight sends one packet of outputs for a packet of the state, as soon as its loop has run. A
-connection of MSP that breaks is a process that has ended.
+Betaflight answers each state packet with one packet of outputs after the next run of its loop. A
+broken MSP connection means that the process has ended.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 ASK_S = 0.05
 """s between requests for its state."""
-AT_ONCE = 64  # datagrams read in one go
+AT_ONCE = 64  # datagrams per read
 REFUSALS_MAX = 50
 """Refused outputs in a row that end the flight."""
 MSP_CAUSES = {
@@ -42,7 +42,7 @@ MSP_CAUSES = {
 
 
 class Ports:
-    """Where Betaflight is; the numbers are compiled into it, tests have others."""
+    """Address of Betaflight; its ports are compiled into it, tests use others."""
 
     def __init__(self, outputs: int = OUTPUTS_PORT, state: int = STATE_PORT,
                  sticks: int = STICKS_PORT) -> None:  # fmt: skip
@@ -55,7 +55,7 @@ class BetaflightLink:
     def __init__(
         self, n: int, host: str, ports: Ports, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        """`n` motors. Raises InputError where the port of the outputs is taken."""
+        """`n` motors. Raises InputError if the port of the outputs is in use."""
         self.n, self._clock = n, clock
         self.counts: Counter[str] = Counter()
         self.status: msp.Status | None = None
@@ -68,7 +68,7 @@ class BetaflightLink:
         self._refused = 0
         self._cause = ""
         self._asked = -np.inf
-        self._told = -np.inf  # when its state was heard last
+        self._told = -np.inf  # time of its last state report
         self._peer: socket.socket | None = None
         self._parser = msp.MspParser()
         self._host, self._ports = host, ports
@@ -87,7 +87,7 @@ class BetaflightLink:
         self._in.setblocking(False)
 
     def attach(self, peer: socket.socket) -> None:
-        """Take the connection for MSP."""
+        """Set the connection for MSP."""
         self.detach()
         self._peer, self._parser, self.gone = peer, msp.MspParser(), False
         self.status = self.attitude = None
@@ -106,7 +106,7 @@ class BetaflightLink:
         self._in.close()
 
     def send(self, state: bytes, sticks: bytes | None) -> None:
-        """Send a state, and sticks where they are due; a datagram that fails is lost."""
+        """Send a state, and sticks if they are due; a datagram that fails is lost."""
         for data, port in ((state, self._ports.state), (sticks, self._ports.sticks)):
             if data is not None:
                 try:
@@ -115,7 +115,7 @@ class BetaflightLink:
                     self.counts["unsent"] += 1
 
     def poll(self) -> None:
-        """Read what has come, and ask for its state where that is due."""
+        """Process received data, and request its state if that is due."""
         now = self._clock()
         for _ in range(AT_ONCE):
             try:
@@ -157,7 +157,7 @@ class BetaflightLink:
             self._asked = now
             with suppress(
                 OSError
-            ):  # its queue is full, or it has gone, which the next reading tells
+            ):  # its queue is full, or it has ended, which the next read detects
                 self._peer.send(msp.pack_request(msp.STATUS) + msp.pack_request(msp.ATTITUDE))
 
     def _take_frame(self, frame: msp.Frame) -> None:
@@ -173,24 +173,24 @@ class BetaflightLink:
 
     @property
     def untold_s(self) -> float:
-        """Time (s) since it last said by MSP how it is."""
+        """Time (s) since its last state report by MSP."""
         return float(self._clock() - self._told)
 
     @property
     def trouble(self) -> str:
-        """Why the flight must end, or ""."""
+        """Return why the flight must end, or ""."""
         if self._refused < REFUSALS_MAX:
             return ""
         return f"{self._refused} packets in a row were refused: {CAUSES[self._cause]}"
 
     def describe_refused(self) -> list[str]:
-        """Return a line for each cause for which something was refused."""
+        """Return one line for each cause of refused data."""
         found, causes = self.counts + self._parser.counts, {**CAUSES, **MSP_CAUSES}
         return [f"{found[c]} refused: {says}" for c, says in causes.items() if found[c]]
 
 
 def wait(seconds: float) -> None:
-    """Sleep, and look at interrupts."""
+    """Sleep, and check for interrupts."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         check_interrupt()

@@ -1,4 +1,4 @@
-"""The few requests of MSP (version 1) that a flight makes: state, attitude, version.
+"""The MSP requests (version 1) of a flight: state, attitude, version.
 
 A frame is `$M`, direction, size, command, payload and the exclusive or of the last three.
 """
@@ -25,7 +25,7 @@ REASONS = (
     "the accelerometer is not calibrated", "motor protocol", "crash-flip switch",
     "altitude-hold switch", "position-hold switch", "the arm switch was on while it was refused",
 )  # fmt: skip
-"""Why arming is refused, by the bit of the flags."""
+"""Reasons of an arming refusal, by bit of the flags."""
 
 
 class Frame(NamedTuple):
@@ -36,7 +36,7 @@ class Frame(NamedTuple):
 
 
 class Status(NamedTuple):
-    """What Betaflight says about itself."""
+    """State of Betaflight."""
 
     cycle_us: int  # of its loop
     armed: bool
@@ -67,14 +67,14 @@ def _compute_checksum(body: bytes) -> int:
 
 
 class MspParser:
-    """Finds frames in a stream of bytes; the rest is counted and dropped."""
+    """Finds frames in a stream of bytes; invalid data are counted and dropped."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
         self._rest = b""
 
     def feed(self, data: bytes) -> Iterator[Frame]:
-        """Return the answers that `data` completes; at most one frame's bytes are kept."""
+        """Return the answers that `data` completes; keeps at most one frame's bytes."""
         self._rest += data
         while True:
             at = self._rest.find(b"$M")
@@ -106,7 +106,7 @@ class MspParser:
 
 
 def parse_status(payload: bytes) -> Status | None:
-    """Return the state of MSP_STATUS_EX; None where it is too short."""
+    """Return the state of MSP_STATUS_EX; None if it is too short."""
     if len(payload) < 16:
         return None
     cycle, modes = struct.unpack_from("<H4xI", payload)

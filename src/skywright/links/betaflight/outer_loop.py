@@ -1,9 +1,9 @@
-"""From a reference of the place to the sticks of ANGLE mode: what a pilot would do.
+"""Outer position loop: from a position reference to the sticks of ANGLE mode.
 
-a = a_ref + k_v (v_ref + k_p (p_ref - p) - v) + integral is the acceleration that is asked for. The
-thrust m (a + g) leans the platform: roll and pitch sticks are angles over the limit, throttle is
-the thrust along z of B over the motors' curve, yaw is a rate. The bandwidths follow from that of
-Betaflight's attitude loop and the lag of the rotors.
+The commanded acceleration is a = a_ref + k_v (v_ref + k_p (p_ref - p) - v) + integral. The thrust m
+(a + g) tilts the platform: roll and pitch sticks are angles over the limit, throttle is the thrust
+along z of B over the motors' curve, yaw is a rate. The bandwidths follow from that of Betaflight's
+attitude loop and the lag of the rotors.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ POSITION_PER_VELOCITY = 0.35
 INTEGRAL_PER_POSITION = 0.4
 """Rate of the integral over k_p."""
 INTEGRAL_MAX = 2.0  # m/s^2
-INTEGRAL_NEAR = 0.2  # m, largest error that it grows by: a step winds it up little
+INTEGRAL_NEAR = 0.2  # m, largest error that the integral accepts, to limit its wind-up by a step
 YAW_GAIN = 1.5  # 1/s
 LEAN_MAX = math.radians(0.9 * ANGLE_LIMIT_DEG)
 UP_RANGE = (0.4, 1.6)
-"""Vertical thrust over weight that is asked for."""
+"""Range of the commanded vertical thrust over weight."""
 
 
 class Target(NamedTuple):
-    """What is followed at an instant, in W."""
+    """Reference at an instant, in W."""
 
     p: Array  # (3,) m
     v: Array
@@ -48,7 +48,7 @@ class Target(NamedTuple):
 
 
 class OuterLoop:
-    """The integral is its only memory."""
+    """The position loop; its only state is the integral."""
 
     def __init__(self, airframe: BetaflightAirframe, gravity: float) -> None:
         self._airframe, self._gravity = airframe, gravity

@@ -1,9 +1,9 @@
 """The datagrams of Betaflight's SITL target (release 4.6): state and sticks in, outputs back.
 
-Frames: what Betaflight calls its body after reading a packet is FLU, that of B. The packet itself
-carries the angular velocity and the quaternion with y and z negated, and the specific force with
-all signs negated. With the quaternion of FLU a level hover looks perfect, and the first tilt turns
-the robot over: signs are tested with a step in each axis.
+Frames: Betaflight's body frame after reading a packet is FLU, that of B. The packet itself contains
+the angular velocity and the quaternion with y and z negated, and the specific force with all signs
+negated. With the quaternion of FLU a level hover works, but the first tilt turns the robot over; a
+test therefore checks the signs with a step in each axis.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from skywright.vehicle.geodesy import Geodetic
 Array = NDArray[np.float64]
 
 OUTPUTS_PORT, STATE_PORT, STICKS_PORT = 9001, 9003, 9004
-"""UDP ports, compiled into the firmware: one instance a computer."""
+"""UDP ports, compiled into the firmware: one instance per computer."""
 COMMAND_PORT = 5761
 """TCP port of its first serial port: command line and MSP."""
 STATE = struct.Struct("<18d")
@@ -30,16 +30,17 @@ LOW, MIDDLE, HIGH = 1000, 1500, 2000
 """us, of a channel and of an output."""
 CHANNELS = 16
 STAMP_S = 1.0
-"""Time in each packet of the state. Betaflight scales its clock by the last two packets' times over
-their arrivals, so that two packets that a busy computer delivers together throw its clock ahead by
-seconds, into its failsafe. Equal times leave its clock at the wall's.
+"""Time in each packet of the state. Betaflight scales its clock by the difference of the last two
+packets' times over that of their arrivals. If a busy computer delivers two packets together, its
+clock jumps ahead by seconds, which triggers its failsafe. Equal times keep its clock at the wall
+clock.
 """
 CAUSES = {
     "size": "a datagram that is no packet of outputs",
     "count": "outputs for another number of motors: the mixer is not that of this robot",
     "numbers": "outputs that are not finite or outside of 900 to 2100",
 }
-"""Cause for which a packet is refused -> what it means."""
+"""Cause of a refused packet -> description."""
 FLIP = np.array([1.0, -1.0, -1.0])
 
 
@@ -60,7 +61,8 @@ def pack_state(
 ) -> bytes:
     """Return the packet of a state: rad/s and m/s^2 in B, m/s in W, Pa.
 
-    `accel` is the specific force. Speed and place are what its virtual satellite receiver reads.
+    `accel` is the specific force. Betaflight's virtual satellite receiver reads velocity and
+    position.
     """
     return STATE.pack(
         STAMP_S, *(w_WB_B * FLIP), *(-accel), *(quat_from_rot(R_WB) * [1.0, 1.0, -1.0, -1.0]), *v_W,
@@ -91,7 +93,7 @@ def parse_outputs(data: bytes, n: int) -> Array | str:
     if count != n:
         return "count"
     raw = np.array(values[:n])
-    if not np.all((raw >= 900.0) & (raw <= 2100.0)):  # false for what is not a number
+    if not np.all((raw >= 900.0) & (raw <= 2100.0)):  # also false for NaN
         return "numbers"
     return np.clip((raw - LOW) / (HIGH - LOW), 0.0, 1.0)
 

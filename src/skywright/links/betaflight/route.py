@@ -1,4 +1,4 @@
-"""What a flight under Betaflight follows: take-off, the planned way-points, landing."""
+"""The route of a flight under Betaflight: take-off, the planned waypoints, landing."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 CLIMB, CLIMB_ACCELERATION = 0.5, 0.5  # m/s and m/s^2, of take-off
 SINK = 0.25  # m/s, of landing
 SETTLE_S = 5.0  # s of hover after take-off
-BELOW_M = 0.3  # m under the start to which the landing leads
+BELOW_M = 0.3  # m below the start: end of the landing reference
 
 
 class Leg(NamedTuple):
@@ -51,7 +51,7 @@ class Route:
         return min(int(np.searchsorted(self._starts, t, "right")) - 1, len(self.legs) - 1)
 
     def read(self, t: float) -> Target:
-        """Return the target at `t` (s) after the start; the last row holds."""
+        """Return the target at `t` (s) after the start; after the end, the last row."""
         i = self.find_leg(t)
         leg, at = self.legs[i], t - self._starts[i]
         k = min(int(np.searchsorted(leg.t, at, "right")) - 1, len(leg.t) - 1)
@@ -75,7 +75,7 @@ def build_rest(name: str, p: Array, yaw: float, seconds: float) -> Leg:
 
 
 def build_line(name: str, start: Array, end: Array, yaw: float, speed: float, a: float) -> Leg:
-    """Go straight from rest to rest within a speed (m/s) and an acceleration (m/s^2)."""
+    """Move straight from rest to rest within a speed (m/s) and an acceleration (m/s^2)."""
     way = end - start
     total = duration(float(np.linalg.norm(way)), speed, a)
     t = np.linspace(0.0, total, max(math.ceil(total / ROW_PERIOD), 1) + 1)
@@ -91,9 +91,9 @@ def _build(name: str, t: Array, p: Array, yaw: float) -> Leg:
 
 
 def plan_route(setup: Setup[Any], start: Array) -> Route:
-    """Take off from `start` (3,) m, fly the mission's way-points, land.
+    """Take off from `start` (3,) m, fly the mission's waypoints, land.
 
-    Raises InputError for a mission of another kind, InfeasibleError where there is no plan.
+    Raises InputError for a mission of another kind, InfeasibleError if there is no plan.
     """
     mission = setup.description.mission
     if mission.kind != "waypoints":
@@ -126,7 +126,7 @@ def plan_route(setup: Setup[Any], start: Array) -> Route:
 
 
 def add_landing(route: Route, ground: float) -> Route:
-    """Return the route with a landing that leads below the height `ground` (m) of the start."""
+    """Return the route with a landing to below the height `ground` (m) of the start."""
     last = route.legs[-1]
     down = np.array([last.p[-1, 0], last.p[-1, 1], ground - BELOW_M])
     way = float(last.p[-1, 2] - down[2])

@@ -1,4 +1,4 @@
-"""Settings into Betaflight before a flight: over its command line, then a restart."""
+"""Writes settings to Betaflight before a flight: over its command line, then a restart."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from skywright.links.betaflight.link import wait
 from skywright.links.betaflight.process import Firmware
 
 RESTART_S = 30.0
-"""s for whoever runs it to start it again after `save`."""
+"""s, time limit for a restart by its owner after `save`."""
 BOOT_S = 1.0  # s after its start until its ports are open
 
 
 class SetUp:
-    """Brings a Betaflight to the point where it has a robot's settings and speaks MSP."""
+    """Configures a Betaflight with a robot's settings until it answers by MSP."""
 
     def __init__(
         self, host: str, port: int, wait_s: float, firmware: Firmware | None,
@@ -27,9 +27,9 @@ class SetUp:
         self.version = ""
 
     def run(self, commands: list[str]) -> socket.socket:
-        """Send the settings; returns the connection for MSP.
+        """Send the settings; return the connection for MSP.
 
-        Raises InputError where no Betaflight answers or a setting is refused.
+        Raises InputError if no Betaflight answers or a setting is refused.
         """
         if self._firmware is not None:
             self._check_free()
@@ -47,7 +47,7 @@ class SetUp:
             for command in commands:
                 line.ask(command)
             line.save()
-        except SimulationError as error:  # nothing has been flown
+        except SimulationError as error:  # no flight has started
             raise InputError(str(error)) from None
         except OSError as error:
             raise InputError(
@@ -60,7 +60,7 @@ class SetUp:
         return self.restart()
 
     def _check_free(self) -> None:
-        """Raise InputError where another instance has the ports."""
+        """Raise InputError if another instance uses the ports."""
         peer = connect(self._host, self._port, 0.0)
         if peer is not None:
             peer.close()
@@ -70,7 +70,7 @@ class SetUp:
             )
 
     def restart(self) -> socket.socket:
-        """Start it again, or wait for who runs it; returns the connection for MSP."""
+        """Restart it, or wait for a restart by its owner; return the connection for MSP."""
         if self._firmware is not None:
             self._firmware.start()
         else:

@@ -1,1 +1,1 @@
-"""A flight told to others while it is flown: the messages that ROS 2 and Foxglove get."""
+"""Live publication of a flight: the messages for ROS 2 and Foxglove."""

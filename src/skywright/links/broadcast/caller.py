@@ -1,4 +1,4 @@
-"""Commands on their way from the middleware to the flight, and answers on their way back."""
+"""Forwards commands from the middleware to the flight, and answers back."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from skywright.links.broadcast.table import OLD_S
 from skywright.links.pair import say
 from skywright.links.udp.receiver import Ages
 
-SENDERS_MAX = 64  # whose clocks are known
-HELD_S = 10.0  # s for which somebody who called counts as watching
+SENDERS_MAX = 64  # most senders with known clocks
+HELD_S = 10.0  # s after a call for which its sender counts as watching
 
 
 class Caller:
-    """Hands commands to the flight, and answers on."""
+    """Forwards commands to the flight, and its answers to the callers."""
 
     def __init__(self, end: socket.socket) -> None:
         self._end, self._number = end, 0
@@ -28,7 +28,7 @@ class Caller:
         """Wall time of the last call."""
 
     def call(self, name: str, args: dict[str, Any], answer: Callable[[bool, str], None]) -> None:
-        """Ask the flight for something; `answer` is called with success and words."""
+        """Send a request to the flight; `answer` is called with success and text."""
         with self._lock:
             self._number += 1
             number = self._number
@@ -38,7 +38,7 @@ class Caller:
             self.answer(number, False, f"{name} refused: the flight does not take commands now")
 
     def stream(self, name: str, args: dict[str, Any], stamp_s: float, sender: bytes) -> bool:
-        """Hand a message of a stream on, unless it is old; `stamp_s` is the sender's time."""
+        """Forward a message of a stream unless it is old; `stamp_s` is the sender's time."""
         now = time.monotonic()
         with self._lock:
             self.last_s = now
@@ -49,13 +49,13 @@ class Caller:
         return say(self._end, "call", id=0, name=name, args=args, at=now)
 
     def answer(self, number: int, ok: bool, says: str) -> None:
-        """Give an answer of the flight to who called."""
+        """Forward an answer of the flight to the caller."""
         with self._lock:
             reply = self._waiting.pop(number, None)
         if reply is not None:
             reply(ok, says)
 
     def end(self) -> None:
-        """Answer everything that waits: the flight is over."""
+        """Answer all pending calls: the flight is over."""
         for number in list(self._waiting):
             self.answer(number, False, "the flight is over")

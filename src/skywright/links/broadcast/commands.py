@@ -1,7 +1,7 @@
-"""Who carries out the commands that come in from outside (names: links/broadcast/table.py).
+"""Execution of the commands from the middleware (names: links/broadcast/table.py).
 
-A vehicle that a script flies takes UAL's commands (vehicle/commands.py: what is accepted in which
-state). A mission flies by itself: there the commands are the pilot's switch and operator's orders.
+A vehicle under a script executes UAL's commands (vehicle/commands.py states which are valid in
+which state). In a mission the commands are the pilot's switch and the operator's orders.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ Args = dict[str, Any]
 
 
 class Told(NamedTuple):
-    """What becomes of a command: how it ended, or its handle while it is under way."""
+    """Reply to a command: its result, or its handle while it is executed."""
 
     result: Result | None
     handle: Handle | None = None
 
 
 def read_frame(header: Any) -> None:
-    """Refuse a pose or velocity that is in another frame."""
+    """Raise InputError for a pose or velocity in another frame."""
     frame = header["frame_id"]
     if frame not in ("", MAP):
         raise InputError(f"frame_id {frame[:40]!r}; valid: {MAP!r} or empty")
@@ -44,7 +44,7 @@ def read_vector(v: Any) -> list[float]:
 
 
 def read_yaw(q: Any) -> float | None:
-    """Return the heading (rad) of an orientation; None where all its numbers are 0."""
+    """Return the heading (rad) of an orientation; None if all its numbers are 0."""
     w, x, y, z = (float(q[axis]) for axis in "wxyz")
     if w == x == y == z == 0.0:
         return None
@@ -52,7 +52,7 @@ def read_yaw(q: Any) -> float | None:
 
 
 class VehicleCommands:
-    """Carries commands out on a vehicle that a script flies."""
+    """Executes commands on a vehicle under a script."""
 
     def __init__(self, uav: Uav, joints: tuple[str, ...]) -> None:
         self._uav, self._joints = uav, joints
@@ -79,7 +79,7 @@ class VehicleCommands:
         return self._uav.state
 
     def call(self, name: str, args: Args) -> Told:
-        """Begin a command; raises InputError on arguments that are wrong."""
+        """Start a command; raises InputError for wrong arguments."""
         does = self._does.get(name)
         if does is None:
             return Told(
@@ -124,15 +124,15 @@ class VehicleCommands:
 
 
 class MissionCommands:
-    """Carries commands out on a mission that flies by itself."""
+    """Executes commands during a mission."""
 
     def __init__(self, s: Supervisor[Any]) -> None:
         self._s = s
-        self._ours = False  # whether the switch was thrown from here
+        self._ours = False  # whether the switch was set by a command
 
     @property
     def state(self) -> State:
-        """State of the vehicle, as UAL has it."""
+        """State of the vehicle in UAL's terms."""
         s = self._s
         if s.pilot.flies:
             return State.FLYING_AUTO if s.pilot.flown == Mode.POSITION else State.FLYING_MANUAL
@@ -141,7 +141,7 @@ class MissionCommands:
         return {"take_off": State.TAKING_OFF, "land": State.LANDING}.get(s.phase, State.FLYING_AUTO)
 
     def call(self, name: str, args: Args) -> Told:
-        """Carry a command out; raises InputError on arguments that are wrong."""
+        """Execute a command; raises InputError for wrong arguments."""
         s, now = self._s, self._s.vehicle.t
         last = name.rpartition("/")[2]
         if name == "/ual/take_over":
@@ -170,7 +170,7 @@ class MissionCommands:
         if not s.kind.flies or s.senses.told("active") < 0.5:
             says = f"{order} refused: the robot does not fly"
         else:
-            vehicle: Any = s.vehicle  # whatever is flown here hears orders
+            vehicle: Any = s.vehicle  # every vehicle flown here accepts orders
             vehicle.order = order
         return Result(not says, says, s.vehicle.t)
 

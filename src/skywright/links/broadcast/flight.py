@@ -1,8 +1,8 @@
-"""A flight's side of the live link: one datagram a tick, and the commands that come back.
+"""The flight's end of the live link: one datagram per tick, and incoming commands.
 
-Everything else, encoding as well, is done by a process of its own (links/broadcast/process.py):
-sending never waits, and what that process does not take in time is dropped. The flight goes on at
-the pace of the wall clock while somebody is subscribed.
+A child process does everything else, including the encoding (links/broadcast/process.py). Sending
+never blocks, and datagrams that the process does not read in time are dropped. While a client is
+subscribed, the flight runs at the pace of the wall clock.
 """
 
 from __future__ import annotations
@@ -41,29 +41,29 @@ if TYPE_CHECKING:
     from skywright.run.supervisor import Supervisor
     from skywright.vehicle.simulated import SimulatedVehicle
 
-START_S = 30.0  # s, most that the process may take to open its sockets
-HEAR_S = 0.005  # s of wall time between looks at what has come
+START_S = 30.0  # s, time limit for the process to open its sockets
+HEAR_S = 0.005  # s of wall time between reads of incoming messages
 CHARGE_S = 1.0  # s of mission time between readings of the battery
-LATE_S = 0.5  # s behind the wall clock from which the flight does not try to catch up
-MOST = 64  # commands that are under way
+LATE_S = 0.5  # s behind the wall clock beyond which the flight does not catch up
+MOST = 64  # most commands in execution
 
 
 class Commands(Protocol):
-    """Who carries commands out."""
+    """Interface of an executor of commands."""
 
     @property
     def state(self) -> State:
         """State of the vehicle."""
 
     def call(self, name: str, args: Args) -> Told:
-        """Begin a command; raises InputError on arguments that are wrong."""
+        """Start a command; raises InputError for wrong arguments."""
 
 
 class LiveFlight:
-    """An observer of a flight that tells others of it, and takes their commands."""
+    """An observer of a flight that publishes it and executes incoming commands."""
 
     def __init__(self, options: Live, description: Description) -> None:
-        """Open the sockets; raises InputError where that fails."""
+        """Open the sockets; raises InputError if that fails."""
         self.options, self._d = options, description
         self._commands: Commands | None = None
         self._under_way = deque[tuple[int, Handle]](maxlen=MOST)
@@ -72,7 +72,7 @@ class LiveFlight:
         self._charge, self._next_charge = math.nan, -math.inf
         self._phase, self.watched, self._opened, self._closed = "", False, False, False
         self.sent = self.dropped = self.refused = 0
-        """Rows that were sent, that were dropped, and commands that were refused."""
+        """Numbers of sent rows, dropped rows, and refused commands."""
         self.cost_s = 0.0  # s, all ticks so far
         self._next_hear = -math.inf  # of time.perf_counter
         self._folder = tempfile.TemporaryDirectory(prefix="skywright-")
@@ -88,18 +88,19 @@ class LiveFlight:
     # --- Observer ------------------------------------------------------------------------------
 
     def on_plan(self, plan: Any, description: Description) -> None:
-        """Nothing: topics depend on the vehicle."""
+        """Nothing to do: topics depend on the vehicle."""
 
     def on_supervisor(self, supervisor: Supervisor[Any]) -> None:
-        """Keep whom the commands go to."""
+        """Store the supervisor, which executes the commands."""
         self._commands = MissionCommands(supervisor)
 
     def on_tick(self, t: float, phase: str, vehicle: SimulatedVehicle) -> None:
-        """Tell of a tick, take commands, and keep pace while somebody is subscribed."""
+        """Publish a tick, accept commands, and wait for the wall clock while a client is
+        subscribed."""
         if self._filler is None:
             self._begin(vehicle)
         began = time.perf_counter()
-        if began >= self._next_hear:  # a flight faster than real time hears as often as others
+        if began >= self._next_hear:  # a flight faster than real time reads as often as others
             self._next_hear = began + HEAR_S
             self._hear()
             self._answer()
@@ -123,10 +124,10 @@ class LiveFlight:
             self._process.wait()
         self._folder.cleanup()
 
-    # --- a vehicle of a script -----------------------------------------------------------------
+    # --- a vehicle under a script ------------------------------------------------------------
 
     def attach(self, vehicle: Vehicle) -> None:
-        """Tell of a vehicle that a script flies, and let it be commanded."""
+        """Publish a vehicle under a script, and accept commands to it."""
         self._commands = VehicleCommands(vehicle, tuple(joint_names(self._d.robot)))
         backend: Any = vehicle.backend
         vehicle.after_tick.append(lambda: self.on_tick(backend.t, str(vehicle.mode), backend))
@@ -134,10 +135,10 @@ class LiveFlight:
         vehicle.closing.append(self.close)
         atexit.register(self.close)
 
-    # --- telling -------------------------------------------------------------------------------
+    # --- publication -------------------------------------------------------------------------
 
     def _begin(self, vehicle: SimulatedVehicle) -> None:
-        """Tell what rows are made of, and wait until the topics are declared."""
+        """Send the columns of the rows, and wait until the topics are declared."""
         d, recorded = self._d, vehicle.recorded
         self._filler = Filler(recorded.columns)
         setup = Setup(
@@ -184,7 +185,7 @@ class LiveFlight:
         elif ahead < -LATE_S:
             self._anchor = now - t
 
-    # --- hearing -------------------------------------------------------------------------------
+    # --- reception ---------------------------------------------------------------------------
 
     def _hear(self) -> None:
         for data in receive(self._end):
@@ -204,7 +205,7 @@ class LiveFlight:
             raise InputError(str(message.get("says")))
 
     def _take(self, message: dict[str, Any]) -> None:
-        """Carry a command out; `id` is 0 of a stream, which gets no answer."""
+        """Execute a command; `id` is 0 for a stream, which gets no answer."""
         number = int(read_number(message.get("id"), 0, 2**53) or 0)
         at, args = read_number(message.get("at"), 0.0, 1e12), message.get("args")
         if at is None or not isinstance(args, dict) or self._commands is None:
@@ -213,7 +214,7 @@ class LiveFlight:
             told = self._commands.call(str(message.get("name")), args)
         except InputError as error:
             told = Told(Result(False, str(error)))
-        except Exception as error:  # whatever a stranger sends: the flight goes on
+        except Exception as error:  # no invalid message may end the flight
             told = Told(Result(False, f"{type(error).__name__}: {error}"))
         if told.handle is not None and args.get("blocking") is True and number:
             self._under_way.append((number, told.handle))
@@ -236,7 +237,7 @@ class LiveFlight:
         say(self._end, "reply", id=number, ok=result.ok, says=result.reason)
 
     def _await(self, what: str) -> None:
-        """Wait for a word of the process; raises InputError with what it says, or that it ended."""
+        """Wait for a message of the process; raises InputError with its error, or if it ended."""
         self._opened, until = False, time.monotonic() + START_S
         while not self._opened:
             check_interrupt()

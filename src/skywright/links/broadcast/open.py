@@ -1,4 +1,4 @@
-"""Opens what `--ros2` and `--foxglove` ask for."""
+"""Opens the links of the options `--ros2` and `--foxglove`."""
 
 from __future__ import annotations
 
@@ -12,5 +12,5 @@ if TYPE_CHECKING:
 
 
 def open_live(options: Live, description: Description) -> LiveFlight:
-    """Return the live link of a flight; raises InputError where it cannot be opened."""
+    """Return the live link of a flight; raises InputError if it cannot be opened."""
     return LiveFlight(options.check(), description)

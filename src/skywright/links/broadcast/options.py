@@ -1,4 +1,4 @@
-"""What `--ros2` and `--foxglove` ask for, checked before anything is started."""
+"""The options `--ros2` and `--foxglove`, checked before anything is started."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from skywright.errors import InputError
 
 DISTRO = "jazzy"
 ENDPOINT, PORT = "tcp/127.0.0.1:7447", 8765
-"""Where ROS 2 nodes look for their Zenoh router, and Foxglove for its server."""
+"""Default address of the Zenoh router of ROS 2 nodes, and default port of Foxglove."""
 ADDRESS = re.compile(r"tcp/(\[[0-9a-fA-F:]+\]|[\w.-]+):(\d{1,5})")
 
 
 class Live(NamedTuple):
-    """Where a flight is published: `Live(ros2=True)`, `Live(foxglove=8765)`."""
+    """Publication of a flight: `Live(ros2=True)`, `Live(foxglove=8765)`."""
 
     ros2: str | bool | None = None
     """Zenoh endpoint; True: ENDPOINT."""
@@ -26,17 +26,17 @@ class Live(NamedTuple):
     foxglove: int | bool | None = None
     """Port, 0: a free one; True: PORT."""
     wait_s: float = 0.0
-    """s, most that the flight waits for the first subscriber."""
+    """s, longest wait of the flight for the first subscriber."""
     domain: int = 0
     """ROS_DOMAIN_ID; set by `check`."""
 
     @property
     def wanted(self) -> bool:
-        """Whether anything is to be published."""
+        """Whether any publication is requested."""
         return self != Live()
 
     def list_arguments(self) -> tuple[str, ...]:
-        """Return the options of `skywright run` that ask for the same."""
+        """Return the equivalent options of `skywright run`."""
         given = {
             "--ros2": self.ros2, "--ros2-distro": self.distro, "--foxglove": self.foxglove,
             "--await": self.wait_s or None,
@@ -44,8 +44,8 @@ class Live(NamedTuple):
         return tuple(x for name, v in given.items() if v is not None for x in (name, str(v)))
 
     def check(self) -> Live:
-        """Return them with the domain; raises InputError where an extra or --ros2 is missing,
-        or a value is wrong."""
+        """Return the options with the domain; raises InputError if an extra or --ros2 is missing,
+        or if a value is wrong."""
         ros2, foxglove = self.ros2, self.foxglove
         if not 0.0 <= self.wait_s < math.inf:
             raise InputError(f"--await {self.wait_s}; valid: seconds, 0 or more")

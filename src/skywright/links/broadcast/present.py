@@ -1,4 +1,4 @@
-"""The tables of docs/howto/ros2.md, from the code that publishes and listens."""
+"""Generates the tables of docs/howto/ros2.md from the code."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
-"""The process beside a flight that publishes it: reads the newest row, encodes, hands commands on.
+"""The child process of a flight that publishes it: reads the newest row, encodes, forwards
+commands.
 
-It is started by links/broadcast/flight.py, and ends with it.
+links/broadcast/flight.py starts it; it ends with the flight.
 """
 
 from __future__ import annotations
@@ -21,33 +22,33 @@ from skywright.links.broadcast.options import DISTRO, Live
 from skywright.links.broadcast.rows import ROW, Reader, Setup
 from skywright.links.pair import parse, prepare, receive, say
 
-WATCH_S = 0.25  # s between words about who watches
+WATCH_S = 0.25  # s between messages on the subscribers
 TEXT_S = 1.0  # s between texts
-LEAST_S = 0.005  # s between looks at the socket
+LEAST_S = 0.005  # s between reads of the socket
 
 
 class Sink(Protocol):
-    """Where messages go."""
+    """A destination of messages."""
 
     def declare(self, reader: Reader) -> None:
-        """Offer the topics of a flight."""
+        """Declare the topics of a flight."""
 
     @property
     def watched(self) -> bool:
-        """Whether anybody is subscribed."""
+        """Whether any topic has a subscriber."""
 
     def publish(self, reader: Reader) -> None:
-        """Send the newest row to those who are subscribed."""
+        """Publish the newest row on the topics with subscribers."""
 
     def tell(self, name: str, text: str, ns: int) -> None:
-        """Send a text."""
+        """Publish a text."""
 
     def close(self) -> None:
         """Close the sockets."""
 
 
 def open_sinks(options: Live, caller: Caller) -> list[Sink]:
-    """Open what is asked for; raises InputError where that fails."""
+    """Open the requested sinks; raises InputError if that fails."""
     sinks: list[Sink] = []
     if options.ros2 is not None:
         from skywright.links.ros2.node import Ros2Node
@@ -84,7 +85,7 @@ class Publisher:
                 time.sleep(LEAST_S)
 
     def _read(self) -> bytes | None:
-        """Take in what the flight says; returns the newest row."""
+        """Process the flight's messages; return the newest row."""
         newest = None
         for data in receive(self._end):
             if data.startswith(ROW):
@@ -127,7 +128,7 @@ def main(number: str, options: str) -> None:
     prepare(end)
     caller, sinks = Caller(end), list[Sink]()
 
-    def follow_parent() -> None:  # a flight that was killed leaves no process behind
+    def follow_parent() -> None:  # a killed flight leaves no process behind
         parent = os.getppid()
         while os.getppid() == parent:
             time.sleep(1.0)

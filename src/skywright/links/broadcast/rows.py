@@ -1,4 +1,4 @@
-"""Live rows: filled by the flight, completed and encoded by the process that publishes them."""
+"""Live rows: filled by the flight, completed and encoded by the publishing process."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from skywright.vehicle.commands import State
 
 Row = NDArray[Any]
 ROW = b"row "
-"""Begins the datagram of a row."""
+"""Prefix of the datagram of a row."""
 HEADER = len(build_message_header(0, 0, 0))
 
 
 class Setup(NamedTuple):
-    """What the publishing process is told of a flight, once."""
+    """Data of a flight that the publishing process receives once."""
 
     mission: str
     robot: Robot
     world: World  # as it is
-    error: NDArray[np.float64]  # of build_drawing
+    error: NDArray[np.float64]  # argument of build_drawing
     columns: tuple[Column, ...]  # of a sample
     recorded: tuple[Topic, ...]
     joints: tuple[str, ...]
@@ -44,7 +44,7 @@ class Setup(NamedTuple):
 
 
 class Filler:
-    """Makes live rows of samples, without what only the publishing process needs."""
+    """Builds live rows from samples, without the columns that the publishing process computes."""
 
     def __init__(self, columns: Sequence[Column]) -> None:
         """`columns` are those of a sample."""
@@ -85,7 +85,7 @@ class Reader:
         self.ns = np.zeros(1, np.uint64)
 
     def read(self, data: bytes) -> bool:
-        """Take in a live row; returns whether it is one that can be told of."""
+        """Accept a live row; return whether it is valid."""
         if len(data) != self._sent.itemsize:
             return False
         sent, row = np.frombuffer(data, self._sent), self.row
@@ -105,7 +105,7 @@ class Reader:
         return self.encoders[name].encode(self.row, self.ns)
 
     def _complete(self) -> None:
-        """Fill in what the robot believes of its parts."""
+        """Fill in the estimated poses of the robot's parts."""
         row = self.row
         p, q = row["p_WB"], row["q_WB"]
         if "est_p_WB" in row.dtype.names:

@@ -1,7 +1,7 @@
-"""Commands that come in from outside, by name: services are answered, streams are not.
+"""Incoming commands by name: services are answered, streams are not.
 
 The ROS 2 types and the tables of the documentation (docs/howto/ros2.md) follow from these tables;
-links/broadcast/commands.py carries the commands out.
+links/broadcast/commands.py executes the commands.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ ROS 1, where a call itself returns whether it succeeded."""
 
 
 class Service(NamedTuple):
-    """A command that is answered."""
+    """A command with an answer."""
 
     name: str
     kind: str  # of SERVICE_TYPES
     what: str
-    by_mission: str = ""  # what it does while a mission flies; "" where it is refused
+    by_mission: str = ""  # its effect during a mission; "" if it is refused
 
 
 class Stream(NamedTuple):
-    """A command that is sent again and again."""
+    """A command that is sent repeatedly."""
 
     name: str
     kind: str
@@ -72,4 +72,4 @@ STREAMS = (
            "order or by name"),
 )  # fmt: skip
 OLD_S = 0.25
-"""s beyond the shortest delay from which a message of a stream is dropped."""
+"""s beyond the shortest delay after which a message of a stream is dropped."""

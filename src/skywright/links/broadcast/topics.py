@@ -1,8 +1,8 @@
-"""The topics of a live flight: those of UAL, tf and joints, and everything that a recording has.
+"""The topics of a live flight: those of UAL, tf and joints, and all topics of a recording.
 
-A live row is a sample of the recording with further columns, so that the topics of a recording are
-published as they are written, byte for byte. `GIVEN` are the topics that do not depend on the robot
-(docs/howto/ros2.md has them as a table).
+A live row is a sample of the recording with additional columns, so that the topics of a recording
+are published byte for byte as they are written. `GIVEN` are the topics that do not depend on the
+robot (docs/howto/ros2.md has them as a table).
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ TYPES = {
         "string location\nstring serial_number"
     ),
 }
-"""Types beside those of recordings; a test compares them with every distribution's."""
+"""Types in addition to those of recordings; a test compares them with every distribution's."""
 
 EXTRA = (
     Column("live_state", (), "|u1", "", "state of the vehicle, UAL's number"),
@@ -49,11 +49,11 @@ EXTRA = (
     Column("live_v_B", (3,), "<f8", "m/s", "estimated velocity, in the platform's axes"),
     Column("live_stamp", (), "<u8", "", "mission time, as ROS stamps it"),
 )
-"""Columns of a live row beside those of a sample."""
+"""Columns of a live row in addition to those of a sample."""
 
 
 class Given(NamedTuple):
-    """A topic, and what it is, for the documentation."""
+    """A topic with its description for the documentation."""
 
     topic: Topic
     what: str
@@ -94,7 +94,7 @@ ROBOT = (
         f"`{MAP}` to `{BODY}` as estimated, and the links of the arms; things that move",
     ),
 )
-"""Topics whose message depends on the robot."""
+"""Topics whose messages depend on the robot."""
 TEXTS = (
     Given(Topic("/mission/phase", "std_msgs/String", "", {}), "name of the phase that is flown"),
     Given(

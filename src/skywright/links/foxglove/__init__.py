@@ -1,1 +1,1 @@
-"""Live view in Foxglove by its own SDK."""
+"""Live view in Foxglove with its SDK."""

@@ -1,4 +1,4 @@
-"""The scene of a flight as Foxglove draws it: meshes in the frames of /tf, and force arrows."""
+"""The scene of a flight for Foxglove: meshes in the frames of /tf, and force arrows."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from skywright.reports.scene3d import Scene3d
 from skywright.vehicle.topics import MAP
 
 METRE_A_NEWTON = 0.03
-"""m of an arrow for each N."""
+"""m, length of an arrow per newton."""
 MEASURED, DEMANDED = (0.90, 0.35, 0.10, 1.0), (0.20, 0.46, 0.84, 0.6)
 SHAFT, HEAD = 0.012, 0.03  # m, diameters
 
 
 def build_scene(scene: Scene3d, drawing: Drawing) -> SceneUpdate:
-    """Return robot and world: one entity a mesh, in the frame of its part, which /tf moves."""
+    """Return robot and world: one entity per mesh, in the frame of its part, which /tf moves."""
     entities = []
     for i, mesh in enumerate(scene.meshes):
         vertices = _decode(mesh["v"], "<f4").reshape(-1, 3)
@@ -51,7 +51,7 @@ def build_scene(scene: Scene3d, drawing: Drawing) -> SceneUpdate:
 
 
 def build_forces(arrows: list[Arrow], row: NDArray[Any]) -> SceneUpdate:
-    """Return the forces of a row (1,): demanded and measured, drawn in W."""
+    """Return the forces of a row (1,): commanded and measured, drawn in W."""
     entities = []
     for i, arrow in enumerate(arrows):
         origin, force = arrow.read(row)
@@ -71,7 +71,7 @@ def build_forces(arrows: list[Arrow], row: NDArray[Any]) -> SceneUpdate:
 
 
 def turn_x_to(v: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the quaternion (4,) wxyz of the shortest turn of x to a unit vector (3,)."""
+    """Return the quaternion (4,) wxyz of the smallest rotation of x to a unit vector (3,)."""
     q = np.array([1.0 + v[0], 0.0, -v[2], v[1]])
     length = float(np.linalg.norm(q))
     return q / length if length > 1e-9 else np.array([0.0, 0.0, 0.0, 1.0])

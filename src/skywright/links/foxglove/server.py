@@ -1,7 +1,7 @@
-"""The server that Foxglove connects to: the messages of ROS 2, and the scene as Foxglove draws it.
+"""The server for Foxglove: the messages of ROS 2, and the scene in Foxglove's types.
 
-It listens on this computer alone. A client that is slow loses messages: the SDK drops the oldest of
-its own queue.
+It listens on this computer only. A slow client loses messages: the SDK drops the oldest of its
+queue.
 """
 
 from __future__ import annotations
@@ -25,27 +25,27 @@ from skywright.reports.scene3d import Scene3d
 
 HOST = "127.0.0.1"
 SCENE, FORCES = "/scene", "/scene/forces"
-BACKLOG = 256  # messages that wait for a slow client
+BACKLOG = 256  # messages queued for a slow client
 
 
 class Clients:
-    """Counts the subscriptions, and notes when the scene must be told again."""
+    """Counts the subscriptions, and records when the scene must be sent again."""
 
     def __init__(self) -> None:
         self.subscribed: set[tuple[int, int]] = set()
         self.scene_due = False
 
     def on_subscribe(self, client: Any, channel: Any) -> None:
-        """Note a subscription."""
+        """Add a subscription."""
         self.subscribed.add((client.id, channel.id))
         self.scene_due |= channel.topic == SCENE
 
     def on_unsubscribe(self, client: Any, channel: Any) -> None:
-        """Forget a subscription."""
+        """Remove a subscription."""
         self.subscribed.discard((client.id, channel.id))
 
     def __getattr__(self, name: str) -> Any:
-        """Ignore what a client may do beyond that."""
+        """Ignore all other requests of a client."""
         if name.startswith("on_"):
             return lambda *args: []
         raise AttributeError(name)
@@ -55,7 +55,7 @@ class FoxgloveServer:
     """The server of a flight."""
 
     def __init__(self, port: int) -> None:
-        """Listen on a port, 0: a free one; raises InputError where it is taken."""
+        """Listen on a port, 0: a free one; raises InputError if it is in use."""
         self._context, self._clients = Context(), Clients()
         self._channels: dict[str, Channel] = {}
         self._arrows: list[Arrow] = []
@@ -71,7 +71,7 @@ class FoxgloveServer:
         print(f"foxglove: listening on {url}", file=sys.stderr, flush=True)
 
     def declare(self, reader: Reader) -> None:
-        """Offer the topics of a flight."""
+        """Declare the topics of a flight."""
         for encoder in reader.encoders.values():
             self._add(encoder.topic)
         for given in TEXTS:
@@ -91,11 +91,11 @@ class FoxgloveServer:
 
     @property
     def watched(self) -> bool:
-        """Whether anybody is subscribed."""
+        """Whether any topic has a subscriber."""
         return bool(self._clients.subscribed)
 
     def publish(self, reader: Reader) -> None:
-        """Send the newest row on the topics that somebody is subscribed to."""
+        """Publish the newest row on the topics with subscribers."""
         ns = int(reader.ns[0])
         if self._clients.scene_due:
             self._clients.scene_due = False
@@ -108,7 +108,7 @@ class FoxgloveServer:
             self._forces.log(build_forces(self._arrows, reader.row), log_time=ns)
 
     def tell(self, name: str, text: str, ns: int) -> None:
-        """Send a text (std_msgs/String)."""
+        """Publish a text (std_msgs/String)."""
         channel = self._channels.get(name)
         if channel is not None and channel.has_sinks():
             topic = Topic(name, "std_msgs/String", "", {}, {"data": text})

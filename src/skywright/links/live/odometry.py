@@ -1,4 +1,4 @@
-"""Poses as MAVLink ODOMETRY messages: what motion capture sends to an autopilot.
+"""Poses as MAVLink ODOMETRY messages, as sent from motion capture to an autopilot.
 
 The message has NED (or a local FRD frame) for the world and FRD for the body; a sample has ENU and
 FLU. `clock` is the sender's system id, `t` its `time_usec`.

@@ -1,9 +1,9 @@
-"""What streams are made of: pose packets (binary, UDP) and instrument lines (text, UDP or serial).
+"""Formats of live streams: pose packets (binary, UDP) and instrument lines (text, UDP or serial).
 
 Version 1. Numbers of a pose packet are little-endian; `crc` is zlib's CRC-32 of all bytes before
 it. A line is `$KIND,1,NAME,CLOCK,SEQUENCE,TIME,VALUES...*HH` and a line feed; HH is the exclusive
-or of the characters between `$` and `*`, in hexadecimal. `clock` names the clock that `t` is read
-from: streams with the same number share it, and a sender that starts again takes a new one.
+or of the characters between `$` and `*`, in hexadecimal. `clock` identifies the clock of `t`:
+streams with the same number share it, and a restarted sender uses a new number.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ CAUSES = {
     "clock": "a sample whose time goes back",
     "streams": "a stream beyond the number that is kept",
 }
-"""Cause for which something is refused -> what it means."""
+"""Cause of a refusal -> description."""
 
 
 class Sample(NamedTuple):
@@ -57,16 +57,16 @@ class Sample(NamedTuple):
 
 
 class Refused(Exception):
-    """Bytes that are no sample; the message is the cause."""
+    """Bytes that are not a valid sample; the message is the cause."""
 
 
 def check_name(name: str) -> bool:
-    """Whether a stream may have a name: letters, digits, `-`, `_`, as files' names have."""
+    """Whether a name is valid for a stream: letters, digits, `-`, `_`, as in file names."""
     return 0 < len(name) <= NAME_MAX and name.isascii() and name.replace("-", "_").isidentifier()
 
 
 def pack_pose(sample: Sample) -> bytes:
-    """Return the packet of a position or pose; raises ValueError for a sample that has none."""
+    """Return the packet of a position or pose; raises ValueError for another kind of sample."""
     turned = sample.kind == "pose"
     if not check_name(sample.name) or len(sample.values) != (7 if turned else 3):
         raise ValueError(f"{sample.name!r} is no name, or has {len(sample.values)} values")
@@ -102,7 +102,7 @@ def parse_pose(data: bytes) -> Sample:
 
 
 def format_line(sample: Sample) -> bytes:
-    """Return the line of an instrument's sample; raises ValueError where there is none."""
+    """Return the line of an instrument's sample; raises ValueError for another kind of sample."""
     if len(sample.values) != len(LINES.get(sample.kind, ())) or not check_name(sample.name):
         raise ValueError(f"{sample.kind!r} is no kind of line, or {sample.name!r} is no name")
     head = f"{sample.kind},{VERSION},{sample.name},{sample.clock},{sample.sequence}"
@@ -135,7 +135,7 @@ def parse_line(line: bytes) -> Sample:
 
 
 class LineSplitter:
-    """Lines of a stream of bytes, as a serial port delivers them."""
+    """Splits a stream of bytes, such as from a serial port, into lines."""
 
     def __init__(self) -> None:
         self._rest = b""

@@ -1,4 +1,4 @@
-"""Plays recorded samples at the pace at which they were taken."""
+"""Plays recorded samples at their recorded pace."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ from skywright.links.udp.address import parse_address
 Array = NDArray[np.float64]
 
 T_MAX = 1e13
-"""s, of the microseconds in ODOMETRY (64 bits)."""
-SYSTEMS_MAX = 255  # ids of systems
+"""s, limit of the microseconds in ODOMETRY (64 bits)."""
+SYSTEMS_MAX = 255  # largest system id
 
 
 class Track(NamedTuple):
@@ -44,11 +44,11 @@ class Track(NamedTuple):
     t: Array  # (n,) s
     values: Array  # (n, k)
     source: str = ""
-    """Whose clock `t` is; tracks of one source share it."""
+    """Name of the clock of `t`; tracks of one source share it."""
 
 
 class Target:
-    """Where samples go: udp:HOST:PORT, mavlink:HOST:PORT or serial:PORT[:BAUD]."""
+    """Destination of samples: udp:HOST:PORT, mavlink:HOST:PORT or serial:PORT[:BAUD]."""
 
     def __init__(self, address: str) -> None:
         """Raises InputError for anything else."""
@@ -65,7 +65,7 @@ class Target:
             except InputError as error:
                 raise InputError(str(error).replace("udp:", f"{kind}:")) from None
             if kind == "mavlink":
-                load_dialect()  # says at once where it is not installed
+                load_dialect()  # fails early if it is not installed
                 self._mavlink = {}
             self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         else:
@@ -75,14 +75,14 @@ class Target:
             )
 
     def takes(self, kind: str) -> bool:
-        """Whether samples of a kind can go there."""
+        """Whether samples of a kind can be sent there."""
         if self.kind == "serial":
             return kind in LINES
         return kind == "pose" if self.kind == "mavlink" else True
 
     def send(self, sample: Sample) -> None:
-        """Send one sample; UDP may lose it. Raises InputError where a serial port takes none."""
-        if self._mavlink is not None:  # a system for each stream: the message has no name
+        """Send one sample; UDP may lose it. Raises InputError if a serial port refuses it."""
+        if self._mavlink is not None:  # one system per stream: the message has no name
             if sample.name not in self._mavlink:
                 self._mavlink[sample.name] = MavlinkStream(1 + len(self._mavlink))
             data = pack_odometry(self._mavlink[sample.name], sample)
@@ -97,7 +97,7 @@ class Target:
         assert self._socket is not None
         try:
             self._socket.sendto(data, self._place)
-        except OSError:  # nobody listens
+        except OSError:  # no program listens
             return
 
     def close(self) -> None:
@@ -109,7 +109,7 @@ class Target:
 
 
 def make_name(text: str) -> str:
-    """Return a stream's name that is like `text`."""
+    """Return a valid stream name that resembles `text`."""
     kept = "".join(c if c.isascii() and (c.isalnum() or c in "-_") else "_" for c in text)
     kept = kept[:NAME_MAX]
     return kept if check_name(kept) else ("_" + kept)[:NAME_MAX]
@@ -118,7 +118,7 @@ def make_name(text: str) -> str:
 def list_samples(tracks: Sequence[Track]) -> Iterator[tuple[float, Sample]]:
     """Return all samples with the time (s) at which each is due, in order.
 
-    The first sample of each source is due at 0: clocks of different sources have nothing in common.
+    The first sample of each source is due at 0: clocks of different sources are unrelated.
     """
     first = int.from_bytes(os.urandom(3), "little")
     sources = {track.source for track in tracks}
@@ -139,9 +139,9 @@ def play(
     tracks: Sequence[Track], target: Target, speed: float = 1.0,
     clock: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep,
 ) -> dict[str, int]:  # fmt: skip
-    """Send tracks at `speed` times real time; returns how many samples of each went out.
+    """Send tracks at `speed` times real time; return the number of samples sent per track.
 
-    Raises InputError where the target takes none of them, or two have one name.
+    Raises InputError if the target accepts none of them, or if two have the same name.
     """
     taken = [track for track in tracks if target.takes(track.kind) and len(track.t)]
     if not taken:

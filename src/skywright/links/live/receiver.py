@@ -1,9 +1,9 @@
-"""Streams as they arrive: what is new, how old it is, what was refused.
+"""Receiver of live streams: order, age, and counts of refused samples.
 
-A sender's clock is related to ours by its smallest delay: age = (arrival - t) - the smallest of
-(arrival - t) within the last FORGET_S. No common clock is needed, and a clock that drifts is
-followed. Only the newest sample of a stream is acted upon; one that is older than STALE_S when it
-arrives is counted, kept for files, and never the newest.
+The offset of a sender's clock is its smallest delay: age = (arrival - t) - the smallest of (arrival
+- t) within the last FORGET_S. No common clock is needed, and clock drift is tracked. Only the
+newest sample of a stream is used. A sample that is older than STALE_S when it arrives is counted
+and written to files, but never becomes the newest.
 """
 
 from __future__ import annotations
@@ -34,20 +34,20 @@ from skywright.links.udp.address import parse_address
 
 STALE_S = 0.25
 FORGET_S, BUCKET_S = 30.0, 1.0
-"""s over which the smallest delay of a clock holds, and its resolution."""
+"""s of validity of a clock's smallest delay, and its resolution."""
 STREAMS_MAX, CLOCKS_MAX = 64, 64
-AT_ONCE = 256  # datagrams a poll
+AT_ONCE = 256  # datagrams per poll
 MAVLINK_2 = 0xFD
 BUFFER = 1 << 22
-"""Bytes of datagrams that the system shall keep while a busy computer does not read them."""
+"""Bytes of the socket's receive buffer, for times when a busy computer does not read it."""
 
 
 class Arrived(NamedTuple):
-    """A sample and when it came."""
+    """A sample and its time of arrival."""
 
     sample: Sample
     arrival: float  # s, monotonic
-    age: float  # s, when it arrived
+    age: float  # s, at arrival
 
 
 class DelayClock:
@@ -57,7 +57,7 @@ class DelayClock:
         self._buckets: deque[tuple[float, float]] = deque()  # bucket's time, smallest difference
 
     def take(self, t: float, arrival: float) -> float:
-        """Note a sample; returns its age (s) on arrival."""
+        """Add a sample; return its age (s) on arrival."""
         difference, at = arrival - t, math.floor(arrival / BUCKET_S)
         if self._buckets and self._buckets[-1][0] == at:
             if difference < self._buckets[-1][1]:
@@ -70,22 +70,22 @@ class DelayClock:
 
     @property
     def offset(self) -> float:
-        """Our clock minus the sender's (s), but for the smallest delay."""
+        """Local clock minus the sender's (s), including the smallest delay."""
         return min(d for _, d in self._buckets)
 
 
 class Stream:
-    """One name of one kind."""
+    """A stream: one name of one kind."""
 
     def __init__(self, kind: str, name: str) -> None:
         self.kind, self.name = kind, name
         self.newest: Arrived | None = None
-        """The newest sample that was fresh when it arrived."""
+        """The newest sample that was fresh at arrival."""
         self.count = self.stale = self.restarts = self.lost = 0
         self._last: Sample | None = None
 
     def take(self, sample: Sample, arrival: float, age: float) -> Arrived:
-        """Take a sample; raises Refused for one that is not new."""
+        """Add a sample; raises Refused for one that is not new."""
         last = self._last
         if last is not None and sample.clock != last.clock:
             self.restarts += 1
@@ -107,7 +107,7 @@ class Stream:
 
 
 class LiveReceiver:
-    """Hears pose packets, MAVLink ODOMETRY and lines on one UDP port or serial port."""
+    """Receives pose packets, MAVLink ODOMETRY and lines on one UDP port or serial port."""
 
     def __init__(
         self, address: str, option: str = "receive", clock: Callable[[], float] = time.monotonic
@@ -127,7 +127,7 @@ class LiveReceiver:
         self._odometries = 0
         self.port = 0
         self.failure = ""
-        """Why nothing comes any more: the serial port has gone."""
+        """Why reception has ended, such as a failed serial port, or ""."""
         if address.startswith("serial:"):
             path, baud = split_serial(address, option)
             self._serial = open_port(path, baud, option)
@@ -154,7 +154,7 @@ class LiveReceiver:
             self._serial.close()
 
     def poll(self) -> list[Arrived]:
-        """Return what has come since the last call, of all streams, in the order of arrival."""
+        """Return the samples of all streams since the last call, in the order of arrival."""
         found: list[Arrived] = []
         if self._serial is not None:
             try:
@@ -177,7 +177,7 @@ class LiveReceiver:
         return found
 
     def feed(self, data: bytes, found: list[Arrived]) -> None:
-        """Take one datagram; what it holds is appended to `found`."""
+        """Process one datagram; its samples are appended to `found`."""
         if data[:4] == MAGIC:
             self._take(lambda: parse_pose(data), found)
         elif data[:1] == bytes([MAVLINK_2]):
@@ -193,7 +193,7 @@ class LiveReceiver:
         if self._mavlink is None:
             try:
                 self._mavlink = MavlinkStream()
-            except InputError:  # what anyone sends must not end a recording
+            except InputError:  # invalid data must not end a recording
                 self.counts["extra"] += 1
                 return
         for message in self._mavlink.feed(data):
@@ -224,13 +224,13 @@ class LiveReceiver:
         return next((s for (_, n), s in self.streams.items() if n == name), None)
 
     def measure_age(self, stream: Stream) -> float:
-        """Return how old (s) a stream's newest sample is now; infinite without one."""
+        """Return the age (s) of a stream's newest sample; infinite without one."""
         if stream.newest is None:
             return math.inf
         return stream.newest.age + self._clock() - stream.newest.arrival
 
     def describe_refused(self) -> list[str]:
-        """Return a line for each cause for which something was refused."""
+        """Return one line for each cause of refused data."""
         lines = [
             f"{self.counts[c]} refused: {says}" for c, says in CAUSES.items() if self.counts[c]
         ]

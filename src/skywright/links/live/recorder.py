@@ -1,8 +1,8 @@
-"""Streams into files that `skywright locate` and `skywright weld` read.
+"""Writes streams to files that `skywright locate` and `skywright weld` read.
 
 Each stream becomes NAME.csv with the sender's times, so that `locate` aligns clocks by the motion
-as it does for files of others. An eddy-current stream and the poses of the tip become scan.csv, on
-one clock: where both share a clock, exactly, else by the smallest delays of both.
+as for other files. An eddy-current stream and the poses of the tip become scan.csv on one clock:
+exactly if both share a clock, else by the smallest delays of both.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ PLACE = ("x_m", "y_m", "z_m")
 TURN = ("qw", "qx", "qy", "qz")
 UNITS = {"SKYEC": ("re", "im"), "SKYFT": ("fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm")}
 GAP = 5.0
-"""Times the usual interval of the tip's poses, beyond which no place is interpolated."""
-NEAR = 0.01  # of the usual interval, from a pose that holds beside a gap
+"""Gaps longer than this number of usual intervals of the tip's poses are not interpolated."""
+NEAR = 0.01  # of the usual interval: distance to a pose that is still used beside a gap
 ROWS_MIN = 30
 
 
 class LiveRecorder:
-    """Writes what arrives into a folder."""
+    """Writes received samples to a folder."""
 
     def __init__(self, folder: Path) -> None:
-        """Raises InputError where the folder cannot be made or has files of streams already."""
+        """Raises InputError if the folder cannot be created or already contains stream files."""
         try:
             folder.mkdir(parents=True, exist_ok=True)
             taken = sorted(folder.glob("*.csv"))
@@ -47,7 +47,7 @@ class LiveRecorder:
         self._rows: dict[tuple[str, str], list[tuple[float, ...]]] = {}
 
     def write(self, arrived: Arrived) -> None:
-        """Append a sample; raises InputError where the disk is full."""
+        """Append a sample; raises InputError if the disk is full."""
         sample = arrived.sample
         key = sample.kind, sample.name
         file = self._files.get(key)
@@ -61,7 +61,7 @@ class LiveRecorder:
         self._rows[key].append((sample.t, float(sample.clock), *sample.values))
 
     def finish(self, receiver: LiveReceiver) -> list[Path]:
-        """Close the files, and write scan.csv where it can be; returns all files."""
+        """Close the files, and write scan.csv if possible; return all files."""
         for file in self._files.values():
             file.close()
         paths = [Path(file.name) for file in self._files.values()]
@@ -81,7 +81,7 @@ class LiveRecorder:
         return file
 
     def _merge(self, receiver: LiveReceiver) -> Path | None:
-        """Write the instrument's signal with the tip's places; None where one is missing."""
+        """Write the instrument's signal with the tip's positions; None if one is missing."""
         signals = [key for key in self._rows if key[0] == "SKYEC"]
         tips = [key for key in self._rows if key[1] == "tip" and key[0] not in LINES]
         if len(signals) != 1 or len(tips) != 1:
@@ -119,7 +119,7 @@ class LiveRecorder:
 
 
 def record(receiver: LiveReceiver, recorder: LiveRecorder, seconds: float, idle_s: float) -> None:
-    """Record for `seconds`, until nothing comes for `idle_s` (s), a failure or an interrupt."""
+    """Record for `seconds`, until no data arrive for `idle_s` (s), a failure or an interrupt."""
     begin, last = time.monotonic(), math.inf
     try:
         while time.monotonic() - begin < seconds and time.monotonic() - last < idle_s:

@@ -1,4 +1,4 @@
-"""What can be played: a run's recording and a scan file; trajectories come from the caller."""
+"""Sources of the player: a run's recording and a scan file; trajectories come from the caller."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ Array = NDArray[np.float64]
 
 
 def load_run_tracks(path: Path) -> list[Track]:
-    """Return what a run's recording has: tip and signal of a scan, wrench, the true platform.
+    """Return the tracks of a run's recording: tip and signal of a scan, wrench, true platform pose.
 
-    Raises InputError where it has none of them.
+    Raises InputError if it has none of them.
     """
     samples = read_recording(path / "recording.mcap" if path.is_dir() else path).samples
     names = samples.dtype.names or ()
@@ -46,7 +46,7 @@ def load_scan_tracks(path: Path, columns: str | None = None) -> list[Track]:
 
 
 def build_scan_tracks(scan: Scan, source: str) -> list[Track]:
-    """Return the signal, and the tip as poses where the probe's axis is known."""
+    """Return the signal, and the tip as poses if the probe's axis is known."""
     signal = Track("SKYEC", "eddy", scan.t, scan.ec, source)
     if scan.axis_W is None or not np.all(np.isfinite(scan.axis_W)):
         return [signal, Track("position", "tip", scan.t, scan.p_WT, source)]
@@ -55,7 +55,7 @@ def build_scan_tracks(scan: Scan, source: str) -> list[Track]:
 
 
 def is_scan(path: Path) -> bool:
-    """Whether a text file's header has a signal: `re` and `im`."""
+    """Whether a text file's header names a signal: `re` and `im`."""
     try:
         with path.open("rb") as file:
             head = file.read(4096).decode("utf-8", errors="replace").lower()
@@ -74,7 +74,7 @@ def is_run(path: Path) -> bool:
 
 
 def _build_frame(axis: Array) -> Array:
-    """Return a rotation whose z is `axis` (3,); the turn about it is free."""
+    """Return a rotation whose z is `axis` (3,); the rotation about it is arbitrary."""
     z = axis / np.linalg.norm(axis)
     x = np.cross(z, [0.0, 0.0, 1.0] if abs(z[2]) < 0.9 else [1.0, 0.0, 0.0])
     x /= np.linalg.norm(x)

@@ -1,7 +1,7 @@
 """Message 82 (SET_ATTITUDE_TARGET) with its extension `thrust_body`, which pymavlink lacks.
 
 The payload is that of MAVLink's common.xml: the base fields in the order of their size, then the
-extension, 51 bytes. A receiver that does not know the extension reads the base fields.
+extension, 51 bytes. A receiver without the extension reads the base fields.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ HEADER = 10  # bytes before the payload of a packet of MAVLink 2
 
 
 class AttitudeTarget(NamedTuple):
-    """An attitude of FRD in NED and what the rotors shall do."""
+    """An attitude of FRD in NED and the thrust command."""
 
     time_ms: int
     type_mask: int
@@ -36,7 +36,8 @@ class AttitudeTarget(NamedTuple):
     component: int = 1
 
     def pack(self, sender: Any) -> bytes:
-        """Return the packet (MAVLink 2) that `sender`, pymavlink's MAVLink, would send now."""
+        """Return the MAVLink 2 packet; `sender` (pymavlink's MAVLink) provides sequence number and
+        ids."""
         from pymavlink.dialects.v20.common import MAVLink_set_attitude_target_message as Message
 
         payload = PAYLOAD.pack(
@@ -49,9 +50,9 @@ class AttitudeTarget(NamedTuple):
 
     @classmethod
     def read(cls, message: Any) -> AttitudeTarget | None:
-        """Return what a received message 82 holds; None where a number in it is none.
+        """Return the content of a received message 82; None if a number in it is invalid.
 
-        A field that type_mask excludes may hold anything.
+        A field that type_mask excludes may have any value.
         """
         packet = bytes(message.get_msgbuf())
         payload = packet[HEADER : HEADER + packet[1]].ljust(PAYLOAD.size, b"\0")[: PAYLOAD.size]

@@ -1,7 +1,7 @@
-"""The force that the robot's own law asks for, as shares of the rotors' thrust: `?force`.
+"""Force command of the robot's own law as shares of the rotors' thrust: option `?force`.
 
-The law runs at its own rate on the autopilot's estimate. Its force goes out with each set-point;
-its torque does not, because the autopilot closes the attitude loop.
+The law runs at its own rate on the autopilot's estimate. Each set-point contains its force but not
+its torque, because the autopilot closes the attitude loop.
 """
 
 from __future__ import annotations
@@ -30,22 +30,22 @@ from skywright.vehicle.loops import (
 Array = NDArray[np.float64]
 
 SPARE = math.radians(30.0)
-"""rad of phase that the position loop keeps."""
+"""rad, phase margin of the position loop."""
 REPORT_S = 0.02
 """s between the vehicle's reports of its position."""
 
 
 class BodyForce:
-    """The law's force, tick by tick."""
+    """The law's force at each tick."""
 
     def __init__(self, vehicle: Any, link: VehicleLink) -> None:
-        """Raises InputError where robot or law have no such force, or the link is too slow."""
+        """Raises InputError if robot or law have no such force, or if the link is too slow."""
         says = find_forceless(vehicle.robot, vehicle.law, vehicle.world.gravity_mps2)
         if says:
             raise InputError(f"?force: {says}")
         rotors = vehicle.rotors
         self._unit = np.full(3, float(rotors.axis[:, 2] @ rotors.thrust_max))
-        """N, of a share of 1 along each axis of B."""
+        """N, force of a share of 1 along each axis of B."""
         if not link.heard.simulated:
             self._unit = build_airframe(vehicle.robot, vehicle.world).force_units
         steps = vehicle.assembly.steps
@@ -58,12 +58,12 @@ class BodyForce:
         self._command = vehicle.assembly.get(WrenchCommand)
 
     def compute(self) -> Array:
-        """Return the shares (3,) along B of the force that the law asked for last."""
+        """Return the shares (3,) along B of the law's last force."""
         return np.asarray(self._command["f_B"]) / self._unit
 
 
 def find_forceless(robot: Robot, law: Law, gravity: float) -> str:
-    """Return why a robot flies by no body force over MAVLink, "" where it does."""
+    """Return why a robot cannot fly by body forces over MAVLink, or ""."""
     tilt = compute_hover_tilt(robot, posture(robot, "folded"), gravity)
     if not tilt > math.radians(1.0):
         return f"the rotors of {robot.name!r} do not push sideways; fly it without ?force"
@@ -80,22 +80,22 @@ def find_forceless(robot: Robot, law: Law, gravity: float) -> str:
 def measure_delay(link: VehicleLink) -> float:
     """Return the dead time (s) of the loop over a link.
 
-    A message and its answer take the round trip; half a period goes by until a position is
-    reported, half of one until the next set-point goes out, and half of one while it is held.
+    It is the round trip of a message and its answer, half a period until a position is reported,
+    half of one until the next set-point is sent, and half of one while it is held.
     """
     link.wait(lambda h: len(h.round_trips) >= 4, 4.0)
     return link.delay + 0.5 * REPORT_S + PERIOD
 
 
 def compute_most(control: Control, rotor_tau: float) -> float:
-    """Return the dead time (s) with which the position loop keeps SPARE of phase."""
+    """Return the dead time (s) at which the position loop keeps the phase margin SPARE."""
     c = control
     loop = AttitudeGains(c.position_bandwidth_rad_s, c.position_damping, c.position_integral_rad_s)
     return compute_delay_margin(loop, rotor_tau, SPARE)
 
 
 def explain(robot: str, delay: float, most: float) -> str:
-    """Say that a link is too slow for the position loop."""
+    """Return the message that a link is too slow for the position loop."""
     return (
         f"?force: the position loop of {robot!r} keeps a phase margin of "
         f"{math.degrees(SPARE):.0f} deg with a dead time up to {1e3 * most:.0f} ms; this link "

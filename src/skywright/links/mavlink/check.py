@@ -1,4 +1,4 @@
-"""Which missions and robots fly over MAVLink: told before anything is connected."""
+"""Checks before connection whether a mission and a robot can fly over MAVLink."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ WHY = {
     "hands": "its compliant arms feel forces in the physics only",
     "dynamics": "it judges the motion that forces make",
 }
-"""What a MAVLink vehicle does not offer -> why not."""
+"""Feature that a MAVLink vehicle does not offer -> reason."""
 
 
 def find_refusal(setup: Setup[Any]) -> str:
-    """Return why a mission is not flown over MAVLink, "" where it is."""
+    """Return why a mission cannot fly over MAVLink, or ""."""
     d = setup.description
     kind = load_kind(d.mission.kind)
     lacks = sorted(kind.needs - OFFERS)
@@ -37,7 +37,7 @@ def find_refusal(setup: Setup[Any]) -> str:
 
 
 def find_unflyable(setup: Setup[Any]) -> str:
-    """Return why an autopilot's position control does not fly a robot in a world, or ""."""
+    """Return why an autopilot's position control cannot fly a robot in a world, or ""."""
     robot, world = setup.robot, setup.world
     if compute_link_arc(robot, setup.model) is not None:
         return (

@@ -1,4 +1,4 @@
-"""COMMAND_LONG and COMMAND_INT to a simulated robot: each is answered at once."""
+"""COMMAND_LONG and COMMAND_INT of a simulated robot; each has an immediate answer."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ RELATIVE_FRAMES = (3, 6)
 
 
 class Asked(NamedTuple):
-    """A command: seven numbers, the fifth and sixth in degrees where it is a COMMAND_INT."""
+    """A command: seven numbers, the fifth and sixth in degrees for a COMMAND_INT."""
 
     number: int
     p: tuple[float, ...]
@@ -31,7 +31,7 @@ class Asked(NamedTuple):
 
     @classmethod
     def read(cls, m: Any) -> Asked:
-        """Return what a message asks for."""
+        """Return the command of a message."""
         four = (m.param1, m.param2, m.param3, m.param4)
         if m.get_type() == "COMMAND_INT":
             unknown = m.x == 2**31 - 1 or m.y == 2**31 - 1
@@ -62,7 +62,7 @@ class Commands:
         }
 
     def do(self, asked: Asked) -> Reply:
-        """Carry out a command; one that is not known is unsupported."""
+        """Execute a command; an unknown one is unsupported."""
         command = self.table.get(asked.number)
         return Reply(UNSUPPORTED) if command is None else command(asked)
 

@@ -1,8 +1,8 @@
-"""The back end `mavlink:URL`: the platform is a MAVLink vehicle, the arms beside it are simulated.
+"""The back end `mavlink:URL`: the platform is a MAVLink vehicle, the arms are simulated.
 
 Mission time is the vehicle's clock, so that a simulated vehicle may be slower or faster than real
-time; it stands still while the motors are started and stopped, and while the link is silent. The
-samples' truth is the estimate: nobody else measures.
+time. It pauses while the motors are started and stopped, and while the link is silent. The recorded
+truth is the estimate, because there is no other measurement.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from skywright.vehicle.kinematic import KinematicVehicle
 from skywright.vehicle.plant import MISSION_TICK
 
 COMPONENT = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
-AHEAD_S = 0.3  # s for which a position is carried on with its velocity
-EARLY_S = 1e-3  # s that a tick may end too early
+AHEAD_S = 0.3  # s for which a position is extrapolated with its velocity
+EARLY_S = 1e-3  # s by which a tick may end early
 
 
 class MavlinkVehicle(Offboard, KinematicVehicle):
     """A back end (vehicle.interface.Backend) that a MAVLink vehicle flies."""
 
     def __init__(self, link: VehicleLink, force: bool, *args: Any, **kwargs: Any) -> None:
-        """Take a link, whether body forces are sent in place of positions, and what
-        SimulatedVehicle takes.
+        """Take a link, whether body forces are sent instead of positions, and the arguments of
+        SimulatedVehicle.
 
-        Raises InputError where no vehicle is heard, or it cannot fly this robot.
+        Raises InputError if no vehicle is found, or if it cannot fly this robot.
         """
         super().__init__(link, *args, **kwargs)
         self.late_s = 0.0
@@ -42,14 +42,14 @@ class MavlinkVehicle(Offboard, KinematicVehicle):
 
     @property
     def localised(self) -> bool:
-        """Whether the autopilot tells where it is."""
+        """Whether the autopilot reports its position."""
         return bool(self._state["ready"] > 0.0)
 
     def _fly_tick(self, guards: int) -> Ticked:
         return KinematicVehicle.tick(self, guards)
 
     def _move(self) -> None:
-        """Take the pose that the vehicle tells; the joints follow their reference."""
+        """Set the pose to the vehicle's report; the joints follow their reference."""
         with self.link.lock:
             h = self.link.heard
             age = max(self.link.age(h.place), 0.0)
@@ -64,19 +64,19 @@ class MavlinkVehicle(Offboard, KinematicVehicle):
             self._gauge["charge"] = charge
 
     def _now(self) -> float:
-        """Return the vehicle's time (s), carried on from its last report of a place."""
+        """Return the vehicle's time (s), extrapolated from its last position report."""
         with self.link.lock:
             h = self.link.heard
             return 1e-3 * h.place_ms + h.pace * min(self.link.age(h.place), AHEAD_S)
 
     def _pace(self) -> None:
-        """Wait until the tick is over by the vehicle's clock; a silence has a rule of its own."""
+        """Wait until the tick is over by the vehicle's clock; `_wait_for_link` handles silence."""
         self._due += MISSION_TICK
         end = self.clock.now() + SILENT_S
         while (left := self._due - self._now()) > EARLY_S and self.clock.now() < end:
             self.clock.sleep(left / self.link.heard.pace)
         self.late_s = max(self.late_s, -left)
-        if -left > 0.5:  # what is later is given up
+        if -left > 0.5:  # larger delays are not made up
             self._due += -left
 
 
@@ -86,7 +86,7 @@ def connect(url: Url, clock: Clock | None) -> VehicleLink:
 
 
 def check_backend(address: str, setup: Any) -> None:
-    """Raise InputError where a mission is not flown over MAVLink."""
+    """Raise InputError if a mission cannot fly over MAVLink."""
     says = find_refusal(setup)
     if says:
         raise InputError(f"backend mavlink: {says}")
@@ -96,12 +96,12 @@ def open_backend(
     text: str, clock: Clock | None = None,
     connect: Callable[[Url, Clock | None], VehicleLink] = connect,
 ) -> Callable[..., MavlinkVehicle]:  # fmt: skip
-    """Return what builds the back end of `URL`, or `URL?force`; raises InputError."""
+    """Return a function that builds the back end of `URL`, or `URL?force`; raises InputError."""
     url, _, option = text.partition("?")
     if option not in ("", "force"):
         raise InputError(f"backend mavlink: ?{option} is unknown; valid: ?force")
     parsed = parse_url(url, "--backend mavlink")
-    load_dialect()  # says at once where pymavlink is not installed
+    load_dialect()  # fails early if pymavlink is not installed
 
     def build(setup: Any, *args: Any, **kwargs: Any) -> MavlinkVehicle:
         check_backend(url, setup)

@@ -1,7 +1,8 @@
-"""Where MAVLink goes: `udpin:HOST:PORT`, `udpout:HOST:PORT`, `tcp:HOST:PORT`, `serial:DEVICE:BAUD`.
+"""Endpoints of MAVLink: `udpin:HOST:PORT`, `udpout:HOST:PORT`, `tcp:HOST:PORT`,
+`serial:DEVICE:BAUD`.
 
-`udpin` listens and answers whoever speaks, `udpout` begins to speak, `tcp` connects. Nothing here
-waits, raises on what arrives, or grows with it.
+`udpin` listens and answers its senders, `udpout` sends first, `tcp` connects. No function blocks or
+raises on received data, and memory is bounded.
 """
 
 from __future__ import annotations
@@ -17,16 +18,16 @@ from skywright.errors import InputError
 from skywright.links.mavlink.stream import MavlinkStream
 
 KINDS = ("udpin", "udpout", "tcp", "serial")
-AT_ONCE = 200  # datagrams read in one go: a flood of them must not stop the flight
+AT_ONCE = 200  # datagrams per read: bounds the time of a tick under a flood of datagrams
 PEERS = 8
 """Most senders that an endpoint answers."""
-SILENT_S = 10.0  # s after which nothing is sent any more to one that spoke first
+SILENT_S = 10.0  # s of silence after which a sender of `udpin` receives nothing more
 SIZE = 2048
 RETRY_S = 1.0  # s between attempts to connect
 
 
 class Url(NamedTuple):
-    """An endpoint's kind and place."""
+    """Kind and address of an endpoint."""
 
     kind: str
     host: str  # of serial: the device
@@ -37,7 +38,7 @@ class Url(NamedTuple):
 
     @property
     def is_local(self) -> bool:
-        """Whether only this computer is reached."""
+        """Whether it is reachable from this computer only."""
         if self.kind == "serial":
             return True
         try:
@@ -47,7 +48,7 @@ class Url(NamedTuple):
 
 
 def parse_url(text: str, option: str = "--mavlink") -> Url:
-    """Return an endpoint; raises InputError, which names the option, on what is none."""
+    """Return an endpoint; raises InputError, which names the option, for an invalid one."""
     valid = "udpin:[HOST:]PORT, udpout:[HOST:]PORT, tcp:[HOST:]PORT, serial:DEVICE[:BAUD]"
     kind, _, rest = str(text).partition(":")
     rest = rest.removeprefix("//")
@@ -64,7 +65,7 @@ def parse_url(text: str, option: str = "--mavlink") -> Url:
 
 
 class Peer:
-    """Who is at the other end."""
+    """The other end of a connection."""
 
     def __init__(self, address: Any, system: int, component: int, now: float) -> None:
         self.address, self.heard = address, now
@@ -72,10 +73,10 @@ class Peer:
 
 
 class Wire(Protocol):
-    """Bytes both ways; what does not get through is lost."""
+    """Bytes in both directions; undelivered bytes are lost."""
 
     def receive(self) -> tuple[bytes, Any] | None:
-        """Return what has come and from whom, None where nothing has."""
+        """Return received bytes and their sender, or None."""
 
     def send(self, data: bytes, address: Any) -> None:
         """Send."""
@@ -85,10 +86,10 @@ class Wire(Protocol):
 
 
 class Endpoint:
-    """An open endpoint: messages from all its peers, and messages to them."""
+    """An open endpoint: messages from and to all its peers."""
 
     def __init__(self, url: Url, system: int, component: int, wire: Wire | None = None) -> None:
-        """Open it; raises InputError where that is not possible. `wire` is in its place (tests)."""
+        """Open it; raises InputError if that fails. `wire` replaces the connection in tests."""
         self.url, self._ids = url, (system, component)
         self.counts: Counter[str] = Counter()
         place = url if wire is not None else _resolve(url)
@@ -102,7 +103,7 @@ class Endpoint:
             self._fixed = None
 
     def poll(self) -> Iterator[tuple[Any, Peer]]:
-        """Yield what has come, each with its sender."""
+        """Yield received messages, each with its sender."""
         now = time.monotonic()
         for _ in range(AT_ONCE):
             found = self.wire.receive()
@@ -124,7 +125,7 @@ class Endpoint:
         if self._fixed is not None:
             only = self.peers[self._fixed]
             if self.url.kind == "udpout":
-                only.address = address  # it answers from a port of its own
+                only.address = address  # the answer may come from another port
             return only
         peer = self.peers.get(address)
         if peer is None:
@@ -136,7 +137,7 @@ class Endpoint:
         return peer
 
     def send(self, message: Any, peer: Peer | None = None) -> None:
-        """Send a message to a peer, or to all."""
+        """Send a message to a peer, or to all peers."""
         now = time.monotonic()
         for one in [peer] if peer is not None else list(self.peers.values()):
             if self._fixed is None and now - one.heard > SILENT_S:
@@ -149,7 +150,7 @@ class Endpoint:
 
 
 def _resolve(url: Url) -> Url:
-    """Return an endpoint with its host in numbers: no name is looked up in flight."""
+    """Return an endpoint with a numeric host address: no name is resolved in flight."""
     if url.kind == "serial":
         return url
     try:
@@ -190,13 +191,13 @@ class UdpWire:
                 return self._socket.recvfrom(SIZE)
             except (BlockingIOError, InterruptedError):
                 return None
-            except ConnectionError:  # a port that was closed at the other end
+            except ConnectionError:  # a closed port at the other end
                 continue
             except OSError:
                 return None
 
     def send(self, data: bytes, address: Any) -> None:
-        """Send a datagram, or lose it."""
+        """Send a datagram; it may be lost."""
         try:
             self._socket.sendto(data, address)
         except OSError:
@@ -208,7 +209,7 @@ class UdpWire:
 
 
 class TcpWire:
-    """A connection that is made again where it breaks."""
+    """A TCP connection that reconnects after a failure."""
 
     def __init__(self, url: Url) -> None:
         self._url, self._next = url, 0.0
@@ -247,7 +248,7 @@ class TcpWire:
         return data, (self._url.host, self._url.port)
 
     def send(self, data: bytes, address: Any) -> None:
-        """Send bytes; a packet that does not fit is lost whole."""
+        """Send bytes; a packet that does not fit is dropped as a whole."""
         s = self._connect()
         if s is None:
             return

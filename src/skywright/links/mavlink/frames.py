@@ -1,6 +1,6 @@
-"""Frames at the MAVLink edge: the world NED (x north, y east, z down), the body FRD.
+"""Frames of MAVLink messages: the world NED (x north, y east, z down), the body FRD.
 
-Inside W is ENU and B is FLU; NED and FRD exist in messages only.
+Inside the package W is ENU and B is FLU; only messages use NED and FRD.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ FRD_FROM_FLU = np.diag([1.0, -1.0, -1.0])
 
 
 def swap_world(v: Array) -> Array:
-    """Return a vector (3,) of W in NED, or one of NED in W."""
+    """Convert a vector (3,) from W to NED, or back."""
     return np.array([v[1], v[0], -v[2]])
 
 
 def swap_body(v: Array) -> Array:
-    """Return a vector (3,) of B (FLU) in FRD, or one of FRD in B."""
+    """Convert a vector (3,) from B (FLU) to FRD, or back."""
     return np.array([v[0], -v[1], -v[2]])
 
 
@@ -36,7 +36,7 @@ def to_ned_quaternion(R_WB: Array) -> Array:
 
 
 def from_ned_quaternion(q: Array) -> Array | None:
-    """Return R_WB of a quaternion (4,) wxyz of FRD in NED; None of what is no rotation."""
+    """Return R_WB of a quaternion (4,) wxyz of FRD in NED; None if it is no rotation."""
     size = float(np.linalg.norm(q))
     if not 0.9 < size < 1.1:
         return None
@@ -44,7 +44,7 @@ def from_ned_quaternion(q: Array) -> Array | None:
 
 
 def swap_heading(yaw: float) -> float:
-    """Return a heading (rad) from north clockwise as one from east counter-clockwise, or back."""
+    """Convert a heading (rad) from north clockwise to one from east counter-clockwise, or back."""
     return math.remainder(0.5 * math.pi - yaw, 2.0 * math.pi)
 
 

@@ -1,4 +1,4 @@
-"""What a MAVLink vehicle said last, and when."""
+"""Last state that a MAVLink vehicle reported, and times of the reports."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ Array = NDArray[np.float64]
 
 AUTOPILOTS_NONE = 8  # MAV_AUTOPILOT_INVALID: a ground station, a camera
 PLACED = 0x10 | 0x8
-"""ESTIMATOR_STATUS: a horizontal place, absolute or relative."""
-BACK_MS = 1000  # by which the vehicle's clock must go back to count as a restart
+"""ESTIMATOR_STATUS: the horizontal position is valid, absolute or relative."""
+BACK_MS = 1000  # least backward jump of the vehicle's clock that counts as a restart
 TEXTS = 20
 PACE_REPORTS = 25
-"""Reports of places, half a second, over which the pace of the vehicle's clock is a mean."""
+"""Position reports (half a second) over which the rate of the vehicle's clock is averaged."""
 PACES = (0.02, 50.0)
 
 
@@ -41,10 +41,10 @@ class Heard:
     """The newest state of one vehicle; times are those of the monotonic clock, in s."""
 
     def __init__(self) -> None:
-        self.system = 0  # of the vehicle, 0: none was heard
-        self.beat = self.message = self.place = self.turn = -math.inf  # s, when they came
-        self.answer = math.inf  # s, when a TIMESYNC was answered; infinite: never
-        self.place_ms = self.turn_ms = 0  # by the vehicle's clock, when they were so
+        self.system = 0  # of the vehicle, 0: none received
+        self.beat = self.message = self.place = self.turn = -math.inf  # s, times of arrival
+        self.answer = math.inf  # s, time of the last answer to a TIMESYNC; infinite: none
+        self.place_ms = self.turn_ms = 0  # times of measurement on the vehicle's clock
         self.armed, self.mode, self.landed = False, Mode(0), 0
         self.p, self.v = np.zeros(3), np.zeros(3)  # m, m/s: ENU, in the vehicle's local frame
         self.R_WB, self.w_B = np.eye(3), np.zeros(3)
@@ -55,7 +55,7 @@ class Heard:
         self.home: Array | None = None
         self.acks: deque[Ack] = deque(maxlen=TEXTS)
         self.texts: deque[tuple[float, str]] = deque(maxlen=TEXTS)
-        self.simulated = False  # whether it is Skywright's own
+        self.simulated = False  # whether it is a vehicle of Skywright
         self.has_version = False
         self.restarts = 0
         self._boot_ms = 0
@@ -64,7 +64,7 @@ class Heard:
 
     @property
     def pace(self) -> float:
-        """Seconds of the vehicle's clock in one of ours: of a simulation not always 1."""
+        """Rate of the vehicle's clock over the local clock; a simulation may differ from 1."""
         if len(self._reports) < PACE_REPORTS:
             return 1.0
         (t0, ms0), (t, ms) = self._reports[0], self._reports[-1]
@@ -73,11 +73,11 @@ class Heard:
 
     @property
     def has_place(self) -> bool:
-        """Whether its estimator has a place, where it tells."""
+        """Whether its estimator has a position, if it reports that."""
         return self.flags is None or bool(self.flags & PLACED)
 
     def take(self, m: Any, now: float) -> None:
-        """Take a message; what is not finite, or of another system, changes nothing."""
+        """Process a message; invalid values and other systems are ignored."""
         kind = m.get_type()
         if kind == "HEARTBEAT" and m.autopilot != AUTOPILOTS_NONE and not self.system:
             self.system = m.get_srcSystem()

@@ -1,7 +1,8 @@
-"""A companion computer's link to a MAVLink vehicle: what it says, and a steady stream to it.
+"""A companion computer's link to a MAVLink vehicle: received state, and a steady stream of
+set-points.
 
-A thread of its own hears and sends every 20 ms by the monotonic clock, whatever the mission does
-meanwhile. A set-point that is not renewed loses its velocity after 0.1 s: the vehicle holds.
+A separate thread receives and sends every 20 ms by the monotonic clock, independent of the mission.
+If a set-point is not renewed for 0.1 s, its velocity becomes zero and the vehicle holds.
 """
 
 from __future__ import annotations
@@ -23,24 +24,24 @@ from skywright.links.mavlink.heard import Heard
 Array = NDArray[np.float64]
 
 PERIOD = 0.02  # s between set-points
-SYNC_S = 0.1  # s between requests whose answers show that both ways are open
-RENEWED_S = 0.1  # s for which a set-point counts as it is
+SYNC_S = 0.1  # s between requests whose answers show that both directions work
+RENEWED_S = 0.1  # s for which a set-point is sent unchanged
 ONBOARD, GENERIC_AUTOPILOT_NONE, ACTIVE = 18, 8, 4
 SET_INTERVAL, REQUEST_MESSAGE = 511, 512
 WANTED = {32: 50.0, 31: 50.0, 245: 5.0, 230: 2.0, 1: 2.0, 49: 0.2, 242: 0.5}
-"""Message -> Hz that the vehicle is asked for."""
-ACK_S, TRIES = 0.7, 3  # s that an answer is waited for, and how often it is asked
+"""Message -> requested rate (Hz)."""
+ACK_S, TRIES = 0.7, 3  # s of waiting for an answer, and number of attempts
 RESULTS = {
     0: "accepted", 1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed",
     5: "in progress", 6: "cancelled",
 }  # fmt: skip
 IN_PROGRESS = 5
 LARGEST = 1e9
-"""Of a number of a set-point; NaN is not below it."""
+"""Largest magnitude of a number in a set-point; NaN fails the comparison."""
 
 
 class Clock(Protocol):
-    """The monotonic clock, or one that a test leads."""
+    """The monotonic clock, or one that a test controls."""
 
     threaded: bool
 
@@ -66,7 +67,7 @@ class WallClock:
 
 
 class Target(NamedTuple):
-    """What the vehicle shall do, in its local frame (ENU)."""
+    """A set-point of the vehicle, in its local frame (ENU)."""
 
     p: Array  # (3,) m
     v: Array  # (3,) m/s
@@ -77,7 +78,7 @@ class Target(NamedTuple):
 
     @property
     def is_sound(self) -> bool:
-        """Whether all its numbers are finite, and fit into a message."""
+        """Whether all its numbers are finite and fit into a message."""
         f_B = np.zeros(3) if self.f_B is None else self.f_B
         row = [*self.p, *self.v, *self.a, *self.R_WB.flat, self.rate, *f_B]
         return bool(np.abs(row).max() < LARGEST)
@@ -90,14 +91,14 @@ class VehicleLink:
         self, endpoint: Endpoint, clock: Clock | None = None,
         wanted: Mapping[int, float] = MappingProxyType(WANTED),
     ) -> None:  # fmt: skip
-        """`wanted` are messages that the vehicle is asked for, and how often (Hz)."""
+        """`wanted` are the requested messages and their rates (Hz)."""
         self._wanted = wanted
         self.endpoint, self.clock = endpoint, clock or WallClock()
         self.heard = Heard()
         self.lock = threading.RLock()
-        self.sent = 0  # set-points
+        self.sent = 0  # number of set-points
         self.failure = ""
-        """What went wrong in the thread last, "" nothing: told with the silence that it makes."""
+        """Last error of the thread, or ""; reported with the silence that it causes."""
         self._target: tuple[float, Target] | None = None
         self._next_beat = self._next_sync = self._next_ask = 0.0
         self._ending = threading.Event()
@@ -140,7 +141,7 @@ class VehicleLink:
     def lead(self, target: Target | None) -> None:
         """Renew the set-point; None ends the stream.
 
-        One with a number that is none does not renew it: the vehicle holds after RENEWED_S.
+        A set-point with an invalid number does not renew it: the vehicle holds after RENEWED_S.
         """
         if target is not None and not target.is_sound:
             return
@@ -148,7 +149,7 @@ class VehicleLink:
             self._target = None if target is None else (self.clock.now(), target)
 
     def step(self) -> None:
-        """Hear what has come, and send what is due."""
+        """Process received messages and send those that are due."""
         self.hear()
         now = self.clock.now()
         with self.lock:
@@ -168,14 +169,14 @@ class VehicleLink:
                 self.sent += 1
 
     def hear(self) -> None:
-        """Take what has come."""
+        """Process received messages."""
         now = self.clock.now()
         with self.lock:
             for message, _ in self.endpoint.poll():
                 self.heard.take(message, now)
 
     def _ask(self, now: float) -> None:
-        """Ask for the messages until they come."""
+        """Request the messages until they arrive."""
         h = self.heard
         missing = now - h.place > 0.5 or now - h.turn > 0.5 or h.flags is None or not h.has_version
         if not h.system or not missing or now < self._next_ask:
@@ -214,12 +215,12 @@ class VehicleLink:
             )
         )
 
-    # --- what is asked of it -----------------------------------------------------------------
+    # --- commands ------------------------------------------------------------------------------
 
     def command(self, number: int, *p: float) -> str:
-        """Ask for something and wait for the answer; returns why not, or "".
+        """Send a command and wait for the answer; return the reason of a refusal, or "".
 
-        It is asked three times; a vehicle that does not answer refuses.
+        The command is sent up to three times; no answer counts as a refusal.
         """
         for _ in range(TRIES):
             asked = self.clock.now()
@@ -239,13 +240,13 @@ class VehicleLink:
     def _explain(self, result: int, asked: float) -> str:
         if result == 0:
             return ""
-        self.clock.sleep(0.1)  # the reason comes after the answer
+        self.clock.sleep(0.1)  # the text with the reason follows the answer
         with self.lock:
             texts = [text for at, text in self.heard.texts if at >= asked]
         return ": ".join([RESULTS.get(result, f"result {result}"), *texts[-2:]])
 
     def wait(self, until: Any, seconds: float) -> bool:
-        """Wait until `until(heard)` is true; False after a time (s)."""
+        """Wait until `until(heard)` is true; return False after `seconds` (s)."""
         end = self.clock.now() + seconds
         while self.clock.now() < end:
             with self.lock:
@@ -255,12 +256,12 @@ class VehicleLink:
         return False
 
     def age(self, of: float) -> float:
-        """Return the age (s) of a time."""
+        """Return the time (s) since `of`."""
         return self.clock.now() - of
 
     @property
     def delay(self) -> float:
-        """Time (s) from a message to its answer, the median of the last ones; NaN unknown."""
+        """Return the median time (s) from recent messages to their answers; NaN if unknown."""
         with self.lock:
             trips = list(self.heard.round_trips)
         return float(np.median(trips)) if trips else float("nan")

@@ -10,7 +10,7 @@ STABILIZE, GUIDED, AUTO_BIT, MANUAL_BIT = 16, 8, 4, 64
 
 
 class Mode(NamedTuple):
-    """A mode: main number, and sub number of the automatic ones."""
+    """A mode: main number, and sub-mode number of the automatic ones."""
 
     main: int
     sub: int = 0

@@ -1,11 +1,11 @@
-"""Leading the platform of a MAVLink vehicle by set-points: what all such back ends share.
+"""Control of a MAVLink vehicle's platform by set-points: common code of these back ends.
 
-Each mission tick (20 ms) the references of the mission become a set-point, and the estimate is
-the autopilot's. Mission time or the reference stands still while the motors start and stop, and
-while the link is silent; the set-point is then the last one.
+At each mission tick (20 ms) the references of the mission become a set-point, and the estimate is
+the autopilot's. Mission time or the reference pauses while the motors start and stop, and while the
+link is silent; the set-point is then the last one.
 
-W is where the vehicle's local frame has been put at the start: by GPS_GLOBAL_ORIGIN where the world
-has an origin, otherwise so that the robot stands at the mission's start.
+W is aligned with the vehicle's local frame at the start: by GPS_GLOBAL_ORIGIN if the world has an
+origin, otherwise so that the robot is at the mission's start.
 """
 
 from __future__ import annotations
@@ -31,31 +31,31 @@ from skywright.vehicle.simulated import SimulatedVehicle
 
 Array = NDArray[np.float64]
 
-CONNECT_S = 30.0  # s for a vehicle to be heard, and for its position
-SILENT_S = 1.0  # s without a message after which mission time stands still
+CONNECT_S = 30.0  # s, time limit for the first message of a vehicle, and for its position
+SILENT_S = 1.0  # s without a message after which mission time pauses
 BEAT_S = 3.0  # s without a heartbeat, likewise
-DEAF_S = 0.4  # s without an answer in which a change to Hold is the autopilot's own
-LOST_S = 10.0  # s after which the flight is given up
+DEAF_S = 0.4  # s without an answer after which a change to Hold is attributed to the autopilot
+LOST_S = 10.0  # s after which the flight is aborted
 OWN_S = 2.0  # s after a silence, likewise
-SPIN_S, LAND_S = 8.0, 60.0  # s for arming, and for coming down
+SPIN_S, LAND_S = 8.0, 60.0  # s, time limits for arming and for landing
 SET_MODE, ARM_DISARM = 176, 400
-LOW = 0.1  # m above the ground: a reference that ends there is flown by positions
+LOW = 0.1  # m above the ground: a reference that ends below is tracked by position only
 LIFT, LIFT_S = 0.25, 15.0
-"""m to which an autopilot lifts off before the reference goes on, and s that it may take."""
-APART = 5.0  # m between the vehicle and the mission's start, or it is another place
+"""m, height of the autopilot's lift-off before the reference continues, and its time limit (s)."""
+APART = 5.0  # m, largest distance between the vehicle and the mission's start
 
 
 class Offboard(SimulatedVehicle):
-    """A back end (vehicle.interface.Backend) whose platform a MAVLink vehicle flies."""
+    """A back end (vehicle.interface.Backend) with a platform that a MAVLink vehicle flies."""
 
     def __init__(self, link: VehicleLink, *args: Any, **kwargs: Any) -> None:
-        """Take a link, and what the other base takes; `_meet` comes after it."""
+        """Take a link and the arguments of the other base class; call `_meet` afterwards."""
         self.link, self.clock = link, link.clock
         super().__init__(*args, **kwargs)
         self.piloted = False
-        """Whether a pilot flies: the mode is not Offboard, and nobody here changed it."""
+        """Whether a pilot flies: the mode is not Offboard, and this program did not change it."""
         self.stopped = ""
-        """Why no motors turn although the mission has not stopped them, "" otherwise."""
+        """Why the motors are off although the mission has not stopped them, or ""."""
         self._says: Callable[[str], None] = lambda _: None
         self._armed = self._offboard = False
         self._shift, self._p_BC = np.zeros(3), np.zeros(3)
@@ -65,17 +65,17 @@ class Offboard(SimulatedVehicle):
         self._force: BodyForce | None = None
         self._due = 0.0
         self._low_z: float | None = None
-        """m, in the vehicle's frame: once in the air, no lower set-point but to land."""
+        """m, in the vehicle's frame: lowest set-point in the air, except for landing."""
         self._again_s = 0.0
-        """s for which a refused start is tried again: an autopilot refuses while it boots."""
+        """s for which a refused start is repeated: an autopilot refuses while it boots."""
 
-    # --- meeting the vehicle -----------------------------------------------------------------
+    # --- connection to the vehicle -------------------------------------------------------------
 
     def _meet(self, force: bool) -> None:
-        """Wait for a vehicle and its position, and put its frame into W.
+        """Wait for a vehicle and its position, and align its frame with W.
 
-        With `force` body forces are sent in place of positions. Raises InputError where no vehicle
-        is heard, or it cannot fly this robot.
+        With `force` body forces are sent instead of positions. Raises InputError if no vehicle is
+        found, or if it cannot fly this robot.
         """
         link, url = self.link, self.link.endpoint.url
         if not link.wait(lambda h: h.system and link.age(h.beat) < 2.0, CONNECT_S):
@@ -91,7 +91,7 @@ class Offboard(SimulatedVehicle):
         link.wait(lambda h: h.has_version, 5.0)
         if link.heard.armed:
             raise InputError("the vehicle is armed: a mission begins on the ground, motors off")
-        if not link.heard.simulated:  # an autopilot tells the place of its centre of mass
+        if not link.heard.simulated:  # an autopilot reports the position of its centre of mass
             self._p_BC = build_airframe(self.robot, self.world).p_BC
         self._align()
         self._force = BodyForce(self, link) if force else None
@@ -121,19 +121,19 @@ class Offboard(SimulatedVehicle):
         age = self.link.age
         return age(h.place) < 0.5 and age(h.turn) < 0.5 and h.has_place
 
-    # --- what the mission sees ---------------------------------------------------------------
+    # --- interface of the mission --------------------------------------------------------------
 
     def take_control(self) -> str:
-        """Change to Offboard, from a pilot as well; returns why not, or ""."""
+        """Change to Offboard, also from a pilot; return why this failed, or ""."""
         self.link.lead(self._hold_here())
-        self.link.wait(lambda h: False, 0.3)  # a stream comes first
+        self.link.wait(lambda h: False, 0.3)  # the stream must start before the change of mode
         says = self._choose(modes.OFFBOARD)
         if not says:
             self.piloted, self._offboard = False, True
         return says
 
     def give_control(self) -> str:
-        """Give the platform to the pilot, in Position mode; returns why not, or ""."""
+        """Give the platform to the pilot, in Position mode; return why this failed, or ""."""
         if self.piloted:
             return ""
         says = self._choose(modes.POSITION)
@@ -152,7 +152,7 @@ class Offboard(SimulatedVehicle):
         return ""
 
     def tick(self, guards: int = 0) -> Ticked:
-        """Fly a mission tick; starts and stops the motors first. Raises VehicleEnded."""
+        """Fly a mission tick; start and stop the motors before it. Raises VehicleEnded."""
         wanted = bool(self.reference_now["active"] > 0.5)
         if wanted and not self._armed:
             self._start()
@@ -169,7 +169,7 @@ class Offboard(SimulatedVehicle):
         """Fly the simulated part of the vehicle for a mission tick."""
         return super().tick(guards)
 
-    # --- what the vehicle is told ------------------------------------------------------------
+    # --- commands to the vehicle ---------------------------------------------------------------
 
     def _lead(self) -> None:
         """Renew the set-point."""
@@ -191,7 +191,7 @@ class Offboard(SimulatedVehicle):
         self.link.lead(Target(p, v, a + self._feed_forward(), self._choose_attitude(R), rate, f_B))
 
     def _lift(self) -> None:
-        """Leave the ground; the reference stands still while the autopilot ramps its thrust up."""
+        """Lift off; the reference pauses while the autopilot increases its thrust."""
         target = self._hold_here()
         start = float(target.p[2])
         self._low_z = start + LIFT
@@ -201,7 +201,7 @@ class Offboard(SimulatedVehicle):
         self._due = self._now()
 
     def _choose_attitude(self, planned: Array) -> Array:
-        """Return the attitude that the vehicle shall have."""
+        """Return the attitude set-point of the vehicle."""
         return planned
 
     def _feed_forward(self) -> Array:
@@ -209,13 +209,13 @@ class Offboard(SimulatedVehicle):
         return np.zeros(3)
 
     def _hold_here(self) -> Target:
-        """Return the present pose as a set-point."""
+        """Return the current pose as a set-point."""
         with self.link.lock:
             h = self.link.heard
             return Target(h.p.copy(), np.zeros(3), np.zeros(3), h.R_WB.copy(), 0.0)
 
     def _start(self) -> None:
-        """Change to Offboard and turn the motors; mission time stands still."""
+        """Change to Offboard and start the motors; mission time pauses."""
         end = self.clock.now() + self._again_s
         while says := self._try_to_start():
             if self.clock.now() >= end:
@@ -226,7 +226,7 @@ class Offboard(SimulatedVehicle):
         self._due = self._now()
 
     def _try_to_start(self) -> str:
-        """Change to Offboard and arm; returns why not, or ""."""
+        """Change to Offboard and arm; return why this failed, or ""."""
         self.link.lead(self._hold_here())
         self.link.wait(lambda h: False, 0.6)
         says = self._choose(modes.OFFBOARD) or self.link.command(ARM_DISARM, 1.0)
@@ -235,7 +235,7 @@ class Offboard(SimulatedVehicle):
         return says
 
     def _stop(self) -> None:
-        """Let the autopilot land and stop its motors; mission time stands still."""
+        """Let the autopilot land and stop its motors; mission time pauses."""
         h = self.link.heard
         says = "" if not h.armed else self._choose(modes.LAND)
         end = self.clock.now() + LAND_S
@@ -244,7 +244,7 @@ class Offboard(SimulatedVehicle):
             self.link.wait(lambda h: not h.armed or h.mode != modes.LAND, SILENT_S)
             if not h.armed:
                 break
-            if h.mode == modes.OFFBOARD:  # a pilot gave back
+            if h.mode == modes.OFFBOARD:  # a pilot gave control back
                 self.piloted = False
                 says = self._choose(modes.LAND)
                 end = self.clock.now() + LAND_S
@@ -254,7 +254,7 @@ class Offboard(SimulatedVehicle):
                 end = self.clock.now() + LAND_S
             elif self.clock.now() > end:
                 says = f"the vehicle is still armed {LAND_S:g} s after the command to land"
-        self.link.wait(lambda h: h.place > h.beat, SILENT_S)  # its clock comes with its place
+        self.link.wait(lambda h: h.place > h.beat, SILENT_S)  # its clock is sent with its position
         if h.restarts != self._restarts:
             says = "the autopilot restarted while it landed"
         self._armed = self._offboard = self.piloted = False
@@ -265,13 +265,13 @@ class Offboard(SimulatedVehicle):
             self._give_up(says)
 
     def _tell_pilot(self) -> None:
-        """Say once that a pilot flies."""
+        """Report once that a pilot flies."""
         if not self.piloted:
             self._says(f"t = {self.t:.2f} s: the mode is {self.link.heard.mode}: the pilot flies")
         self.piloted = True
 
     def _give_up(self, says: str) -> None:
-        """Command nothing from now on, and end the mission."""
+        """Stop commanding and end the mission."""
         row = np.array(self.reference)
         row["t"], row["active"] = 0.0, 0.0
         self._armed = self._offboard = False
@@ -279,19 +279,19 @@ class Offboard(SimulatedVehicle):
         self.track(row[None])
         raise VehicleEnded(says)
 
-    # --- what is watched ---------------------------------------------------------------------
+    # --- monitoring --------------------------------------------------------------------------
 
     def _explain(self) -> str:
-        """Return what went wrong here rather than there, to be added to a message."""
+        """Return an error of this side of the link, to be appended to a message."""
         return f" ({self.link.failure})" if self.link.failure else ""
 
     def _is_silent(self) -> bool:
         h, age = self.link.heard, self.link.age
         silent = age(h.message) > SILENT_S or age(h.beat) > BEAT_S
-        return silent or age(h.answer) > SILENT_S  # nothing gets there
+        return silent or age(h.answer) > SILENT_S  # the vehicle receives nothing
 
     def _wait_for_link(self) -> None:
-        """Stand still while the vehicle is not heard; give up after LOST_S."""
+        """Pause while no message arrives; abort after LOST_S."""
         if not self._is_silent():
             return
         since = self.clock.now()
@@ -310,7 +310,7 @@ class Offboard(SimulatedVehicle):
         self._due = self._now()
 
     def _watch(self) -> None:
-        """See what the vehicle has done by itself, or a pilot with it."""
+        """Check for changes that the vehicle or a pilot has made."""
         h = self.link.heard
         if h.restarts != self._restarts:
             self._restarts = h.restarts
@@ -335,7 +335,7 @@ class Offboard(SimulatedVehicle):
             quiet = deaf or self.clock.now() < self._quiet_until
             own = quiet and h.mode not in modes.BY_STICK
             if own and deaf:
-                return  # it hears nothing: what follows is a silence
+                return  # the vehicle receives nothing: the link counts as silent
             if own and not self.take_control():
                 self._says(f"t = {self.t:.2f} s: Offboard again after the silence")
                 self._due = self._now()
@@ -343,24 +343,24 @@ class Offboard(SimulatedVehicle):
             self._tell_pilot()
 
     def _now(self) -> float:
-        """Return the time (s) by which the mission is flown."""
+        """Return the time (s) that paces the mission."""
         return self.clock.now()
 
     def _pace(self) -> None:
         """Wait until the tick is over by that time."""
 
     def close(self) -> None:
-        """End the stream: a vehicle that is in the air is told to hold."""
+        """End the stream: a vehicle in the air is commanded to hold."""
         if self._armed and not self.piloted and not self._is_silent():
             says = self._choose(modes.HOLD)
             self._says(says or "the vehicle is in the air and holds: land it with its own controls")
         self.link.close()
 
     def on_say(self, say: Callable[[str], None]) -> None:
-        """Tell what happens to `say`, one line each."""
+        """Report events to `say`, one line each."""
         self._says = say
 
 
 def _place(world: Origin, local: tuple[float, float, float]) -> Array:
-    """Return where the origin of the vehicle's local frame lies in W (3,) m."""
+    """Return the origin (3,) m of the vehicle's local frame in W."""
     return to_local(world, Geodetic(*local))

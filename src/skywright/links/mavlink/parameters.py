@@ -1,7 +1,7 @@
-"""Parameters of a simulated robot that speaks MAVLink, under PX4's names.
+"""Parameters of a simulated robot over MAVLink, under PX4's names.
 
-Those of the robot (geometry, motor curve, gains) are told and cannot be set; few are set. PX4 sends
-an INT32 as its bytes in the float of PARAM_VALUE.
+Those of the robot (geometry, motor curve, gains) are read-only; few can be set. PX4 sends the bytes
+of an INT32 in the float of PARAM_VALUE.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ INT32, REAL32 = 6, 9
 
 
 class Settable(NamedTuple):
-    """A parameter that may be set, within limits."""
+    """A parameter that can be set, within limits."""
 
     name: str
     value: float
@@ -41,7 +41,7 @@ class Parameters:
         return name in self._values
 
     def set(self, name: str, value: float) -> str:
-        """Set a parameter; returns why not, or ""."""
+        """Set a parameter; return why this failed, or ""."""
         entry = self._settable.get(name)
         if entry is None:
             return f"{name} cannot be set"
@@ -67,14 +67,14 @@ class Parameters:
 
 
 def read_name(message: Any) -> str:
-    """Return the name in PARAM_REQUEST_READ or PARAM_SET; "" of what is none."""
+    """Return the name in PARAM_REQUEST_READ or PARAM_SET; "" if it is invalid."""
     raw = message.param_id
     data = raw.encode("latin-1", "replace") if isinstance(raw, str) else bytes(raw)
     return data.split(b"\0")[0].decode("ascii", "replace")
 
 
 def read_value(message: Any) -> float:
-    """Return the number in PARAM_SET, by its type; NaN of another type."""
+    """Return the number in PARAM_SET, by its type; NaN for another type."""
     if message.param_type == INT32:
         try:
             return float(struct.unpack("<i", struct.pack("<f", message.param_value))[0])

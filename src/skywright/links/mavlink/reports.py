@@ -1,6 +1,6 @@
-"""What a simulated robot tells about itself: the messages of its telemetry, from its estimate.
+"""Telemetry of a simulated robot: messages from its estimate.
 
-Nothing here is the truth: position, attitude and battery are what the robot's computer knows.
+The messages contain no truth: position, attitude and battery are those of the robot's computer.
 """
 
 from __future__ import annotations
@@ -35,18 +35,18 @@ Array = NDArray[np.float64]
 PX4 = 12
 """MAV_AUTOPILOT: the modes are numbered as PX4 does."""
 VERSION = 1 << 24 | 14 << 16 | 0 << 8 | 255
-"""flight_sw_version: 1.14.0, the release whose interface is spoken."""
+"""flight_sw_version: 1.14.0, the release with this interface."""
 NAME = b"skywrigt"
-"""flight_custom_version: what it really is, in the eight bytes that there are."""
+"""flight_custom_version: the actual software, in the eight bytes of the field."""
 CAPABILITIES = 2 | 8 | 128 | 256 | 2048 | 8192 | 131072
-"""PARAM_FLOAT, COMMAND_INT, SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED,
-FLIGHT_TERMINATION, MAVLINK2, PARAM_ENCODE_BYTEWISE.
+"""PARAM_FLOAT, COMMAND_INT, SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED, FLIGHT_TERMINATION,
+MAVLINK2, PARAM_ENCODE_BYTEWISE.
 
-SET_POSITION_TARGET_GLOBAL_INT (512) is added where the world has an origin.
+SET_POSITION_TARGET_GLOBAL_INT (512) is added if the world has an origin.
 """
 SENSORS = 0x1 | 0x2 | 0x4 | 0x20 | 0x800 | 0x1000 | 0x2000 | 0x4000 | 0x8000 | 0x200000 | 0x2000000
-"""SYS_STATUS: gyroscope, accelerometer, heading, place, rates, attitude, yaw, height, motors, AHRS,
-battery."""
+"""SYS_STATUS: gyroscope, accelerometer, heading, position, rates, attitude, yaw, height, motors,
+AHRS, battery."""
 PREARM, BATTERY = 0x10000000, 0x2000000
 LANDED, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4
 LANDED_STATES = {
@@ -55,13 +55,13 @@ LANDED_STATES = {
     State.LANDING: LANDING,
 }  # fmt: skip
 ESTIMATED = 0x1 | 0x2 | 0x4 | 0x8 | 0x10 | 0x20 | 0x100 | 0x200
-"""ESTIMATOR_STATUS: attitude, velocities, relative and absolute places, their predictions."""
+"""ESTIMATOR_STATUS: attitude, velocities, relative and absolute positions, their predictions."""
 UNKNOWN_16, UNKNOWN_32 = 65535, 2**32 - 1
 RATES_HZ = {
     0: 1.0, 1: 2.0, 2: 1.0, 24: 5.0, 30: 25.0, 31: 50.0, 32: 50.0, 33: 10.0, 49: 0.2, 74: 4.0,
     83: 10.0, 85: 10.0, 141: 4.0, 147: 1.0, 230: 2.0, 242: 0.5, 245: 5.0, 331: 50.0, 375: 10.0,
 }  # fmt: skip
-"""Message -> Hz, where nothing else is asked for."""
+"""Message -> default rate (Hz)."""
 
 
 class Reports:
@@ -71,7 +71,7 @@ class Reports:
         self, dialect: Any, robot: Robot, origin: Origin, scale: Scale, system_type: int,
         geodetic: bool,
     ) -> None:  # fmt: skip
-        """`origin` is where W lies on the earth; `geodetic`: the world says so itself."""
+        """`origin` is the position of W on the earth; `geodetic`: the world file states it."""
         self.d, self.robot, self.origin, self.scale = dialect, robot, origin, scale
         self._type, self._geodetic = system_type, geodetic
         self._b: Backend = robot.vehicle.backend
@@ -88,11 +88,11 @@ class Reports:
 
     @property
     def numbers(self) -> frozenset[int]:
-        """The messages that it can build."""
+        """Numbers of the messages that it can build."""
         return frozenset(self._makers)
 
     def build(self, number: int) -> Any:
-        """Return a message; None where there is nothing to tell."""
+        """Return a message; None if there is nothing to report."""
         message = self._makers[number]()
         return message
 
@@ -126,7 +126,7 @@ class Reports:
         return math.degrees(swap_heading(find_heading(R))) % 360.0
 
     def _find_lack(self) -> str:
-        """Return why it cannot be armed; looked at twice a second."""
+        """Return why it cannot be armed; checked twice a second."""
         if self._b.t - self._lack_at >= 0.5 or self._b.t < self._lack_at:
             self._lack, self._lack_at = self.robot.ready, self._b.t
         return self._lack

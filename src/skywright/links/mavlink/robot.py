@@ -1,7 +1,8 @@
-"""A simulated robot as an autopilot: PX4's modes over the vehicle layer's states. Knows no socket.
+"""A simulated robot with the interface of an autopilot: PX4's modes over the vehicle layer's
+states.
 
-Each request returns a `Reply`: a MAV_RESULT and the reason of a refusal. The vehicle layer refuses;
-its reasons are passed on.
+It uses no socket. Each request returns a `Reply`: a MAV_RESULT and the reason of a refusal, which
+comes from the vehicle layer.
 """
 
 from __future__ import annotations
@@ -29,15 +30,15 @@ Array = NDArray[np.float64]
 ACCEPTED, BUSY, DENIED, UNSUPPORTED, FAILED = range(5)
 """MAV_RESULT."""
 AUTO_MODES = frozenset({modes.TAKEOFF, modes.HOLD, modes.RETURN, modes.LAND, modes.OFFBOARD})
-LONGEST_S = 600.0  # s of one motion: its table is held in memory
-STICK_S = 0.5  # s for which a pilot's stick counts
+LONGEST_S = 600.0  # s, longest motion: its table is held in memory
+STICK_S = 0.5  # s for which a pilot's stick command is valid
 TILT, CLIMB, LEVEL = math.radians(15.0), 0.5, 0.5
-"""Of a full axis of the stick: rad, m/s up, m/s level."""
-RISE = 0.05  # m above the ground: a set-point that lifts the robot off
+"""Command of a full stick axis: rad, m/s up, m/s level."""
+RISE = 0.05  # m above the ground: least height of a set-point that starts a take-off
 
 
 class Reply(NamedTuple):
-    """What becomes of a request."""
+    """Reply to a request."""
 
     result: int  # MAV_RESULT
     says: str = ""
@@ -56,17 +57,17 @@ class Robot:
     """Modes, arming and set-points of one vehicle."""
 
     def __init__(self, vehicle: Vehicle, parameters: Parameters, say: Callable[[str], None]):
-        """`say` is told what happens, one line each."""
+        """`say` receives one line per event."""
         self.vehicle, self.parameters, self._say = vehicle, parameters, say
         self.mode = modes.HOLD
-        self.stick: tuple[float, Stick] | None = None  # s, when it came
+        self.stick: tuple[float, Stick] | None = None  # s, time of arrival, and stick
         self.point: tuple[float, SetPoint] | None = None
         self._return: Handle | None = None
         self._armed_at: float | None = None
         self._state = vehicle.state
         self._acted = 0
 
-    # --- what it is --------------------------------------------------------------------------
+    # --- state -------------------------------------------------------------------------------
 
     @property
     def armed(self) -> bool:
@@ -75,7 +76,7 @@ class Robot:
 
     @property
     def ready(self) -> str:
-        """Why it cannot be armed now, "" where it can; the checklist is run for that."""
+        """Return why it cannot be armed now, or ""; this runs the checklist."""
         if self.vehicle.state != State.LANDED_DISARMED:
             return "" if self.armed else f"the state is {self.vehicle.state}"
         from skywright.vehicle.commands import Command
@@ -84,7 +85,7 @@ class Robot:
 
     @property
     def flies_itself(self) -> bool:
-        """Whether a rule of the robot flies its response."""
+        """Whether a rule for faults controls the robot."""
         s = self.vehicle._supervisor
         return s is not None and s.senses.responding
 
@@ -134,7 +135,7 @@ class Robot:
         return reply
 
     def _find_far(self, what: str, p: Array) -> str:
-        """Say that a motion would take too long, or return ""."""
+        """Return a message if a motion would take too long, or ""."""
         b = self.vehicle.backend
         seconds = float(np.linalg.norm(p - b.estimate["p_WB"])) / b.limits.speed
         if seconds <= LONGEST_S:
@@ -182,11 +183,11 @@ class Robot:
             self._return = handle if handle else None
             return self._answer(handle)
         if state == State.FLYING_MANUAL or mode == self.mode:
-            return Reply(ACCEPTED)  # it brakes, or holds
+            return Reply(ACCEPTED)  # it brakes or holds
         return self._answer(v.hold(wait=False))
 
     def _leave_stick(self) -> Reply | None:
-        """Take over from the pilot where one flies; None where none does."""
+        """Take over from the pilot; return None if no pilot flies."""
         if self.vehicle.state != State.FLYING_MANUAL:
             return None
         reply = self._answer(self.vehicle.recover_from_manual(wait=False))
@@ -218,15 +219,15 @@ class Robot:
     # --- ticks -------------------------------------------------------------------------------
 
     def take(self, point: SetPoint) -> None:
-        """Take a set-point of the offboard stream."""
+        """Accept a set-point of the offboard stream."""
         self.point = (self.vehicle.t, point)
 
     def take_stick(self, stick: Stick) -> None:
-        """Take the pilot's stick."""
+        """Accept the pilot's stick command."""
         self.stick = (self.vehicle.t, stick)
 
     def step(self) -> None:
-        """Do what the mode says, before a tick of the vehicle."""
+        """Apply the mode before a tick of the vehicle."""
         v, state = self.vehicle, self.vehicle.state
         if state != self._state:
             self._state = state
@@ -250,7 +251,7 @@ class Robot:
         self._acted = len(v.acted)
 
     def _watch_ground(self, state: State) -> None:
-        """Disarm a robot that stands armed for COM_DISARM_PRFLT."""
+        """Disarm a robot that has been armed on the ground for COM_DISARM_PRFLT."""
         if state == State.LANDED_DISARMED and self.mode in AUTO_MODES - {modes.OFFBOARD}:
             self._enter(modes.HOLD)
         if state != State.LANDED_ARMED:
@@ -284,7 +285,7 @@ class Robot:
             self._enter(modes.HOLD)
 
     def _follow_stick(self, state: State) -> None:
-        """Lead the robot by the pilot's stick; a silent one is let go."""
+        """Command the robot by the pilot's stick; without messages the stick is released."""
         fresh = self._fresh(self.stick, STICK_S)
         stick = self.stick[1] if fresh and self.stick is not None else Stick(0, 0, 0, 0)
         v = self.vehicle

@@ -1,4 +1,4 @@
-"""`skywright serve ROBOT --mavlink URL`: a simulated robot that speaks MAVLink by itself."""
+"""`skywright serve ROBOT --mavlink URL`: a simulated robot as a MAVLink vehicle."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ from skywright.vehicle.commands import State
 from skywright.vehicle.motions import Arrival
 from skywright.vehicle.simulated import SimulatedVehicle
 
-LATE_S = 0.1  # s behind the wall clock that are told
+LATE_S = 0.1  # least delay (s) behind the wall clock that is reported
 ARRIVAL = Arrival(tolerance_m=0.15, dwell_s=0.2)
-"""When a take-off or a way-point has ended: as near as autopilots call it."""
-CRUMBS = 2000  # of the way that was flown, kept to come back on
+"""Criterion for the end of a take-off or of a motion to a waypoint, as usual for autopilots."""
+CRUMBS = 2000  # number of points of the flown path that are kept for the return
 
 
 class Served(NamedTuple):
-    """How serving ended."""
+    """Result of serving."""
 
     seconds: float  # simulated
     late_s: float  # largest delay behind the wall clock
@@ -51,18 +51,20 @@ class Served(NamedTuple):
 
 
 class Service:
-    """A robot that is simulated at the pace of the wall clock, and its MAVLink."""
+    """A robot that is simulated at the pace of the wall clock, with its MAVLink server."""
 
     def __init__(
         self, description: Description[Any], endpoints: Sequence[Endpoint],
         say: Callable[[str], None] = lambda _: None, speed: float = 1.0,
         clock: Callable[[], float] = time.monotonic, backend: SimulatedVehicle | None = None,
     ) -> None:  # fmt: skip
-        """`say` is told what happens; `speed` is a factor of real time, infinite: do not wait.
+        """`say` receives one line per event; `speed` is a factor of real time, infinite: do not
+        wait.
 
-        `backend` is one of this description that has been built.
+        `backend` is an already built back end of this description.
 
-        Raises InputError where the robot cannot be simulated, or PX4's names do not hold it.
+        Raises InputError if the robot cannot be simulated, or if PX4's parameters cannot represent
+        it.
         """
         dialect = load_dialect()
         robot, world = description.robot, description.world
@@ -77,7 +79,7 @@ class Service:
             surroundings=lambda: setup.clearance_aloft,
         )  # fmt: skip
         self.vehicle = Vehicle(backend, self.supervisor, ARRIVAL, description.mission.checklist)
-        backend.on_samples = None  # nobody reads them: they are not kept
+        backend.on_samples = None  # the samples have no reader and are not kept
         fixed = [(p.name, p.value) for p in list_parameters(robot, world)]
         self.parameters = Parameters([*fixed, ("MAV_SYS_ID", SYSTEM)], list_settable(robot))
         mass = float(backend.look(Body).mass) or float(setup.model["mass0"][0])
@@ -103,7 +105,7 @@ class Service:
         self.server.say(text)
 
     def _tick_over(self) -> None:
-        """After each mission tick, also of those that a rule's response flies."""
+        """Runs after each mission tick, also during a rule's response."""
         check_interrupt()
         if self.robot.flies_itself:
             self.server.poll()
@@ -121,23 +123,23 @@ class Service:
                 self._late_told = now
                 self._say(f"t = {t:.2f} s: {late:.2f} s behind the wall clock")
         self._pace.wait(t, self._speed)
-        if late > 0.5:  # what is later is given up, as Pace does
+        if late > 0.5:  # larger delays are not made up, as in Pace
             self._start = (t, self._clock())
 
     def tick(self) -> None:
-        """Hear, do, fly a mission tick, report."""
+        """Process messages, apply the mode, fly a mission tick, send reports."""
         self.server.poll()
         self.robot.step()
         self.vehicle.tick()
 
     @property
     def settled(self) -> bool:
-        """Whether the robot knows where it is."""
+        """Whether the robot's position estimate is valid."""
         return self.vehicle.state != State.UNINITIALIZED
 
 
 def list_settable(robot: Any) -> list[Settable]:
-    """Return the parameters that may be set."""
+    """Return the parameters that can be set."""
     return [
         Settable("MIS_TAKEOFF_ALT", 1.5, 0.2, 80.0),
         Settable("COM_OF_LOSS_T", 0.5, 0.1, 60.0),
@@ -152,7 +154,7 @@ def serve_robot(
 ) -> Served:  # fmt: skip
     """Serve until the duration (s, simulated) is over or the user ends it.
 
-    Raises InputError where nothing was started, SimulationError where the physics diverges.
+    Raises InputError if nothing was started, SimulationError if the physics diverges.
     """
     if not urls:
         raise InputError("--mavlink: an address is needed, such as udpin:14550")

@@ -1,6 +1,6 @@
-"""A simulated robot's end of MAVLink: hears what is asked, answers, and reports at its rates.
+"""MAVLink server of a simulated robot: receives requests, answers, and reports at its rates.
 
-It waits for nothing and keeps nothing of what arrives beyond the newest set-point and stick.
+It never blocks, and of the received messages it keeps only the newest set-point and stick.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from skywright.links.mavlink.stream import is_finite
 from skywright.vehicle.commands import State
 
 SYSTEM, COMPONENT = 1, 1
-PER_TICK = 25  # parameters that are sent in a tick (20 ms) to one peer
+PER_TICK = 25  # parameters sent per tick (20 ms) to one peer
 RATE_MIN, RATE_MAX = 1.0 / 60.0, 50.0  # Hz: once a minute, and every tick
 TEXT = 50  # characters of a STATUSTEXT
-REPEAT_S = 2.0  # s for which the same text is not told again
+REPEAT_S = 2.0  # s for which the same text is not repeated
 WARNING, INFO = 4, 6  # MAV_SEVERITY
 REQUEST_MESSAGE, SET_INTERVAL, GET_INTERVAL, REQUEST_VERSION = 512, 511, 510, 520
-NO_MISSION, INVALID = 3, 13  # MAV_MISSION_RESULT: unsupported, a sequence that is none
+NO_MISSION, INVALID = 3, 13  # MAV_MISSION_RESULT: unsupported, an invalid sequence
 CAUSES = {
     "checksum": "packets with a wrong checksum or definition",
     "version": "packets of MAVLink 1",
@@ -44,7 +44,7 @@ CAUSES = {
     "peers": "messages of more senders than are answered",
     "set-points": "set-points that were refused",
 }
-"""Cause for which something was dropped -> what it means."""
+"""Cause of dropped messages -> description."""
 
 
 class Server:
@@ -58,7 +58,7 @@ class Server:
         self.parameters, self.scale, self.origin = parameters, scale, origin
         self.commands = Commands(robot, origin)
         self.counts: Counter[str] = Counter()
-        """What was dropped, by CAUSES; `accepted` messages."""
+        """Number of dropped messages by CAUSES, and of `accepted` messages."""
         reports.unix_us = lambda: time.time_ns() // 1000
         self._rates = dict(RATES_HZ)
         self._due: dict[int, float] = {}
@@ -82,13 +82,13 @@ class Server:
     # --- ticks -------------------------------------------------------------------------------
 
     def poll(self) -> None:
-        """Hear and answer what has come."""
+        """Process and answer received messages."""
         for endpoint in self.endpoints:
             for message, peer in endpoint.poll():
                 self.take(message, endpoint, peer)
 
     def report(self) -> None:
-        """Send what is due, and parameters that were asked for."""
+        """Send reports that are due, and requested parameters."""
         t = self.robot.vehicle.t
         shown = (self.robot.mode.custom, int(self.robot.armed), self.robot.vehicle.state)
         if shown != self._shown:
@@ -108,7 +108,7 @@ class Server:
                 endpoint.send(message, peer)
 
     def say(self, text: str, severity: int = INFO) -> None:
-        """Tell a text to all; the same one at most every two seconds."""
+        """Send a text to all peers; the same one at most every two seconds."""
         now = time.monotonic()
         if now - self._told.get(text, -REPEAT_S) < REPEAT_S:
             return
@@ -122,7 +122,7 @@ class Server:
             self._send(self.d.MAVLink_statustext_message(severity, part, number, k // TEXT))
 
     def describe_dropped(self) -> list[str]:
-        """Return a line for each cause for which something was dropped."""
+        """Return one line for each cause of dropped messages."""
         found = sum((e.counts for e in self.endpoints), Counter[str]()) + self.counts
         return [f"{found[c]} {says}" for c, says in CAUSES.items() if found[c]]
 
@@ -136,7 +136,7 @@ class Server:
             for endpoint in self.endpoints:
                 endpoint.send(message)
 
-    # --- what comes --------------------------------------------------------------------------
+    # --- received messages ---------------------------------------------------------------------
 
     def take(self, m: Any, endpoint: Endpoint, peer: Peer) -> None:
         """Answer a message."""
@@ -174,7 +174,7 @@ class Server:
         endpoint.send(ack, peer)
 
     def _set_interval(self, asked: Asked, endpoint: Endpoint, peer: Peer) -> int:
-        """Change or tell the interval of a message; 0 is the default, below 0 never."""
+        """Change or report the interval of a message; 0 is the default, below 0 never."""
         if not (asked.p[0] == asked.p[0] and abs(asked.p[0]) < 2**24):
             return DENIED
         number, interval = int(asked.p[0]), asked.p[1]
@@ -188,7 +188,7 @@ class Server:
         if interval == 0.0:
             self._rates[number] = RATES_HZ.get(number, 0.0)
         elif interval < 0.0:
-            self._rates[number] = 0.0 if number != 0 else 1.0  # a heartbeat is never silent
+            self._rates[number] = 0.0 if number != 0 else 1.0  # the heartbeat cannot be disabled
         elif interval > 0.0:
             self._rates[number] = min(max(1e6 / interval, RATE_MIN), RATE_MAX)
         else:
@@ -224,7 +224,7 @@ class Server:
         says = self.parameters.set(name, value) if value != self.parameters[name] else ""
         if says:
             self.say(says, WARNING)
-        self._send(self.parameters.build(self.d, name))  # what it is now, also where it was refused
+        self._send(self.parameters.build(self.d, name))  # the current value, also after a refusal
 
     def _refuse_parameter(self, name: str, m: Any, endpoint: Endpoint, peer: Peer) -> None:
         make = getattr(self.d, "MAVLink_param_error_message", None)  # of a newer dialect
@@ -292,7 +292,7 @@ class Server:
             endpoint.send(answer, peer)
 
     def _refuse_file(self, m: Any, endpoint: Endpoint, peer: Peer) -> None:
-        """Answer a request for a file with "unknown command": there is no file system."""
+        """Answer a file request with "unknown command": there is no file system."""
         asked = bytes(m.payload).ljust(251, b"\0")
         if asked[3] == 0 or asked[3] >= 128:
             return

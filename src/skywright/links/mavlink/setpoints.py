@@ -1,4 +1,4 @@
-"""Set-points of an offboard stream (messages 84, 86, 82), and what the vehicle is told of them."""
+"""Set-points of an offboard stream (messages 84, 86, 82), and the resulting vehicle commands."""
 
 from __future__ import annotations
 
@@ -35,38 +35,38 @@ GLOBAL, RELATIVE = (0, 5), (3, 6)
 ACCELERATION, FORCE = 0x1C0, 0x200  # bits of type_mask
 YAW, YAW_RATE = 0x400, 0x800
 FAR = 1e4
-"""m: no place beyond is taken for one."""
-GAIN = 1.0  # 1/s, towards a position along an axis beside velocities along others
+"""m: positions beyond are rejected."""
+GAIN = 1.0  # 1/s, position gain along an axis if other axes have a commanded velocity
 
 
 class SetPoint(NamedTuple):
-    """What a stream asks for, in W; NaN: not given."""
+    """A set-point of the stream, in W; NaN: not given."""
 
     p: Array  # (3,) m
     v: Array  # (3,) m/s
     yaw: float  # rad
     yaw_rate: float  # rad/s
-    R_WB: Array | None = None  # (3, 3), with f_B in place of all else
+    R_WB: Array | None = None  # (3, 3), with f_B instead of all else
     f_B: Array | None = None  # (3,) N
     v_body: bool = False  # `v` is forward, left, up along the heading
 
     def lifts(self, height: float) -> bool:
-        """Whether it leads above a height (m), or upwards."""
+        """Whether it commands a position above a height (m), or an upward velocity."""
         if self.f_B is not None:
             return bool(self.f_B[2] > 0.0)
         return bool(self.p[2] > height or (math.isnan(self.p[2]) and self.v[2] > 0.05))
 
 
 class Scale(NamedTuple):
-    """What normalised thrust means."""
+    """Scale of normalised thrust."""
 
-    unit: float  # N, of a thrust of 1: all rotors at their most
+    unit: float  # N, of a thrust of 1: all rotors at their maximum
     mass: float  # kg
-    lateral: bool  # whether the rotors push sideways
+    lateral: bool  # whether the rotors produce lateral force
 
 
 def read_local(message: Any, b: Backend) -> SetPoint | str:
-    """Return the set-point of SET_POSITION_TARGET_LOCAL_NED, or why it is refused."""
+    """Return the set-point of SET_POSITION_TARGET_LOCAL_NED, or the reason of a refusal."""
     mask, frame = message.type_mask, message.coordinate_frame
     if frame not in (LOCAL, OFFSET, BODY, BODY_OFFSET):
         return f"set-points in the frame {frame} are refused; valid: 1, 7, 8, 9"
@@ -96,7 +96,7 @@ def read_local(message: Any, b: Backend) -> SetPoint | str:
 
 
 def read_global(message: Any, b: Backend, origin: Origin) -> SetPoint | str:
-    """Return the set-point of SET_POSITION_TARGET_GLOBAL_INT, or why it is refused."""
+    """Return the set-point of SET_POSITION_TARGET_GLOBAL_INT, or the reason of a refusal."""
     mask, frame = message.type_mask, message.coordinate_frame
     if frame not in (*GLOBAL, *RELATIVE):
         return f"global set-points in the frame {frame} are refused; valid: 0, 3, 5, 6"
@@ -118,7 +118,7 @@ def read_global(message: Any, b: Backend, origin: Origin) -> SetPoint | str:
 
 
 def read_attitude(message: Any, b: Backend, scale: Scale) -> SetPoint | str:
-    """Return the set-point of SET_ATTITUDE_TARGET, or why it is refused."""
+    """Return the set-point of SET_ATTITUDE_TARGET, or the reason of a refusal."""
     target = AttitudeTarget.read(message)
     if target is None:
         return "an attitude set-point holds numbers that are not finite"
@@ -143,7 +143,7 @@ def read_attitude(message: Any, b: Backend, scale: Scale) -> SetPoint | str:
 
 
 def follow(uav: Uav, point: SetPoint) -> str:
-    """Tell a vehicle a set-point; returns why it is refused, or ""."""
+    """Command a set-point to a vehicle; return the reason of a refusal, or ""."""
     if point.R_WB is not None and point.f_B is not None:
         return _explain(uav.set_attitude(point.R_WB, point.f_B))
     heading = find_heading(uav.backend.reference_now["R_WB"])
@@ -156,7 +156,7 @@ def follow(uav: Uav, point: SetPoint) -> str:
     if place.any():
         v = np.where(place, v + GAIN * (point.p - uav.backend.estimate["p_WB"]), v)
     if math.isnan(point.yaw_rate) and not math.isnan(point.yaw):
-        rate = math.remainder(point.yaw - heading, 2.0 * math.pi)  # 1 rad/s a rad
+        rate = math.remainder(point.yaw - heading, 2.0 * math.pi)  # 1 rad/s per rad
     return _explain(uav.set_velocity(v, rate))
 
 
@@ -165,12 +165,12 @@ def _explain(handle: Any) -> str:
 
 
 def _read(mask: int, first: int, *values: float) -> Array:
-    """Return three numbers; NaN where the mask excludes them."""
+    """Return three numbers; NaN for those that the mask excludes."""
     return np.array([math.nan if mask & 1 << first + i else v for i, v in enumerate(values)])
 
 
 def _check(mask: int, message: Any, p: Array, v: Array) -> str:
-    """Return why a set-point is refused, or "": a number that is given must be one."""
+    """Return the reason of a refusal, or "": given numbers must be finite."""
     given = [
         *([] if mask & YAW else [message.yaw]),
         *([] if mask & YAW_RATE else [message.yaw_rate]),

@@ -1,7 +1,7 @@
 """A byte stream of MAVLink 2 in both directions, by pymavlink.
 
-pymavlink is an optional dependency. What is no packet is counted by its cause and dropped; no input
-raises, and nothing grows with what arrives.
+pymavlink is an optional dependency. Invalid data are counted by cause and dropped; no input raises,
+and memory is bounded.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ CAUSES = {
     "unknown": "a message that the dialect common does not have",
     "garbage": "bytes that belong to no packet",
 }
-"""Cause for which bytes or messages are dropped -> what it means."""
+"""Cause of dropped bytes or messages -> description."""
 MAVLINK_1 = 0xFE
 """First byte of a packet of MAVLink 1."""
 
 
 def load_dialect() -> Any:
-    """Import the dialect "common"; raises InputError where pymavlink is not installed."""
+    """Import the dialect "common"; raises InputError if pymavlink is not installed."""
     try:
         from pymavlink.dialects.v20 import common
     except ImportError:
@@ -37,7 +37,7 @@ class MavlinkStream:
     """Packets of one connection: bytes to messages, and messages to bytes."""
 
     def __init__(self, system: int = 1, component: int = 1) -> None:
-        """`system` and `component` are what sent packets carry. Raises as load_dialect."""
+        """`system` and `component` are the ids of sent packets. Raises as load_dialect."""
         self.dialect = load_dialect()
         self.counts: Counter[str] = Counter()
         self._ids = (system, component)
@@ -49,10 +49,10 @@ class MavlinkStream:
         self._parser.robust_parsing = True
 
     def feed(self, data: bytes) -> list[Any]:
-        """Return the messages that `data` completes; the rest is counted."""
+        """Return the messages that `data` completes; count invalid data."""
         try:
             found = self._parser.parse_buffer(data) or []
-        except Exception:  # of the library, on bytes that nobody sends on purpose
+        except Exception:  # an error of the library on invalid bytes
             self.counts["garbage"] += 1
             self._restart()
             return []

@@ -1,1 +1,1 @@
-"""PX4: Skywright as its simulator, and a robot as its parameters."""
+"""PX4: Skywright as its simulator, and robots as its parameters."""

@@ -1,4 +1,4 @@
-"""Which missions fly in the loop with PX4, and what they lose: told before anything listens."""
+"""Checks before connection which missions fly in the loop with PX4, and what they lose."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from skywright.vehicle.component import Law
 from skywright.vehicle.link_arc import compute_link_arc
 
 FORCES = "dynamics"
-"""What a kind needs that judges the motion which the robot's own law makes."""
+"""Requirement of kinds of missions that evaluate the motion of the robot's own law."""
 
 
 def find_losses(setup: Setup[Any], law: Law, force: bool) -> list[str]:
-    """Return what a mission loses with PX4 in the loop: lines to tell before take-off.
+    """Return what a mission loses with PX4 in the loop: lines to print before take-off.
 
     `force`: body forces are sent.
     """
@@ -39,9 +39,9 @@ def find_losses(setup: Setup[Any], law: Law, force: bool) -> list[str]:
 
 
 def find_refusal(setup: Setup[Any], tells_truth: bool) -> str:
-    """Return why a mission is not flown with PX4 in the loop, "" where it is.
+    """Return why a mission cannot fly with PX4 in the loop, or "".
 
-    `tells_truth`: the mission's estimator gives the truth.
+    `tells_truth`: the mission's estimator returns the truth.
     """
     d = setup.description
     kind = load_kind(d.mission.kind)

@@ -1,6 +1,7 @@
 """A flight under PX4: `skywright sitl ROBOT --autopilot px4`.
 
-The plant runs a period, its sensors go to PX4, PX4's answer leads the rotors for the next period.
+The plant runs for a period, its sensors are sent to PX4, and PX4's answer commands the rotors in
+the next period.
 """
 
 from __future__ import annotations
@@ -24,17 +25,17 @@ from skywright.links.sitl.plant import SitlPlant
 from skywright.links.sitl.result import SitlResult
 
 SLOW_START_S = 20.0
-"""s of a connection without actuators after which that is said."""
+"""s of a connection without actuators after which this is reported."""
 
 
 class Options(NamedTuple):
-    """How a flight is led."""
+    """Options of a flight."""
 
     host: str = "127.0.0.1"
     port: int = 4560
     telemetry: int = 13280  # port; 0: none
-    speed: float = 1.0  # factor of real time; infinite: as fast as it goes
-    wait_s: float = 120.0  # for PX4 to connect, at the start and after it has gone
+    speed: float = 1.0  # factor of real time; infinite: as fast as possible
+    wait_s: float = 120.0  # for a connection of PX4, at the start and after its end
     patience_s: float = 30.0  # for an answer
     duration_s: float = math.inf  # of the plant's time
     out: Path | None = None
@@ -45,10 +46,10 @@ class Options(NamedTuple):
 def fly_px4(
     description: Description[Any], options: Options, say: Callable[[str], None] = lambda _: None
 ) -> SitlResult:
-    """Fly until the duration is over, PX4 stays away, or an interrupt; writes the run directory.
+    """Fly until the duration is over, PX4 stays away, or an interrupt; write the run directory.
 
-    `say` is told one line for each thing that happens. Raises InputError where nothing was
-    started: a busy port, a robot that PX4 cannot fly, no PX4 within the time.
+    `say` receives one line per event. Raises InputError if nothing was started: a busy port, a
+    robot that PX4 cannot fly, no PX4 in time.
     """
     plant = SitlPlant(description)
     server = Px4Server(
@@ -88,12 +89,12 @@ class _Flight:
         self._tell = say
         server.say = self.say
         self._pace = Pace()
-        self._since = 0.0  # s, when the connection began or ended
+        self._since = 0.0  # s, start or end of the connection
         self._state = ""
         self._warned = False
 
     def say(self, text: str) -> None:
-        """Tell and record an event."""
+        """Print and record an event."""
         self._tell(text)
         self.directory.note(text)
 
@@ -130,7 +131,7 @@ class _Flight:
         self._pace.wait(reading.t, self.options.speed if locked else min(self.options.speed, 1.0))
 
     def _watch(self, t: float) -> None:
-        """Say what changes; a PX4 that sends no actuators is set up wrongly."""
+        """Report changes; a PX4 that sends no actuators has a wrong configuration."""
         state = self.server.lockstep.state
         if state != self._state:
             if state == "locked":

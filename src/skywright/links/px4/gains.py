@@ -26,7 +26,7 @@ ATTITUDE_PER_RATE = 0.4
 YAW_PER_ROLL = 0.5
 """Crossover of yaw over that of roll and pitch: rotors have little drag torque."""
 THRUST_COEFFICIENT = 6.5
-"""PX4's default of CA_ROTOR0_CT; equal rotors need no other, and PX4 counts entries by its size."""
+"""PX4's default of CA_ROTOR0_CT; equal rotors need no other, and PX4's scaling depends on it."""
 INTEGRAL = 0.4
 """1/s per rad/s: integral gain over P, as a share of the crossover."""
 
@@ -40,7 +40,7 @@ class Gains(NamedTuple):
 
 
 def compute_torque_units(B: Array, thrust_max: Array) -> Array:
-    """Return (3,) N m that one unit of PX4's torque about roll, pitch and yaw makes.
+    """Return (3,) N m of one unit of PX4's torque about roll, pitch and yaw.
 
     `B` (6, n) is the wrench in B per newton, about the centre of mass, `thrust_max` (n,) N.
     """
@@ -55,7 +55,8 @@ def compute_torque_units(B: Array, thrust_max: Array) -> Array:
 
 
 def compute_force_units(B: Array, thrust_max: Array) -> Array:
-    """Return (3,) N that one unit of PX4's thrust along x, y and z makes; that of z where none can.
+    """Return (3,) N of one unit of PX4's thrust along x, y and z; z's unit for an axis without
+    force.
 
     PX4 scales each axis by the mean size of the entries of its column, so that the units along x
     and y differ from the one along z, which is the thrust of all rotors.
@@ -69,7 +70,7 @@ def compute_force_units(B: Array, thrust_max: Array) -> Array:
 
 
 def _compute_mix(B: Array) -> Array:
-    """Return PX4's pseudo-inverse (n, 6) before it is scaled: torques, then forces."""
+    """Return PX4's pseudo-inverse (n, 6) before scaling: torques, then forces."""
     return np.asarray(np.linalg.pinv(np.vstack([B[3:], B[:3]]) * THRUST_COEFFICIENT, rcond=1e-6))
 
 

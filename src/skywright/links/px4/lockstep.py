@@ -1,13 +1,12 @@
-"""Lockstep with PX4: one packet of actuators answers each inertial sample. Knows no socket.
+"""Lockstep with PX4: one packet of actuators answers each inertial sample. Uses no socket.
 
 PX4's clock is that of the samples, so an answer carries the time of a sample. States:
 
-- `absent`: nobody is connected. The rotors stand still.
-- `starting`: PX4 boots; until its first actuators samples go out at the pace of the wall clock.
-- `locked`: the plant waits for the answer to each sample. Where none comes, time stands still.
+- `absent`: no autopilot is connected. The rotors stand still.
+- `starting`: PX4 boots; until its first actuators samples are sent at the pace of the wall clock.
+- `locked`: the plant waits for the answer to each sample. Without an answer, its time pauses.
 
-What does not fit is counted by its cause and changes no command. Too many in a row end the
-connection.
+Invalid packets are counted by cause and change no command. Too many in a row end the connection.
 """
 
 from __future__ import annotations
@@ -31,18 +30,18 @@ LOCKSTEP = 1
 SET_MESSAGE_INTERVAL = 511
 TRUTH_ID = 115  # HIL_STATE_QUATERNION
 CLOCK_US = 500_000
-"""us by which PX4's clock may differ from the last sample's."""
+"""us, largest difference of PX4's clock from the last sample's."""
 SAME_US = 1_000
-"""us by which an answer may be older than the sample that it answers."""
+"""us by which an answer may be older than its sample."""
 REFUSALS_MAX = 50
-"""Refused packets in a row that end a connection: it is no PX4 in lockstep."""
+"""Refused packets in a row that end a connection: the other end is not a PX4 in lockstep."""
 CAUSES = {
     "duplicate": "an answer that came before, or is older than the last one",
     "clock": "an answer whose time is not that of the samples",
     "numbers": "actuators that are not finite",
     "no lockstep": "actuators of a PX4 that was built without lockstep",
 }
-"""Cause for which an answer is refused -> what it means."""
+"""Cause of a refused answer -> description."""
 
 
 class Lockstep:
@@ -56,17 +55,17 @@ class Lockstep:
         """Shares (n,) of the rotors' full speeds, 0 while disarmed."""
         self.armed = False
         self.truth_interval: float | None = None
-        """Interval (us) at which the truth was asked for last; who reads it sets None."""
+        """Last requested interval (us) of the truth; the reader resets it to None."""
         self._sent_us = 0
         self._answered_us = self._last_us = -1
         self._refused = 0
 
     def connect(self) -> None:
-        """Begin with an autopilot that has connected: one that was restarted begins anew."""
+        """Start with a newly connected autopilot; a restarted one begins anew."""
         self._stop("starting")
 
     def disconnect(self) -> None:
-        """The autopilot has gone: as on a vehicle, rotors without commands stop."""
+        """Handle the end of a connection: as on a vehicle, rotors without commands stop."""
         self._stop("absent")
 
     def _stop(self, state: State) -> None:
@@ -76,7 +75,7 @@ class Lockstep:
         self._refused = 0
 
     def send(self, t: float) -> None:
-        """Note that the sample of the plant's time `t` (s) has been sent."""
+        """Record that the sample of the plant's time `t` (s) has been sent."""
         self._sent_us = compute_time_us(t)
 
     @property
@@ -86,27 +85,27 @@ class Lockstep:
 
     @property
     def trouble(self) -> str:
-        """Why the connection must end, or ""."""
+        """Return why the connection must end, or ""."""
         if self._refused < REFUSALS_MAX:
             return ""
         cause = max(CAUSES, key=lambda c: self.counts[c])
         return f"{self._refused} packets in a row were refused: {CAUSES[cause]}"
 
     def take(self, message: Any) -> None:
-        """Take a message of the autopilot."""
+        """Process a message of the autopilot."""
         kind = message.get_type()
         if kind == "HIL_ACTUATOR_CONTROLS":
             self._take_actuators(message)
         elif kind == "COMMAND_LONG" and _asks_for_truth(message):
             self.truth_interval = float(message.param2)
-        # heartbeats and the rest need no answer
+        # heartbeats and other messages need no answer
 
     def _take_actuators(self, message: Any) -> None:
         cause = self._find_cause(message)
         if cause is not None:
             self.counts[cause] += 1
             self._refused += 1
-            if cause == "numbers":  # it is an answer, and the last command holds
+            if cause == "numbers":  # it is an answer; the last command is held
                 self._answered_us = self._sent_us
             return
         self._refused = 0

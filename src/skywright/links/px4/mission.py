@@ -1,12 +1,12 @@
-"""The back end `px4`: a mission in software in the loop, its platform flown by PX4.
+"""The back end `px4`: a mission in software in the loop with a platform that PX4 flies.
 
 One process is PX4's simulator (TCP, lockstep) and the robot's onboard computer (MAVLink, UDP): the
-plant has arms, contact, wind and sensors as in every simulated flight. PX4 sets the rotors. The
-platform's references go to PX4 as set-points, and the estimate of the platform is PX4's; arms,
-hands, force sensor and probe are led in the plant, as by a servo bus.
+plant has arms, contact, wind and sensors as in every simulated flight. PX4 commands the rotors. The
+platform's references are sent to PX4 as set-points, and the estimate of the platform is PX4's.
+Arms, hands, force sensor and probe are controlled in the plant, as by a servo bus.
 
 Mission time is the plant's. While the mission waits for PX4 (a mode, arming, landing) the plant
-goes on, in lockstep, and the reference stands still.
+continues, in lockstep, and the reference pauses.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ Array = NDArray[np.float64]
 
 HOST = "127.0.0.1"
 ONBOARD_PORT = 14540
-"""UDP port to which PX4's first instance speaks as to an onboard computer."""
+"""UDP port of PX4's first instance for an onboard computer."""
 ATTITUDE, POSITION = 31, 32
 RATES = {ATTITUDE: 200.0, POSITION: 100.0}
 """Hz, of PX4's estimate."""
@@ -57,23 +57,23 @@ PATIENCE_S = 30.0  # s of the wall clock for an answer of PX4
 WAIT_S = 120.0  # s of the wall clock for PX4 to connect
 READY_S = 20.0  # s of the plant's time until PX4's checks before arming pass
 POSE_HZ, POSE_RAD = 30.0, 0.01
-"""Of poses that the robot's own estimator tells PX4: their rate, and noise of the attitude."""
+"""Poses that the robot's own estimator sends to PX4: their rate, and noise of the attitude."""
 FULL = 0.999
-"""Command of a rotor that counts as its most."""
+"""Command of a rotor that counts as saturated."""
 
 
 class Options(NamedTuple):
-    """How PX4 is met."""
+    """Options of the connection to PX4."""
 
     port: int = PORT
-    force: bool = False  # whether body forces are sent in place of positions
-    speed: float = 1.0  # factor of real time; infinite: as fast as it goes
+    force: bool = False  # whether body forces are sent instead of positions
+    speed: float = 1.0  # factor of real time; infinite: as fast as possible
     onboard: int = ONBOARD_PORT
     wait_s: float = WAIT_S
 
 
 class PlantClock:
-    """The plant's time, which passes while the mission waits."""
+    """The plant's time, which advances while the mission waits."""
 
     threaded = False
 
@@ -85,21 +85,21 @@ class PlantClock:
         return 0.0 if self.vehicle is None else self.vehicle.t
 
     def sleep(self, seconds: float) -> None:
-        """Let the plant go on; the reference stands still."""
+        """Advance the plant; the reference pauses."""
         if self.vehicle is not None:
             self.vehicle.stand_still(seconds)
 
 
 class Px4Vehicle(Offboard):
-    """A back end (vehicle.interface.Backend) that flies the plant by PX4."""
+    """A back end (vehicle.interface.Backend) with a plant that PX4 flies."""
 
     def __init__(
         self, server: Px4Server, link: VehicleLink, options: Options, setup: Any, *args: Any,
         parts: Sequence[Component] = (), say: Callable[[str], None], **kwargs: Any,
     ) -> None:  # fmt: skip
-        """Wait for PX4, start the plant beside it and wait until it is ready to fly.
+        """Wait for PX4, start the plant and wait until PX4 is ready to fly.
 
-        Raises InputError where PX4 does not come, or is not ready.
+        Raises InputError if PX4 does not connect or is not ready.
         """
         self._server, self._options, self._sockets = server, options, Sockets()
         own = AutopilotPose("autopilot pose"), AutopilotRotors("autopilot rotors")
@@ -141,7 +141,7 @@ class Px4Vehicle(Offboard):
         self.flush()  # the recording begins with the mission
 
     def _align(self) -> None:
-        """Put PX4's frame into W: poses that it is told are those of W already."""
+        """Align PX4's frame with W: poses sent to PX4 are already in W."""
         self._restarts = self.link.heard.restarts
         if self.world.localisation != "gnss":
             self._shift = np.zeros(3)
@@ -162,7 +162,7 @@ class Px4Vehicle(Offboard):
         return Ticked(self.t, fired, self.t - self._table_start >= self._table_end - 1e-9)
 
     def stand_still(self, seconds: float) -> None:
-        """Fly for a time (s) in which the reference stands still."""
+        """Fly for a time (s) during which the reference pauses."""
         for _ in range(max(round(seconds / self._sockets.period), 1)):
             check_interrupt()
             self._fly_sample(0)
@@ -170,13 +170,13 @@ class Px4Vehicle(Offboard):
             self._follower.delay(self._sockets.period)
 
     def _fly_sample(self, guards: int) -> int:
-        """Fly from one inertial sample to the next; returns the guards that fired."""
+        """Fly from one inertial sample to the next; return the guards that fired."""
         command = self._server.lockstep.command
         self._sockets.command(command)
         self._made.thrust[: len(command)] = self.rotors.thrust_max * command**2
         self._made.saturated = float(bool(np.any(command > FULL)))
         left, fired = self._per_sample, 0
-        while left > 0:  # a guard ends a tick early: the sample is still a whole one
+        while left > 0:  # a guard ends a tick early: the sample still has its full length
             before = int(self._ticks["tick"])
             self.n_ticks = left
             fired |= SimulatedVehicle.tick(self, 0 if fired else guards).fired
@@ -186,7 +186,7 @@ class Px4Vehicle(Offboard):
         return fired
 
     def _exchange(self, reading: Reading) -> None:
-        """Tell PX4 the sensors, take its commands and its estimate."""
+        """Send the sensors to PX4 and receive its commands and its estimate."""
         server, lockstep = self._server, self._server.lockstep
         if self._told and self._pose.own_ready > 0.5 and reading.t >= self._pose_due - 1e-9:
             self._pose_due = reading.t + 1.0 / POSE_HZ
@@ -220,7 +220,7 @@ class Px4Vehicle(Offboard):
         self._give_up(says)
 
     def _take_estimate(self) -> None:
-        """Give PX4's estimate to the laws and to the recording."""
+        """Copy PX4's estimate to the laws and to the recording."""
         h, me, notes = self.link.heard, self._pose, self._sockets.notes
         R, w = h.R_WB, h.w_B
         me.R_WB[:], me.w_WB_B[:] = R, w
@@ -256,17 +256,17 @@ class Px4Vehicle(Offboard):
         return force / self._mass
 
     def give_up_rotor(self, i: int) -> None:
-        """Return None, the others do not hold the robot: PX4 allocates."""
+        """Return None: without a rotor the others do not hold the robot, because PX4 allocates."""
         return None
 
     def close(self) -> None:
         """End both links."""
-        self.link.close()  # the plant ends here: there is no vehicle that could hold
+        self.link.close()  # the plant ends here: no vehicle remains that could hold
         self._server.close()
 
 
 def parse_options(text: str) -> Options:
-    """Return the options of `[PORT][?OPTION&...]`; raises InputError on others."""
+    """Return the options of `[PORT][?OPTION&...]`; raises InputError for others."""
     port, _, rest = text.partition("?")
     found: dict[str, Any] = {}
     if port:
@@ -307,7 +307,7 @@ def _parse_number(name: str, text: str, low: float, high: float) -> float:
 
 
 def check_backend(address: str, setup: Any) -> None:
-    """Raise InputError where a mission is not flown with PX4 in the loop."""
+    """Raise InputError if a mission cannot fly with PX4 in the loop."""
     d, force = setup.description, parse_options(address).force
     says = find_refusal(setup, uses_truth(d))
     if force and not says:
@@ -317,9 +317,9 @@ def check_backend(address: str, setup: Any) -> None:
 
 
 def open_backend(text: str) -> Callable[..., Px4Vehicle]:
-    """Return what builds the back end of `px4[:PORT][?OPTIONS]`; raises InputError."""
+    """Return a function that builds the back end of `px4[:PORT][?OPTIONS]`; raises InputError."""
     options = parse_options(text)
-    load_dialect()  # says at once where pymavlink is not installed
+    load_dialect()  # fails early if pymavlink is not installed
 
     def say(line: str) -> None:
         print(line, file=sys.stderr, flush=True)

@@ -1,7 +1,7 @@
 """A robot as PX4's parameters: geometry with tilt axes, motor curve, hover thrust, gains.
 
 Names and units are those of release 1.14. PX4's body frame is FRD with its origin in the centre of
-mass: from B (FLU) y and z change their signs. Rotor i of PX4 is rotor i of the robot's file.
+mass: y and z of B (FLU) change their signs. Rotor i of PX4 is rotor i of the robot file.
 """
 
 from __future__ import annotations
@@ -33,20 +33,20 @@ FUNCTION_MOTOR = 101
 ROTORS_MAX = 12
 """Rotors of CA_ROTOR_COUNT."""
 TYPES = {3: 15, 4: 2, 6: 13, 8: 14, 10: 35, 12: 29}
-"""Rotors -> MAV_TYPE; 2 (quadrotor) stands for other numbers."""
+"""Rotors -> MAV_TYPE; other numbers use 2 (quadrotor)."""
 RATE_P_MAX = 0.5
-"""Largest MC_ROLLRATE_P that ground stations take; a larger gain goes into MC_ROLLRATE_K."""
+"""Largest MC_ROLLRATE_P that ground stations accept; MC_ROLLRATE_K scales a larger gain."""
 HOVER_RANGE = (0.1, 0.8)
-"""Of MPC_THR_HOVER."""
+"""Range of MPC_THR_HOVER."""
 NOISE_LEAST = (0.01, 0.05)
-"""m, rad: least that EKF2_EVP_NOISE and EKF2_EVA_NOISE take. By default the filter counts on 0.1 m,
-and follows a pose that is known to millimetres late."""
+"""m, rad: lower limits of EKF2_EVP_NOISE and EKF2_EVA_NOISE. The filter's default is 0.1 m, with
+which it tracks a pose of millimetre accuracy late."""
 POSITION_ONLY = 11
 """EKF2_EV_CTRL: horizontal and vertical position and yaw of motion capture, no velocity."""
 
 
 class Parameter(NamedTuple):
-    """A parameter of PX4; an int is an INT32 there, a float a FLOAT."""
+    """A parameter of PX4; an int is an INT32, a float a FLOAT."""
 
     name: str
     value: int | float
@@ -54,20 +54,20 @@ class Parameter(NamedTuple):
 
 
 class Airframe(NamedTuple):
-    """A robot as PX4 controls it: one rigid body about its centre of mass."""
+    """A robot in PX4's representation: one rigid body about its centre of mass."""
 
     mass: float  # kg
     p_BC: Array  # (3,) m, centre of mass, arms folded
     inertia: Array  # (3,) kg m^2, about the axes of B through it
     position: Array  # (n, 3) m, hubs from the centre of mass, FLU
-    hover: float  # share of all thrust that carries the weight
+    hover: float  # share of the total thrust that carries the weight
     gains: Gains
-    force_units: Array  # (3,) N, of PX4's thrust of 1 along the axes of B
+    force_units: Array  # N, of PX4's thrust of 1 along the axes of B
     torque_units: Array  # (3,) N m, of PX4's torque of 1 about them
 
 
 def build_airframe(robot: Robot, world: World) -> Airframe:
-    """Compute the airframe; raises InputError where PX4 cannot have it."""
+    """Compute the airframe; raises InputError if PX4 cannot represent it."""
     nominal = Nominal(robot, world)
     rotors, n = nominal.rotors, len(nominal.rotors.spin)
     if n > ROTORS_MAX:
@@ -161,7 +161,7 @@ def _list_estimator(robot: Robot, world: World, airframe: Airframe) -> Iterator[
         yield Parameter("EKF2_EVP_NOISE", NOISE_LEAST[0], "m, at least: the poses tell theirs")
         yield Parameter("EKF2_EVA_NOISE", NOISE_LEAST[1], "rad, likewise")
         yield Parameter("EKF2_MAG_TYPE", 5, "heading by motion capture, no magnetometer")
-        own = world.localisation == "total-station"  # the onboard computer's, which is of now
+        own = world.localisation == "total-station"  # the onboard computer's, without delay
         yield Parameter("EKF2_EV_DELAY", 0.0 if own else 1e3 * world.mocap.latency_s, "ms")
     for sensor, p in places.items():
         for name, value in zip("XYZ", p * FLU_TO_FRD, strict=True):
@@ -169,7 +169,7 @@ def _list_estimator(robot: Robot, world: World, airframe: Airframe) -> Iterator[
 
 
 def format_value(value: int | float) -> str:
-    """Return a parameter's value as text: floats with 7 digits, as single precision has."""
+    """Return a parameter's value as text: floats with 7 digits, the precision of a single."""
     if isinstance(value, int):
         return str(value)
     assert math.isfinite(value)
@@ -186,14 +186,14 @@ def format_file(parameters: list[Parameter], comment: str) -> str:
 
 
 def format_environment(parameters: list[Parameter], comment: str) -> str:
-    """Return lines for a shell: PX4's SITL takes PX4_PARAM_NAME from release 1.15 on."""
+    """Return lines for a shell: PX4's SITL reads PX4_PARAM_NAME from release 1.15 on."""
     lines = [f"# {comment}"]
     lines += [f"export PX4_PARAM_{p.name}={format_value(p.value)}" for p in parameters]
     return "\n".join(lines) + "\n"
 
 
 def format_script(parameters: list[Parameter], comment: str) -> str:
-    """Return a start-up script, px4-rc.params, which PX4's SITL runs in any release."""
+    """Return a start-up script, px4-rc.params, which PX4's SITL runs in every release."""
     lines = [f"# {comment}"]
     for p in parameters:
         says = f"  # {p.meaning}" if p.meaning else ""
@@ -202,4 +202,4 @@ def format_script(parameters: list[Parameter], comment: str) -> str:
 
 
 FORMATS = {"file": format_file, "env": format_environment, "script": format_script}
-"""What `skywright sitl --params` prints, by name."""
+"""Formats of `skywright sitl --params`, by name."""

@@ -2,8 +2,9 @@
 
 Frames: PX4's world is NED (x north, y east, z down), its body FRD; W is ENU, B is FLU. Rates are
 those of PX4's own simulators: inertial samples each step, magnetometer and barometer at 50 Hz,
-fixes and poses as they come. Noise-free magnetometers and barometers look like broken ones to PX4;
-theirs here is that of PX4's simulated sensors. Inertial noise, bias and vibration are the robot's.
+fixes and poses at their own rates. PX4 treats noise-free magnetometers and barometers as broken;
+their noise here is that of PX4's simulated sensors. Inertial noise, bias and vibration are the
+robot's.
 """
 
 from __future__ import annotations
@@ -29,18 +30,18 @@ INERTIAL, MAGNETIC, BAROMETRIC = 0x003F, 0x01C0, 0x1A00
 """Bits of fields_updated: accelerometer and gyroscope, magnetometer, pressure and temperature."""
 SLOW_HZ = 50.0
 """Hz, of magnetometer and barometer."""
-MAG_NOISE = 1.0e-3  # gauss a sample, of PX4's simulated magnetometer
-BARO_NOISE = 1.0  # Pa a sample, of PX4's simulated barometer
+MAG_NOISE = 1.0e-3  # gauss per sample, of PX4's simulated magnetometer
+BARO_NOISE = 1.0  # Pa per sample, of PX4's simulated barometer
 SPEED_NOISE = 0.05  # m/s, of a receiver's Doppler speed (u-blox M8's data sheet)
 TEMPERATURE = 20.0  # deg C
 SATELLITES = 12
-BEHIND = 256  # steps for which speeds are kept: a fix is up to a second late
+BEHIND = 256  # steps for which velocities are kept: a fix is up to a second late
 FIRST_US = 1_000_000
-"""us, PX4's clock at the start of the plant: zero means "never" there."""
+"""us, PX4's clock at the start of the plant: PX4 interprets zero as "never"."""
 DEFAULT_TRUTH_HZ = 50.0
 LOCAL_NED, BODY_FRD = 1, 12  # MAV_FRAME
 VISION = 2
-"""MAV_ESTIMATOR_TYPE: PX4 gives EKF2 what "vision" estimates, not what "mocap" does."""
+"""MAV_ESTIMATOR_TYPE: EKF2 uses estimates of the type "vision", not of the type "mocap"."""
 
 
 def compute_time_us(t: float) -> int:
@@ -49,7 +50,7 @@ def compute_time_us(t: float) -> int:
 
 
 class Px4Sensors:
-    """Builds the messages of one step; keeps what fixes need of the past."""
+    """Builds the messages of one step; keeps past velocities for delayed fixes."""
 
     def __init__(self, dialect: Any, robot: Robot, world: World, seed: int, period: float) -> None:
         """`dialect` is pymavlink's, `period` (s) that of a step."""
@@ -70,16 +71,16 @@ class Px4Sensors:
         self._slow = [0.0, 0.0, 0.0, 0.0, 0.0, TEMPERATURE]
 
     def set_truth_interval(self, interval_us: float) -> None:
-        """Send the truth at the interval (us) that was asked for; at most once a step."""
+        """Send the truth at the requested interval (us); at most once a step."""
         if math.isfinite(interval_us) and interval_us > 0.0:
             self._truth_every = max(round(1e-6 * interval_us / self._period), 1)
 
     def set_pose_noise(self, place: float, turn: float) -> None:
-        """Tell standard deviations (m, rad) of poses that are not those of motion capture."""
+        """Set the standard deviations (m, rad) of poses that are not from motion capture."""
         self._std = (place, turn)
 
     def build(self, reading: Reading) -> list[Any]:
-        """Return the messages of a step; HIL_SENSOR, on which lockstep counts, is the last one."""
+        """Return the messages of a step; the last one is HIL_SENSOR, which lockstep waits for."""
         out: list[Any] = []
         self._past.append((reading.t, reading.v_WB))
         if reading.fix is not None:
@@ -124,7 +125,7 @@ class Px4Sensors:
         )  # fmt: skip
 
     def _find_speed(self, t: float) -> Array:
-        """Return the velocity (3,) m/s in W at `t` (s), or the oldest that is kept."""
+        """Return the velocity (3,) m/s in W at `t` (s), or the oldest one kept."""
         return next((v for at, v in reversed(self._past) if at <= t + 1e-9), self._past[0][1])
 
     def _build_odometry(self, pose: Placed) -> Any:

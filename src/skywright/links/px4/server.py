@@ -1,7 +1,7 @@
-"""The socket that PX4 connects to: one autopilot at a time, and what is said when it is silent.
+"""The socket that PX4 connects to: one autopilot at a time, with reports of its silence.
 
-PX4 is the client: it retries until the simulator listens, and never reconnects when the connection
-breaks. So a new connection is a PX4 that was started again.
+PX4 is the client: it retries until the simulator listens, and never reconnects after the connection
+breaks. A new connection is therefore a restarted PX4.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from skywright.links.sitl.fly import AutopilotFailed
 PORT = 4560
 """TCP port of PX4's first instance; instance N uses 4560 + N."""
 STALL_S = 2.0
-"""s without an answer after which that is said."""
+"""s without an answer after which this is reported."""
 VERSION_MAX = 20
-"""Packets of MAVLink 1 without one of MAVLink 2 that end the run."""
-CHUNK = 4096  # bytes a read
-SENSE_S = 0.05  # s between looks at interrupts while waiting
+"""Packets of MAVLink 1 without one of MAVLink 2 after which the run ends."""
+CHUNK = 4096  # bytes per read
+SENSE_S = 0.05  # s between checks for interrupts while waiting
 
 
 class Px4Server:
@@ -38,9 +38,9 @@ class Px4Server:
         self, n_rotors: int, host: str, port: int, *, patience_s: float,
         say: Callable[[str], None],
     ) -> None:  # fmt: skip
-        """`patience_s` is how long (s) an answer is waited for; `say` is told what happens.
+        """`patience_s` is the time limit (s) of an answer; `say` receives the events.
 
-        Raises InputError where the port is taken or the host has no address.
+        Raises InputError if the port is in use or the host has no address.
         """
         self.lockstep = Lockstep(n_rotors)
         self.stream = MavlinkStream()
@@ -52,7 +52,7 @@ class Px4Server:
 
     @property
     def connected(self) -> bool:
-        """Whether an autopilot is there."""
+        """Whether an autopilot is connected."""
         return self._peer is not None
 
     def wait_for_connection(self, timeout_s: float) -> bool:
@@ -68,9 +68,9 @@ class Px4Server:
         return True
 
     def exchange(self, t: float, messages: list[Any]) -> None:
-        """Send the messages of the plant's time `t` (s), and wait for the answer where one is due.
+        """Send the messages of the plant's time `t` (s), and wait for an answer if one is due.
 
-        Raises AutopilotFailed where none comes within the patience, or what comes is no PX4 in
+        Raises AutopilotFailed if none arrives in time, or if the other end is not a PX4 in
         lockstep.
         """
         self._accept()
@@ -108,7 +108,7 @@ class Px4Server:
         except (BlockingIOError, InterruptedError, ConnectionError):
             return
         if self._peer is not None:
-            self._receive(0.0)  # the old one may have gone without our having looked
+            self._receive(0.0)  # the old connection may have ended unnoticed
         if self._peer is not None:
             peer.close()
             self.say(f"a second autopilot at {address[0]} was refused: one is connected")
@@ -132,7 +132,7 @@ class Px4Server:
             self.say(why)
 
     def _send(self, data: bytes) -> bool:
-        """Send all of `data`; False where the connection broke."""
+        """Send all of `data`; return False if the connection broke."""
         end = time.monotonic() + self.patience_s
         while data and self._peer is not None:
             check_interrupt()
@@ -149,7 +149,7 @@ class Px4Server:
         return self._peer is not None
 
     def _receive(self, timeout_s: float) -> None:
-        """Read what has come, waiting for it up to `timeout_s`."""
+        """Read received data; wait for them up to `timeout_s`."""
         if self._peer is None:
             return
         if timeout_s > 0.0:
@@ -170,7 +170,7 @@ class Px4Server:
         self._check(self.stream.counts["version"] - before)
 
     def _check(self, versions: int) -> None:
-        """Raise AutopilotFailed where the other side is no PX4 in lockstep."""
+        """Raise AutopilotFailed if the other end is not a PX4 in lockstep."""
         if self._versions >= 0:
             self._versions += versions
             if self._versions >= VERSION_MAX:
@@ -184,13 +184,13 @@ class Px4Server:
             raise AutopilotFailed(f"not a PX4 in lockstep: {says}")
 
     def describe_refused(self) -> list[str]:
-        """Return a line for each cause for which something was refused."""
+        """Return one line for each cause of refused data."""
         found, causes = self.stream.counts + self.lockstep.counts, {**PACKETS, **ANSWERS}
         return [f"{found[c]} refused: {says}" for c, says in causes.items() if found[c]]
 
 
 def _listen(host: str, port: int) -> socket.socket:
-    """Return a socket that listens without blocking; raises InputError where it cannot."""
+    """Return a socket that listens without blocking; raises InputError if that fails."""
     try:
         listener = socket.create_server((host, port), backlog=2)
     except OSError as error:

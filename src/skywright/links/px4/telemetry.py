@@ -1,8 +1,8 @@
-"""What PX4 believes and wants: its estimate and set-points, heard on a link of its own (UDP).
+"""PX4's estimate and set-points, received on a separate UDP link.
 
-PX4's SITL sends to four ports. 14540 (offboard programs) and 14550 (ground stations) are left to
-others; this one is meant for a gimbal, and its three messages are asked for. PX4's position is that
-of the centre of mass: it is noted as that of B, by PX4's own attitude.
+PX4's SITL sends to four ports. 14540 (offboard programs) and 14550 (ground stations) stay free for
+others; this one is intended for a gimbal, and its three messages are requested. PX4's position is
+that of the centre of mass: it is converted to that of B with PX4's own attitude.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ PORT = 13280
 """UDP port of PX4's gimbal link; instance N uses 13280 + N."""
 ATTITUDE, POSITION, TARGET = 31, 32, 85  # message ids
 RATE_HZ = 20.0
-ASK_EVERY_S = 2.0  # s of the plant's time between requests until the messages come
+ASK_EVERY_S = 2.0  # s of the plant's time between requests until the messages arrive
 SET_MESSAGE_INTERVAL = 511
 SYSTEM, COMPONENT = 245, 191  # an onboard computer
-AT_ONCE = 100  # datagrams read in one go
+AT_ONCE = 100  # datagrams per read
 IGNORE_POSITION, IGNORE_VELOCITY = 0x7, 0x38  # bits of type_mask
 
 
 class Telemetry:
-    """Notes PX4's estimate and set-points for the recording."""
+    """Records PX4's estimate and set-points."""
 
     def __init__(self, host: str, port: int, notes: Any, p_BC: Array) -> None:
-        """`notes` are those of SitlPlant, `p_BC` (3,) m is the centre of mass that PX4 knows.
+        """`notes` are those of SitlPlant, `p_BC` (3,) m is the centre of mass in PX4's parameters.
 
-        Raises InputError where the port is taken.
+        Raises InputError if the port is in use.
         """
         self.stream = MavlinkStream(SYSTEM, COMPONENT)
         self._notes, self._p_BC = notes, p_BC
@@ -56,22 +56,22 @@ class Telemetry:
         self.port = int(self._socket.getsockname()[1])
 
     def restart(self) -> None:
-        """PX4 was started again: it is asked anew, and has a new local frame."""
+        """Request the messages again after a restart of PX4, which has a new local frame."""
         self._asked, self._came, self._shift = -ASK_EVERY_S, set(), None
         self._notes.heard = 0.0
 
     def poll(self, t: float, p_WB: Array, local_origin: bool) -> None:
-        """Read what has come; `t` (s) is the plant's time, `p_WB` (3,) m where the robot truly is.
+        """Process received messages; `t` (s) is the plant's time, `p_WB` (3,) m the true position.
 
-        With a `local_origin` PX4's frame begins where its estimator did: it is shifted by what its
-        first estimate is off.
+        With a `local_origin` PX4's frame begins at the start of its estimator: it is shifted by the
+        error of its first estimate.
         """
         for _ in range(AT_ONCE):
             try:
                 data, address = self._socket.recvfrom(2048)
             except (BlockingIOError, InterruptedError):
                 return
-            except OSError:  # a port that was closed at the other end
+            except OSError:  # a closed port at the other end
                 continue
             for message in self.stream.feed(data):
                 self._take(message, p_WB, local_origin)
@@ -95,7 +95,7 @@ class Telemetry:
         for message in (beat, *asked):
             try:
                 self._socket.sendto(self.stream.pack(message), address)
-            except OSError:  # asked again later
+            except OSError:  # requested again later
                 return
 
     def _take(self, m: Any, p_WB: Array, local_origin: bool) -> None:
@@ -120,12 +120,12 @@ class Telemetry:
         self._came.add(kind)
 
     def _to_platform(self, m: Any) -> Array:
-        """Return where B's origin (3,) m is in W when the centre of mass is where `m` says."""
+        """Return B's origin (3,) m in W for the centre of mass in `m`."""
         p: Array = NED_FROM_ENU @ np.array([m.x, m.y, m.z]) - self._notes.R_WB @ self._p_BC
         return p
 
     def _take_target(self, m: Any) -> None:
-        """Note a set-point; parts that PX4 does not control are NaN."""
+        """Record a set-point; parts that PX4 does not control are NaN."""
         nan = np.full(3, np.nan)
         given = m.type_mask & IGNORE_POSITION == 0 and is_finite(m, "x", "y", "z")
         p = self._to_platform(m) if given else nan

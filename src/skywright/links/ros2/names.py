@@ -1,7 +1,8 @@
-"""How rmw_zenoh names what it sends: key expressions, liveliness tokens, attachments.
+"""Names of rmw_zenoh: key expressions, liveliness tokens, attachments.
 
-From its design document (rmw_zenoh, docs/design.md): a token makes an entity visible to `ros2 topic
-list`, the key carries the data, and the attachment tells who sent it, when, and in which order.
+They follow its design document (rmw_zenoh, docs/design.md): a token makes an entity visible to
+`ros2 topic list`, the key expression addresses the data, and the attachment contains sender, time
+and sequence number.
 """
 
 from __future__ import annotations
@@ -11,13 +12,13 @@ import struct
 
 PUBLISHER, SUBSCRIBER, SERVICE = "MP", "MS", "SS"
 QOS = "::,10:,:,:,,"
-"""Reliable, volatile, the last 10; deadline, lifespan and liveliness as ROS has them by default."""
+"""Reliable, volatile, depth 10; deadline, lifespan and liveliness are ROS's defaults."""
 ATTACHMENT = struct.Struct("<qqB16s")
-"""Sequence number, time (ns), length of the sender's number, and that number."""
+"""Sequence number, time (ns), length of the sender's GID, and the GID."""
 
 
 def name_type(full: str) -> str:
-    """Return the name of a type (`pkg/msg/Type`) as DDS has it: `pkg::msg::dds_::Type_`."""
+    """Return the DDS name of a type (`pkg/msg/Type`): `pkg::msg::dds_::Type_`."""
     package, group, name = full.split("/")
     return f"{package}::{group}::dds_::{name}_"
 
@@ -28,17 +29,17 @@ def name_key(domain: int, name: str, full: str, digest: str) -> str:
 
 
 class Node:
-    """A ROS 2 node as others see it."""
+    """A ROS 2 node and its tokens."""
 
     def __init__(self, domain: int, session: str, name: str) -> None:
-        """`session` is the number of the Zenoh session."""
+        """`session` is the id of the Zenoh session."""
         self._start = f"@ros2_lv/{domain}/{session}/0"
         self._end = f"%/%/{name}"
         self._entities = 0
 
     @property
     def token(self) -> str:
-        """Its liveliness token."""
+        """The liveliness token of the node."""
         return f"{self._start}/0/NN/{self._end}"
 
     def add(self, kind: str, name: str, full: str, digest: str) -> str:
@@ -49,7 +50,7 @@ class Node:
 
 
 def build_gid(token: str) -> bytes:
-    """Return the number of an entity (16 bytes), from its token."""
+    """Return the GID of an entity (16 bytes), computed from its token."""
     return hashlib.blake2b(token.encode(), digest_size=16).digest()
 
 
@@ -59,7 +60,7 @@ def pack_attachment(sequence: int, time_ns: int, gid: bytes) -> bytes:
 
 
 def read_attachment(data: bytes) -> tuple[int, int, bytes]:
-    """Return sequence, time (ns) and sender; raises ValueError where it is no attachment."""
+    """Return sequence, time (ns) and sender; raises ValueError if it is no attachment."""
     if len(data) != ATTACHMENT.size:
         raise ValueError(f"an attachment of {len(data)} bytes")
     sequence, time_ns, length, gid = ATTACHMENT.unpack(data)

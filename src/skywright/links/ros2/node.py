@@ -1,8 +1,8 @@
-"""A ROS 2 node over Zenoh: publishers, UAL's services, and the topics that command.
+"""A ROS 2 node over Zenoh: publishers, UAL's services, and command topics.
 
-It connects to the Zenoh router of the ROS 2 system as a client. Where none answers at an address of
-this computer it is that router itself, so that ROS 2 nodes find it where they look. It never looks
-for others by multicast.
+The node connects as a client to the Zenoh router of the ROS 2 system. If no router answers at an
+address of this computer, the node is the router itself, so that ROS 2 nodes find it at their
+default address. It does not use multicast discovery.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ from skywright.recordings.messages import full_name
 from skywright.recordings.sample_rows import build_message
 
 NAME = "skywright"
-LARGEST = 4096  # bytes of a request
+LARGEST = 4096  # bytes, largest request
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 DOMAINS = range(233)  # as in ROS 2
 
 
 class Sending(NamedTuple):
-    """A publisher, and who it is."""
+    """A publisher and its token."""
 
     publisher: Any
     gid: bytes
@@ -54,11 +54,11 @@ class Ros2Node:
     """The node of a flight."""
 
     def __init__(self, endpoint: str, distro: str, domain: int, caller: Caller) -> None:
-        """Open the session; raises InputError where there is nobody to connect to."""
+        """Open the session; raises InputError if the connection fails."""
         if domain not in DOMAINS:
             raise InputError(f"ROS_DOMAIN_ID={domain}; valid: 0 to {DOMAINS[-1]}")
         self._distro, self._domain, self._caller = distro, domain, caller
-        self._types = Types(distro, {}, {})  # an unknown distribution is told before all else
+        self._types = Types(distro, {}, {})  # an unknown distribution raises first
         self._session = _open_session(endpoint)
         self._node = Node(domain, str(self._session.zid()), NAME)
         self._tokens: list[Any] = []
@@ -66,10 +66,10 @@ class Ros2Node:
         self._sending: dict[str, Sending] = {}
         self._sequence = 0
         self.counts: Counter[str] = Counter()
-        """Requests that were dropped, by cause."""
+        """Number of dropped requests, by cause."""
 
     def declare(self, reader: Reader) -> None:
-        """Offer the topics of a flight, and the commands."""
+        """Declare the topics of a flight, and the commands."""
         topics = [e.topic for e in reader.encoders.values()] + [g.topic for g in TEXTS]
         own = list_definitions([TYPES, *(t.types for t in topics)])
         self._types = Types(self._distro, own, SERVICE_TYPES)
@@ -83,31 +83,31 @@ class Ros2Node:
 
     @property
     def watched(self) -> bool:
-        """Whether anybody is subscribed to a topic."""
+        """Whether any topic has a subscriber."""
         return any(s.publisher.matching_status.matching for s in self._sending.values())
 
     def publish(self, reader: Reader) -> None:
-        """Send the newest row on the topics that somebody is subscribed to."""
+        """Publish the newest row on the topics with subscribers."""
         ns = time.time_ns()
         for name in reader.encoders:
             if self._sending[name].publisher.matching_status.matching:
                 self._put(name, reader.encode(name), ns)
 
     def tell(self, name: str, text: str, ns: int) -> None:
-        """Send a text (std_msgs/String)."""
+        """Publish a text (std_msgs/String)."""
         sending = self._sending.get(name)
         if sending is not None and sending.publisher.matching_status.matching:
             topic = Topic(name, "std_msgs/String", "", {}, {"data": text})
             self._put(name, build_message(topic, ns), time.time_ns())
 
     def close(self) -> None:
-        """Leave."""
+        """Close the session."""
         if self.counts:
             said = ", ".join(f"{n} {cause}" for cause, n in sorted(self.counts.items()))
             print(f"ros2: dropped: {said}", file=sys.stderr)
         self._session.close()
 
-    # --- what is offered -----------------------------------------------------------------------
+    # --- declarations ----------------------------------------------------------------------
 
     def _declare(self, token: str) -> None:
         self._tokens.append(self._session.liveliness().declare_token(token))
@@ -145,10 +145,10 @@ class Ros2Node:
         self._kept.append(self._session.declare_subscriber(key, heard))
         self._declare(self._node.add(SUBSCRIBER, stream.name, full, digest))
 
-    # --- what comes in -------------------------------------------------------------------------
+    # --- received requests -----------------------------------------------------------------
 
     def _take_call(self, service: Service, full: str, query: Any) -> None:
-        """Hand a call on; what is no request is answered by an error."""
+        """Forward a call; an invalid request is answered with an error."""
         try:
             sequence, _, gid = read_attachment(_read(query.attachment))
             args = self._read_request(f"{full}_Request", query.payload)
@@ -180,7 +180,7 @@ class Ros2Node:
         if len(data) > LARGEST:
             raise ValueError(f"{len(data)} bytes; valid: at most {LARGEST}")
         args = self._types.decode(full, data)
-        json.dumps(args, allow_nan=False)  # raises ValueError on what is no number
+        json.dumps(args, allow_nan=False)  # raises ValueError on NaN and infinity
         return args
 
     def _put(self, name: str, body: bytes, ns: int) -> None:
@@ -194,7 +194,7 @@ def _read(data: Any) -> bytes:
 
 
 def _open_session(endpoint: str) -> Any:
-    """Connect to the router at `endpoint`, or be it; raises InputError."""
+    """Connect to the router at `endpoint`, or open one there; raises InputError."""
     host, port = read_endpoint(endpoint)
     there = _answers(host.strip("[]"), port)
     if not there and host not in LOOPBACK:
@@ -220,5 +220,5 @@ def _answers(host: str, port: int) -> bool:
     try:
         with socket.create_connection((host, port), 2.0):
             return True
-    except (OSError, UnicodeError):  # a name that is none, too
+    except (OSError, UnicodeError):  # also an invalid name
         return False

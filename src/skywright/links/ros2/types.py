@@ -1,8 +1,8 @@
 """Types of ROS 2 messages and services, and their hashes, by distribution.
 
-Standard types are those that rosbags brings for a distribution; ours are registered beside them.
-Hashes are RIHS01 (REP 2011): SHA-256 over the description of a type and of all types that it uses.
-rmw_zenoh on Humble has none: there a fixed word stands in their place.
+Standard types are those of rosbags for a distribution; Skywright's types are registered in
+addition. Hashes are RIHS01 (REP 2011): SHA-256 over the description of a type and of all types that
+it uses. rmw_zenoh on Humble has none and uses a fixed word instead.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ EVENT_INFO = (
 
 
 class Types:
-    """The types of one distribution and ours."""
+    """The types of one distribution and those of Skywright."""
 
     def __init__(
         self, distro: str, own: Mapping[str, str], services: Mapping[str, tuple[str, str]]
     ) -> None:
         """`own` defines types (`pkg/Type`), `services` request and response of services.
 
-        What the distribution has is not registered again. Raises InputError for a distribution that
-        is unknown.
+        Types of the distribution are not registered again. Raises InputError for an unknown
+        distribution.
         """
         if distro not in DISTROS:
             raise InputError(f"ROS 2 distribution {distro[:40]!r}; valid: {', '.join(DISTROS)}")
@@ -73,16 +73,16 @@ class Types:
         self.store.register({f"{full}_Event": ([], event), full: ([], whole)})
 
     def hash(self, full: str) -> str:
-        """Return the hash of a type by its full name, or what stands in its place."""
+        """Return the hash of a type by its full name, or the fixed word."""
         return str(self.store.hash_rihs01(full)) if self._hashed else NO_HASH
 
     def decode(self, full: str, data: bytes) -> dict[str, Any]:
-        """Return a message as plain values; raises ValueError where it is none."""
+        """Return a message as plain values; raises ValueError if it is invalid."""
         if not self.store.fielddefs[full][1]:
             return {}
         try:
             return _plain(self.store, self.store.deserialize_cdr(data, full))
-        except Exception as error:  # whatever a decoder does with bytes of anybody
+        except Exception as error:  # any error of the decoder on invalid bytes
             raise ValueError(f"no {full}: {type(error).__name__}") from None
 
     def encode(self, full: str, **values: Any) -> bytes:
@@ -99,13 +99,13 @@ def list_definitions(kinds: Iterable[Mapping[str, str]]) -> dict[str, str]:
 
 
 def name_service(kind: str) -> str:
-    """Return the name that ROS 2 gives a service type: `pkg/srv/Type`."""
+    """Return the ROS 2 name of a service type: `pkg/srv/Type`."""
     package, _, name = kind.partition("/")
     return f"{package}/srv/{name}"
 
 
 def _plain(store: Any, value: Any) -> Any:
-    """Return a message's values as JSON has them."""
+    """Return a message's values as JSON types."""
     if hasattr(value, "__msgtype__"):
         names = [name for name, _ in store.fielddefs[value.__msgtype__][1]]
         return {name: _plain(store, getattr(value, name)) for name in names}

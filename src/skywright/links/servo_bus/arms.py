@@ -1,12 +1,13 @@
-"""The arms of a flight as real servos: goals go out at 50 Hz, shafts come back.
+"""Real servos for the arms of a flight: goals are sent at 50 Hz, shaft angles are read back.
 
-The platform, the links and their springs are simulated. The simulated servos' shafts are where the
-real ones are: what the arms' law commands goes to the bus (S_JOG with a play time of two periods,
-so that the motion is continuous, Suarez 2020, V-C), and the positions that are read are those that
-springs and links hang on. The flight keeps to the wall clock.
+The platform, the links and their springs are simulated. The simulated servos' shafts have the
+angles of the real ones: the commands of the arms' law are sent to the bus (S_JOG with a play time
+of two periods, so that the motion is continuous, Suarez 2020, V-C), and springs and links are
+attached to the measured positions. The flight runs at the pace of the wall clock.
 
-A worker owns the bus: a flight never waits for it. A servo that has been silent for STALE_S keeps
-its last place and is counted; silent for LOST_S, or with an error, it ends the flight.
+A worker thread owns the bus, so that a flight never waits for it. A servo that has been silent for
+STALE_S keeps its last angle and is counted. A servo that is silent for LOST_S, or reports an error,
+ends the flight.
 """
 
 from __future__ import annotations
@@ -47,15 +48,15 @@ PERIOD_S = MISSION_TICK
 """s between goals."""
 PLAY_S = 2.0 * PERIOD_S
 STALE_S, LOST_S = 0.25, 1.0
-BEHIND_S = 0.5  # s behind the wall clock from which the flight does not try to catch up
+BEHIND_S = 0.5  # s behind the wall clock beyond which the flight does not catch up
 START_S = 2.0
-"""Play time (s) of the way to the flight's first goals."""
+"""Play time (s) of the motion to the flight's first goals."""
 FAR_RAD = math.radians(30.0)
-"""Distance of a shaft from the flight's first goal from which the start is refused."""
+"""Largest distance of a shaft from the flight's first goal at which the start is accepted."""
 
 
 class ServosFailed(SimulationError):
-    """A servo is lost or reports an error."""
+    """A servo does not answer or reports an error."""
 
 
 class Driven(NamedTuple):
@@ -71,13 +72,13 @@ class Shaft(NamedTuple):
 
     angle: float  # rad
     error: int
-    silent_s: float  # s from the answer to the last request: 0 where that was answered
+    silent_s: float  # s from the answer to the last request: 0 if that was answered
 
 
 def list_driven(robot: Robot) -> list[Driven]:
-    """Return ids 1, 2, ... in the order of the robot's driven joints.
+    """Return ids 1, 2, ... in the order of the robot's actuated joints.
 
-    Raises InputError for a robot whose arms are not position servos.
+    Raises InputError for a robot without position servos in its arms.
     """
     if not is_compliant(robot):
         raise InputError(
@@ -89,16 +90,16 @@ def list_driven(robot: Robot) -> list[Driven]:
 
 
 class BusServos(Component):
-    """Puts the real shafts in the place of the simulated servos' own."""
+    """Replaces the angles of the simulated servos' shafts by those of the real ones."""
 
     slot, side = "actuate", "plant"
 
     class Me(Record):
         n: int
-        first: int  # control of the first servo
+        first: int  # index of the first servo in MuJoCo's controls
         joint: Annotated[Integers, MAX_JOINTS]
-        servo: Annotated[Integers, MAX_JOINTS]  # control of each
-        angle: Annotated[Array, MAX_JOINTS]  # rad, read
+        servo: Annotated[Integers, MAX_JOINTS]  # control index of each servo
+        angle: Annotated[Array, MAX_JOINTS]  # rad, measured
 
     columns = (
         Recorded("servo_theta", ServoState, "now", "rad", "shafts of the real servos", per="joint"),
@@ -110,7 +111,7 @@ class BusServos(Component):
     ) -> None:  # fmt: skip
         """`exchange(t, me, state)` is called after each mission tick.
 
-        `check(angles)` is told once, before anything is flown, where (rad) joints begin.
+        `check(angles)` is called once, before the flight, with the initial joint angles (rad).
         """
         super().__init__(name)
         self._exchange, self._check = exchange, check
@@ -118,11 +119,11 @@ class BusServos(Component):
         self._state: Any = None
 
     def after_tick(self, t: float) -> None:
-        """Exchange goals and shafts."""
+        """Exchange goals and shaft angles."""
         self._exchange(t, self._me, self._state)
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Look up the joints, and see that the servos are there; raises InputError."""
+        """Look up the joints, and check that the servos are present; raises InputError."""
         state = context.records[ServoState, ""][0]
         self._me, self._state = me, state
         me.first = len(context.rotors.thrust_min)
@@ -151,19 +152,19 @@ class ServoWorker(threading.Thread):
         self._goals: dict[int, int] = {}
         self._shafts: dict[int, Shaft] = {}
         self.cycle_s = 0.0
-        """Time (s) of the last round of readings."""
+        """Duration (s) of the last round of readings."""
         self.failure = ""
 
     def check(self, goals: dict[int, float], names: dict[int, str]) -> None:
-        """Read all servos; nothing moves. Raises as start_up."""
+        """Read all servos without motion. Raises InputError as start_up."""
         self._bus.acknowledge_reads_only()
         self._bus.clear_errors()
         self._read_all(goals, names)
 
     def start_up(self, goals: dict[int, float], names: dict[int, str]) -> None:
-        """Read all servos, switch torque on and go to `goals` (rad) slowly; then begin.
+        """Read all servos, switch torque on, move to `goals` (rad) slowly, then start the thread.
 
-        Raises InputError where one is absent, reports an error, or stands far from its goal.
+        Raises InputError if one is absent, reports an error, or is far from its goal.
         """
         bus = self._bus
         self.check(goals, names)
@@ -197,7 +198,7 @@ class ServoWorker(threading.Thread):
             self._shafts[servo] = Shaft(to_angle(counts), 0, 0.0)
 
     def lead(self, goals: dict[int, float]) -> None:
-        """Take over the newest goals (rad) by id."""
+        """Set the newest goals (rad) by id."""
         with self._lock:
             self._goals = {servo: to_counts(angle) for servo, angle in goals.items()}
 
@@ -210,11 +211,11 @@ class ServoWorker(threading.Thread):
         """Send and read until `stop`."""
         try:
             self._run()
-        except Exception as error:  # the port has gone: told at the next tick
+        except Exception as error:  # the port has failed: reported at the next tick
             self.failure = f"{type(error).__name__}: {error}"
 
     def stop(self) -> None:
-        """End it; the servos hold where they are, torque on."""
+        """Stop the thread; the servos hold their positions with torque on."""
         self._ending.set()
         if self.is_alive():
             self.join(2.0)
@@ -264,23 +265,23 @@ class ServoFlight:
         self._bus = bus
         self._anchor: float | None = None
         self.stale = 0
-        """Readings that were too old at a tick."""
+        """Number of readings that were too old at a tick."""
         self.cycle_max_s = 0.0
 
     @property
     def parts(self) -> list[Component]:
-        """Components that the vehicle gets for it."""
+        """Components to add to the vehicle."""
         return [self._component]
 
     def on_plan(self, plan: Any, description: Any) -> None:
-        """The servos start with the flight."""
+        """Nothing to do: the servos start with the flight."""
 
     def on_tick(self, t: float, phase: str, vehicle: Any) -> None:
-        """Nothing: the component exchanges."""
+        """Nothing to do: the component exchanges the data."""
 
     def _check(self, angles: dict[int, float]) -> None:
-        """Raise InputError where a servo is absent, has an error or stands far from its joint."""
-        if self._anchor is not None:  # built again in flight: they lead already
+        """Raise InputError if a servo is absent, has an error or is far from its joint's angle."""
+        if self._anchor is not None:  # rebuilt in flight: the servos are already active
             return
         try:
             self._worker.check(
@@ -291,7 +292,7 @@ class ServoFlight:
             raise InputError(f"--servos: the serial port has failed: {error}") from None
 
     def _exchange(self, t: float, me: Any, state: Any) -> None:
-        """Give goals, take shafts, keep to the wall clock; raises ServosFailed."""
+        """Set goals, read shafts, wait for the wall clock; raises ServosFailed."""
         goals = {d.servo: float(state["held"][d.joint]) for d in self.driven}
         if self._anchor is None:
             try:
@@ -317,11 +318,11 @@ class ServoFlight:
         self._pace(t)
 
     def close(self) -> None:
-        """Leave the servos holding, and close the port."""
+        """Close the port; the servos hold their positions."""
         self._worker.stop()
 
     def describe(self) -> list[str]:
-        """Return lines about the bus: its slowest round of readings and what was dropped."""
+        """Return lines about the bus: its slowest round of readings and dropped data."""
         lines = [f"servo bus: a round of readings took at most {1e3 * self.cycle_max_s:.0f} ms"]
         if self.stale:
             lines.append(f"servo bus: {self.stale} readings older than {STALE_S:g} s")
@@ -337,13 +338,13 @@ class ServoFlight:
 
 
 def open_servos(text: str, robot: Robot) -> ServoFlight:
-    """Return the arms that `--servos serial:PORT[:BAUD]` asks for; raises InputError."""
+    """Return the arms of the option `--servos serial:PORT[:BAUD]`; raises InputError."""
     list_driven(robot)
     return ServoFlight(open_bus(text), robot)
 
 
 def build_emulator(robot: Robot) -> Emulator:
-    """Return an emulator of a robot's servos, which stand in its folded posture."""
+    """Return an emulator of a robot's servos in its folded posture."""
     driven, folded = list_driven(robot), posture(robot, "folded")
     emulator = Emulator([d.servo for d in driven])
     for d in driven:

@@ -1,4 +1,4 @@
-"""The bus with its servos: requests, answers, time-outs, torque, goals and positions."""
+"""The servo bus: requests, answers, time-outs, torque, goals and positions."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from skywright.links.servo_bus.protocol import (
 BAUD = 115200
 BAUDS = (57600, 115200, 200000, 250000, 400000, 500000, 666666)
 ANSWER_S = 0.012
-"""s in which a servo answers, beside the time of the bytes: a converter at USB adds up to 8 ms."""
+"""s, time limit of an answer in addition to its bytes: a USB converter adds up to 8 ms."""
 ATTEMPTS = 2
 MORE_CAUSES = {
     "timeout": "requests without an answer in time",
@@ -52,7 +52,7 @@ class ServoSilent(SimulationError):
 
 
 class Port(Protocol):
-    """What the bus needs of a serial port; serial.Serial has it."""
+    """The interface of a serial port that the bus uses; serial.Serial has it."""
 
     timeout: float | None
 
@@ -60,14 +60,14 @@ class Port(Protocol):
         """Send bytes."""
 
     def read(self, size: int = 1, /) -> bytes:
-        """Return up to `size` bytes that come within the timeout."""
+        """Return up to `size` bytes that arrive within the timeout."""
 
     def close(self) -> None:
         """Close it."""
 
 
 class ServoStatus(NamedTuple):
-    """What a servo says about itself."""
+    """Status of a servo."""
 
     error: int
     detail: int
@@ -79,12 +79,12 @@ class ServoStatus(NamedTuple):
 
     @property
     def says(self) -> str:
-        """Its errors in words, or ""."""
+        """Its errors as text, or ""."""
         return describe_error(self.error)
 
 
 class ServoBus:
-    """Requests on one port; not for two threads at a time."""
+    """Requests on one port; not thread-safe."""
 
     def __init__(
         self, port: Port, baud: int = BAUD, clock: Callable[[], float] = time.monotonic
@@ -94,13 +94,13 @@ class ServoBus:
         self.counts: Counter[str] = Counter()
 
     def close(self) -> None:
-        """Close the port; the servos keep what they were told last."""
+        """Close the port; the servos keep their last commands."""
         self._port.close()
 
     # --- without an answer -------------------------------------------------------------------
 
     def acknowledge_reads_only(self) -> None:
-        """Let all servos answer requests only."""
+        """Set all servos to answer read requests only."""
         self._port.write(pack_write(BROADCAST, ACK_POLICY, b"\x01"))
 
     def set_torque(self, on: bool, servo: int = BROADCAST) -> None:
@@ -108,19 +108,19 @@ class ServoBus:
         self._port.write(pack_write(servo, TORQUE, bytes([TORQUE_ON if on else TORQUE_FREE])))
 
     def clear_errors(self, servo: int = BROADCAST) -> None:
-        """Clear status error and detail; a servo whose cause stays raises them again."""
+        """Clear status error and detail; a persistent cause sets them again."""
         self._port.write(pack_write(servo, STATUS, b"\x00\x00"))
 
     def reboot(self, servo: int) -> None:
-        """Start a servo again: torque off, RAM as its EEPROM says."""
+        """Restart a servo: torque off, RAM loaded from its EEPROM."""
         self._port.write(pack(Packet(servo, REBOOT, b"")))
 
     def jog_together(self, ticks: int, jogs: Sequence[Jog]) -> None:
-        """Let servos go to their goals in the same play time (S_JOG)."""
+        """Move servos to their goals in the same play time (S_JOG)."""
         self._port.write(pack_s_jog(ticks, jogs))
 
     def jog_each(self, jogs: Sequence[Jog]) -> None:
-        """Let servos go to their goals, each in its play time (I_JOG)."""
+        """Move servos to their goals, each in its play time (I_JOG)."""
         self._port.write(pack_i_jog(jogs))
 
     # --- with an answer ----------------------------------------------------------------------
@@ -166,7 +166,7 @@ class ServoBus:
         return found
 
     def _ask(self, request: bytes, servo: int, command: int, n: int) -> Packet | None:
-        """Send a request; returns its answer, or None where none comes in time."""
+        """Send a request; return its answer, or None after the time limit."""
         self._parser.reset()
         self._port.write(request)
         wire = 10.0 * (len(request) + 7 + n) / self._baud
@@ -185,7 +185,7 @@ class ServoBus:
         return self._port.read(waiting) if waiting else b""
 
     def describe_refused(self) -> list[str]:
-        """Return a line for each cause for which something was dropped."""
+        """Return one line for each cause of dropped data."""
         found, causes = self.counts + self._parser.counts, {**DATA_CAUSES, **MORE_CAUSES}
         return [f"{found[c]}: {says}" for c, says in causes.items() if found[c]]
 

@@ -1,9 +1,9 @@
-"""Servos on a pseudo-terminal that behave as DRS servos do, for tests and rehearsals.
+"""Emulated DRS servos on a pseudo-terminal, for tests and rehearsals.
 
-Each servo has its RAM, a shaft that goes to its goal in its play time and no faster than its
-no-load speed, torque that is off after the start, status bits, and its acknowledgement policy. A
-checksum that is wrong, an unknown command and an address out of range are answered by status bits,
-as by the servos. What a shaft carries is not modelled.
+Each servo has its RAM, a shaft that moves to its goal in its play time at no more than its no-load
+speed, torque that is off after the start, status bits, and its acknowledgement policy. As with the
+real servos, status bits report a wrong checksum, an unknown command and an address out of range.
+The load of a shaft is not modelled.
 """
 
 from __future__ import annotations
@@ -61,16 +61,16 @@ class EmulatedServo:
     now: float = CENTRE  # counts
     goal: float = CENTRE
     rate: float = 0.0  # counts/s towards the goal
-    silent: bool = False  # answers nothing
+    silent: bool = False  # sends no answers
     stuck: bool = False  # the shaft does not turn: overload
-    corrupt: int = 0  # answers that come with a wrong checksum
+    corrupt: int = 0  # number of answers with a wrong checksum
     ram: bytearray = field(default_factory=lambda: bytearray(RAM_SIZE))
 
     def __post_init__(self) -> None:
         self.reboot()
 
     def reboot(self) -> None:
-        """RAM as after the start: torque off, answers to all requests that are reads."""
+        """Reset RAM to its start values: torque off, answers to read requests."""
         self.ram[:] = bytes(RAM_SIZE)
         self.ram[0], self.ram[ACK_POLICY] = self.servo, 1
         self.ram[VOLTAGE], self.ram[VOLTAGE + 1] = SUPPLY_RAW, TEMPERATURE_RAW
@@ -82,7 +82,7 @@ class EmulatedServo:
         return self.ram[TORQUE] == TORQUE_ON
 
     def advance(self, dt: float) -> None:
-        """Turn the shaft for `dt` s."""
+        """Move the shaft for `dt` s."""
         if self.on and self.stuck and abs(self.goal - self.now) > 1.0:
             self.ram[STATUS] |= OVERLOAD
             self.ram[TORQUE] = 0  # by its torque policy
@@ -93,7 +93,7 @@ class EmulatedServo:
             self.now += min(max(self.goal - self.now, -reach), reach)
 
     def jog(self, counts: int, ticks: int) -> None:
-        """Take a goal; without torque, or with an error, it is ignored."""
+        """Accept a goal; without torque, or with an error, it is ignored."""
         if not self.on or self.ram[STATUS] & OVERLOAD:
             return
         self.goal = float(counts)
@@ -105,7 +105,7 @@ class EmulatedServo:
         return self.ram[STATUS + 1] | (MOTOR_ON if self.on else 0) | (IN_PLACE if there else MOVING)
 
     def answer(self, packet: Packet) -> bytes | None:
-        """Take a packet for this servo; returns the answer, if its policy gives one."""
+        """Process a packet for this servo; return the answer, if its policy requires one."""
         command, data, error = packet.command, packet.data, 0
         reply = b""
         if command not in COMMANDS:
@@ -141,12 +141,12 @@ class EmulatedServo:
     def _write(self, address: int, data: bytes) -> None:
         before = self.on
         self.ram[address : address + len(data)] = data
-        if self.on and not before:  # it holds where it stands
+        if self.on and not before:  # it holds its current position
             self.goal, self.rate = self.now, 0.0
 
 
 class Emulator(threading.Thread):
-    """Serves servos on a pseudo-terminal; `path` is what a program opens as its serial port."""
+    """Serves servos on a pseudo-terminal; a program opens `path` as its serial port."""
 
     def __init__(self, ids: list[int], clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(daemon=True, name="servo emulator")
@@ -175,7 +175,7 @@ class Emulator(threading.Thread):
                     os.write(self._master, answer)
 
     def stop(self) -> None:
-        """End it and close the terminal."""
+        """Stop the thread and close the terminal."""
         self._ending.set()
         if self.is_alive():
             self.join(2.0)
@@ -183,7 +183,7 @@ class Emulator(threading.Thread):
         os.close(self._slave)
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Take bytes of the bus; returns the answers."""
+        """Process bytes of the bus; return the answers."""
         with self.lock:
             now = self._clock()
             for servo in self.servos.values():
@@ -213,6 +213,6 @@ class Emulator(threading.Thread):
             servo.jog((entry[0] | entry[1] << 8) & 0x3FF, ticks)
 
     def read_angle(self, servo: int) -> float:
-        """Return where a shaft is now (rad)."""
+        """Return the current angle (rad) of a shaft."""
         with self.lock:
             return math.radians((self.servos[servo].now - CENTRE) * COUNT_DEG)

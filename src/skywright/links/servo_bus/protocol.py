@@ -30,7 +30,7 @@ TICK_S = 0.0112
 TICKS_MAX = 254
 COUNT_DEG, CENTRE, COUNTS_MAX = 0.325, 512, 1023
 LOWEST, HIGHEST = 21, 1002
-"""Counts of the operating angle, 159.6 deg to each side."""
+"""Counts of the operating range, 159.6 deg to each side."""
 SERVOS_MAX = 53
 """Servos in one packet of S_JOG (4 bytes each); I_JOG takes 43 (5 bytes each)."""
 ERRORS = {
@@ -59,7 +59,7 @@ class Packet(NamedTuple):
 
 
 class Jog(NamedTuple):
-    """Where a servo shall go; `counts` is its position goal."""
+    """Motion command of a servo; `counts` is its position goal."""
 
     servo: int
     counts: int
@@ -76,7 +76,7 @@ def compute_checksums(size: int, servo: int, command: int, data: bytes) -> tuple
 
 
 def pack(packet: Packet) -> bytes:
-    """Return the bytes of a packet; raises ValueError where a packet cannot hold it."""
+    """Return the bytes of a packet; raises ValueError if a value does not fit."""
     size = SIZE_MIN + len(packet.data)
     if size > SIZE_MAX:
         raise ValueError(f"{len(packet.data)} bytes of data; valid: up to {SIZE_MAX - SIZE_MIN}")
@@ -85,7 +85,7 @@ def pack(packet: Packet) -> bytes:
 
 
 def pack_read(servo: int, address: int, length: int) -> bytes:
-    """Return the request of `length` bytes of RAM from `address`."""
+    """Return the request for `length` bytes of RAM from `address`."""
     return pack(Packet(servo, RAM_READ, bytes([address, length])))
 
 
@@ -95,7 +95,7 @@ def pack_write(servo: int, address: int, data: bytes) -> bytes:
 
 
 def pack_s_jog(ticks: int, jogs: Sequence[Jog]) -> bytes:
-    """Return one packet for many servos that move in the same time."""
+    """Return one packet for several servos that move in the same time."""
     if len(jogs) > SERVOS_MAX:
         raise ValueError(f"{len(jogs)} servos; valid: up to {SERVOS_MAX}")
     data = bytes([_check_ticks(ticks)])
@@ -105,7 +105,7 @@ def pack_s_jog(ticks: int, jogs: Sequence[Jog]) -> bytes:
 
 
 def pack_i_jog(jogs: Sequence[Jog]) -> bytes:
-    """Return one packet for many servos with a play time each."""
+    """Return one packet for several servos with individual play times."""
     data = b""
     for jog in jogs:
         data += bytes([jog.counts & 0xFF, jog.counts >> 8, 0, jog.servo, _check_ticks(jog.ticks)])
@@ -119,7 +119,7 @@ def _check_ticks(ticks: int) -> int:
 
 
 def to_ticks(seconds: float) -> int:
-    """Return a play time in ticks, the largest below `seconds` and at least one."""
+    """Return a play time in ticks, the largest below `seconds`, at least one."""
     return min(max(int(seconds / TICK_S), 1), TICKS_MAX)
 
 
@@ -134,19 +134,19 @@ def to_angle(counts: int) -> float:
 
 
 def describe_error(error: int) -> str:
-    """Return the causes of a status error in words, or ""."""
+    """Return the causes of a status error as text, or ""."""
     return ", ".join(says for bit, says in ERRORS.items() if error & bit)
 
 
 class PacketParser:
-    """Finds packets in a stream of bytes; what is none is counted and dropped."""
+    """Finds packets in a stream of bytes; invalid data are counted and dropped."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
         self._rest = b""
 
     def feed(self, data: bytes) -> list[Packet]:
-        """Return the packets that `data` completes; less than one packet's bytes are kept."""
+        """Return the packets that `data` completes; an incomplete packet is kept."""
         self._rest += data
         found: list[Packet] = []
         while True:
@@ -169,14 +169,14 @@ class PacketParser:
             packet = Packet(rest[3], rest[4], rest[7:size])
             if compute_checksums(size, *packet) != (rest[5], rest[6]):
                 self.counts["checksum"] += 1
-                self._rest = rest[1:]  # a header may begin inside
+                self._rest = rest[1:]  # a header may begin inside the rejected bytes
                 continue
             self.counts["accepted"] += 1
             self._rest = rest[size:]
             found.append(packet)
 
     def reset(self) -> None:
-        """Forget the beginning of a packet."""
+        """Discard an incomplete packet."""
         self._drop(len(self._rest), "garbage")
 
     def _drop(self, n: int, cause: str) -> None:

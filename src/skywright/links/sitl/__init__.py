@@ -1,1 +1,1 @@
-"""A plant that an autopilot flies: its rotors are the autopilot's, its sensors are read out."""
+"""A plant for an autopilot: the autopilot commands the rotors and receives the sensors."""

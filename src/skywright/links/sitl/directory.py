@@ -1,4 +1,4 @@
-"""The run directory of a flight that an autopilot flew: truth, its estimate and its set-points."""
+"""The run directory of a flight under an autopilot: truth, its estimate and its set-points."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from skywright.run.planning import MissionPlan
 from skywright.run.versions import collect_versions
 
 FLUSH_S = 1.0
-"""s between writes: what a killed process loses."""
+"""s between writes: the data lost when a process is killed."""
 PHASE = "autopilot"
 
 
 class SitlDirectory:
-    """Writes NAME.partial while the flight goes on, and NAME at its end."""
+    """Writes NAME.partial during the flight, and NAME at its end."""
 
     def __init__(self, out: Path | None, plant: SitlPlant, backend: str, command: str) -> None:
-        """`backend` names the autopilot; `command` is noted. Raises InputError as runs do."""
+        """`backend` names the autopilot; `command` is recorded. Raises InputError as for runs."""
         d = plant.description
         self.final, self.partial = open_directory(out, f"{d.robot.name}-{backend}")
         plan: MissionPlan[Any] = MissionPlan(True, None, 0.0, 0.0, 0.0, 0.0, {})
@@ -46,21 +46,21 @@ class SitlDirectory:
         self._judged.add(samples)
 
     def note(self, says: str) -> None:
-        """Note an event now."""
+        """Record an event with the current time."""
         if len(self.events) < 1000:
             self.events.append((self._plant.t, says))
             self._writer.event(self._plant.t, says)
 
     def tick(self) -> None:
-        """Write what has been recorded, once a second."""
+        """Write recorded data, once a second."""
         if self._plant.t >= self._next:
             self._next = self._plant.t + FLUSH_S
             self._plant.vehicle.flush()
 
     def finish(self, outcome: str, reason: str) -> Path:
-        """Close the recording and write metrics.json; returns the directory.
+        """Close the recording and write metrics.json; return the directory.
 
-        A flight that "finished" is complete, another one stays NAME.partial.
+        A flight with the outcome "finished" is complete; any other stays NAME.partial.
         """
         self._plant.vehicle.flush()
         if outcome != "finished":
@@ -98,13 +98,13 @@ class Judged:
 
     def __init__(self) -> None:
         self.n = self.n_armed = self.n_heard = 0
-        self.squares = np.zeros(2)  # of errors of place (m) and attitude (rad) while armed
+        self.squares = np.zeros(2)  # of position errors (m) and attitude errors (rad) while armed
         self.largest = np.zeros(2)
         self.height = -np.inf
         self.period = 0.0
 
     def add(self, samples: NDArray[Any]) -> None:
-        """Take samples of the recording."""
+        """Add samples of the recording."""
         self.n += len(samples)
         if len(samples) > 1:
             self.period = float(samples["t"][1] - samples["t"][0])
@@ -125,7 +125,7 @@ class Judged:
         self.largest = np.maximum(self.largest, [place.max(), max(turn)])
 
     def compute(self) -> dict[str, float]:
-        """Return the metrics; what was not heard has none."""
+        """Compute the metrics; quantities without data are omitted."""
         out = {
             "autopilot.armed_s": self.n_armed * self.period,
             "flight.height_max_m": self.height if self.n else 0.0,

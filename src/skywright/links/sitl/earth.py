@@ -17,7 +17,7 @@ from skywright.description.world.origin import Origin
 Array = NDArray[np.float64]
 
 HOME = Origin(latitude_deg=47.397742, longitude_deg=8.545594, altitude_m=488.0)
-"""Where worlds without an origin lie: PX4's own default."""
+"""Default position of worlds without an origin: PX4's own default."""
 RADIUS = 6371.2e3  # m, of the reference field
 FIELD = {
     (1, 0): (-29404.8, 0.0), (1, 1): (-1450.9, 4652.5),
@@ -26,11 +26,11 @@ FIELD = {
     (3, 3): (525.7, -543.4),
 }  # fmt: skip
 """(n, m) -> g, h in nT, Schmidt semi-normalised."""
-STEP = 1e-6  # rad or share of the radius, of the numeric gradient
+STEP = 1e-6  # rad or share of the radius, of the numerical gradient
 
 
 def compute_field(origin: Origin) -> Array:
-    """Return the magnetic field (3,) gauss at a place: north, east, down."""
+    """Return the magnetic field (3,) gauss at a position: north, east, down."""
     colatitude = math.radians(90.0 - origin.latitude_deg)
     colatitude = min(max(colatitude, 1e-3), math.pi - 1e-3)
     longitude, r = math.radians(origin.longitude_deg), RADIUS + origin.altitude_m

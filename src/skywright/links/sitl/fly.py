@@ -1,4 +1,4 @@
-"""The loop of a flight that an autopilot flies, and how it ends."""
+"""The loop of a flight under an autopilot, and its outcome."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from skywright.links.sitl.plant import SitlPlant
 
 
 class AutopilotFailed(SimulationError):
-    """The autopilot stalled, vanished, or is another program than expected."""
+    """The autopilot stalled, disconnected, or is another program than expected."""
 
 
 def fly_to_end(
     plant: SitlPlant, duration_s: float, step: Callable[[], str | None]
 ) -> tuple[str, str]:
-    """Call `step` until the plant's time is `duration_s`, or until it returns why the flight ends.
+    """Call `step` until the plant's time is `duration_s`, or until it returns the reason of an end.
 
     Returns the outcome (finished, aborted, diverged, interrupted) and its reason.
     """

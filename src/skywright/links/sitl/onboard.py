@@ -1,8 +1,8 @@
-"""What an onboard computer takes from the autopilot beside it: pose, and what the rotors make.
+"""Data from the autopilot for the onboard computer: pose, and wrench of the rotors.
 
-The robot's own estimator goes on beneath: joints, tip, external force and, where the world has no
-other localisation for the autopilot, the pose that the autopilot is told. What the laws see of the
-platform is the autopilot's.
+The robot's own estimator continues to run: joints, tip, external force and, if the world has no
+other localisation for the autopilot, the pose that is sent to the autopilot. The laws receive the
+autopilot's estimate of the platform.
 """
 
 from __future__ import annotations
@@ -19,34 +19,34 @@ from skywright.vehicle.component import Component, InOut, helper, table
 from skywright.vehicle.estimates import EstimatorState
 
 AHEAD_S = 0.1
-"""s for which a pose is carried on with its velocity and rates."""
+"""s for which a pose is extrapolated with its velocity and rates."""
 
 
 class AutopilotPose(Component):
-    """Puts the autopilot's pose in the place of the estimator's; the tip goes with it.
+    """Replaces the estimator's pose by the autopilot's and moves the tip accordingly.
 
-    A pose that is `AHEAD_S` old is carried on no farther.
+    A pose older than `AHEAD_S` is not extrapolated further.
     """
 
     slot = "estimate"
 
     class Me(Record):
-        given: float  # 1: it has told a pose
+        given: float  # 1: a pose was received
         t: float  # s, of p and v
         t_turn: float  # s, of R and w
-        heard: float  # s, when its place was last one
-        std: float  # m; NaN: it does not tell
+        heard: float  # s, when its position was last valid
+        std: float  # m; NaN: not reported
         p_WB: Vec3
         v_WB: Vec3
         R_WB: Mat3
         w_WB_B: Vec3
-        own_ready: float  # what the robot's own estimator says
+        own_ready: float  # from the robot's own estimator
         own_p: Vec3
         own_R: Mat3
         own_std: float
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Nothing was told yet."""
+        """Start without a pose."""
         me.std = me.own_std = math.nan
         for i in range(3):
             me.R_WB[i, i] = me.own_R[i, i] = 1.0
@@ -76,7 +76,7 @@ class AutopilotPose(Component):
 
 @helper
 def move_estimate(me: Any, est: Any, R: Any, ahead: float) -> None:
-    """Give the estimate the attitude R, and the place `ahead` (s) of what was told."""
+    """Set attitude R, and the position `ahead` (s) of the reported one, in the estimate."""
     turn, arm, told, tip = local(3, 3), local(3), local(3), local(3, 3)
     for i in range(3):  # turn = R R_own', in W
         for j in range(3):
@@ -102,7 +102,7 @@ def move_estimate(me: Any, est: Any, R: Any, ahead: float) -> None:
 
 
 class AutopilotRotors(Component):
-    """Puts what the autopilot's commands make in the place of the robot's own allocation."""
+    """Replaces the wrench of the robot's allocation by that of the autopilot's commands."""
 
     slot = "allocate"
 
@@ -113,7 +113,7 @@ class AutopilotRotors(Component):
         thrust: Annotated[Array, MAX_ROTORS]  # N, commanded
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the nominal rotors."""
+        """Store the nominal rotors."""
         a = context.allocator
         me.B, me.n = context.keep(a.B), len(a.t_min)
 

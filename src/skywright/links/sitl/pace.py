@@ -1,4 +1,4 @@
-"""Keeping the pace of the wall clock, or a multiple of it."""
+"""Pacing by the wall clock, or by a multiple of it."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import time
 from collections.abc import Callable
 
 BEHIND_S = 0.5
-"""Default of what is caught up after a delay."""
+"""s, default of the largest delay that is caught up."""
 
 
 class Pace:
-    """Waits until the wall clock has come as far as simulated time, times a factor."""
+    """Waits until the wall clock, times a factor, has reached simulated time."""
 
     def __init__(
         self,
@@ -19,7 +19,7 @@ class Pace:
         sleep: Callable[[float], None] = time.sleep,
         behind_s: float = BEHIND_S,
     ) -> None:
-        """`behind_s` (s) is what is caught up after a delay; what is later is given up."""
+        """`behind_s` (s) is the largest delay that is caught up; larger ones are dropped."""
         self._behind_s = behind_s
         self._clock, self._sleep = clock, sleep
         self._start, self._t0, self._factor = 0.0, 0.0, 0.0

@@ -1,7 +1,8 @@
-"""What an autopilot has of the plant: it sets the rotors' speeds and reads the sensors.
+"""Components of a plant under an autopilot: rotor speeds as input, sensors as output.
 
-It sits on board, so no link of the world stands between. The robot's own law commands no rotor: its
-reference is inactive and it holds the arms, or (links/px4/mission.py) it leads the arms.
+The autopilot is on board, so no link of the world delays its data. The robot's own law commands no
+rotor: its reference is inactive and it holds the arms, or (links/px4/mission.py) it controls the
+arms.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from skywright.vehicle.readings import Fix, ImuBatch, MocapSample
 
 
 class Autopilot(Output):
-    """What the autopilot said last, in W and B."""
+    """Last state that the autopilot reported, in W and B."""
 
     heard: float  # 1: its estimate has been received
     p_WB: Vec3  # m
@@ -29,7 +30,7 @@ class Autopilot(Output):
 
 
 class RotorPickup(Component):
-    """Puts the autopilot's speeds in the place of the robot's own."""
+    """Replaces the robot's rotor speeds by those of the autopilot."""
 
     slot, side = "actuate", "plant"
 
@@ -38,7 +39,7 @@ class RotorPickup(Component):
         speed: Annotated[Array, MAX_ROTORS]  # rad/s
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Count the rotors."""
+        """Store the number of rotors."""
         me.n = len(context.rotors.thrust_min)
 
     @staticmethod
@@ -60,7 +61,7 @@ class SensorPickup(Component):
         pose_t: float  # s
         pose_p: Vec3
         pose_R: Mat3
-        fix: float  # 1: a new fix of satellites
+        fix: float  # 1: a new satellite fix
         fix_t: float  # s
         fix_p: Vec3
 
@@ -84,7 +85,7 @@ class SensorPickup(Component):
 
 
 class AutopilotNotes(Component):
-    """Writes what the autopilot said beside the truth into the recording."""
+    """Records the autopilot's state beside the truth."""
 
     slot, side = "derive", "plant"
 
@@ -110,7 +111,7 @@ class AutopilotNotes(Component):
     )
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Nothing was said yet."""
+        """Start without a report."""
         for i in range(3):
             me.R_WB[i, i] = 1.0
         me.p_WB[:] = me.v_WB[:] = me.p_WB_des[:] = me.v_WB_des[:] = float("nan")

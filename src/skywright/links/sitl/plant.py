@@ -1,4 +1,4 @@
-"""The plant as an autopilot sees it: commands of its motors in, one reading of the sensors out."""
+"""The plant with an autopilot's interface: motor commands as input, sensor readings as output."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from skywright.vehicle.simulated import SimulatedVehicle
 Array = NDArray[np.float64]
 
 IMU_PERIOD_S = 0.004
-"""s, of inertial samples where the control period divides it."""
+"""s between inertial samples, if the control period divides it."""
 IMU_RATES = (200.0, 250.0)
-"""Hz, from and to which autopilots were seen to take them."""
+"""Hz, range of sample rates that autopilots accept."""
 
 
 class Placed(NamedTuple):
-    """A pose of motion capture, or a fix of satellites (R_WB None)."""
+    """A pose of motion capture, or a satellite fix (R_WB None)."""
 
-    t: float  # s, when it was taken
+    t: float  # s, time of measurement
     p: Array  # (3,) m, of B's origin, or of the antenna
     R_WB: Array | None
 
 
 class Reading(NamedTuple):
-    """What the sensors say after a period, and the truth for displays."""
+    """Sensor readings over a period, and the truth for displays."""
 
     t: float  # s
     gyro: Array  # (3,) rad/s, mean over the period, in B
@@ -49,22 +49,22 @@ class Reading(NamedTuple):
 
 
 class Sockets:
-    """Where an autopilot is plugged into a vehicle: motors' commands in, sensors' readings out."""
+    """Connects an autopilot to a vehicle: motor commands in, sensor readings out."""
 
     def __init__(self) -> None:
         self._rotors, self._sensors = RotorPickup("rotor pickup"), SensorPickup("sensor pickup")
         self._notes = AutopilotNotes("autopilot")
         self.parts: tuple[Component, ...] = (self._rotors, self._sensors, self._notes)
-        """What the vehicle is built with, besides its own components."""
+        """Components to add to the vehicle."""
 
     def attach(
         self, vehicle: SimulatedVehicle, period: float = IMU_PERIOD_S,
         rates: tuple[float, float] = IMU_RATES,
     ) -> None:  # fmt: skip
-        """Take a vehicle that was built with `parts`, and let its tick last a period (s).
+        """Attach to a vehicle that was built with `parts`, and set its tick to a period (s).
 
-        The autopilot takes samples at `rates` (Hz), from and to; raises InputError where the
-        robot's control rate allows none.
+        The autopilot accepts sample rates in the range `rates` (Hz). Raises InputError if the
+        robot's control rate has no such period.
         """
         v = self.vehicle = vehicle
         v.n_ticks = max(round(period / v.dt), 1)
@@ -82,7 +82,7 @@ class Sockets:
         """Speed (n,) rad/s of each rotor at the full command."""
         self._drive, self._me = v.get_memory(self._rotors.name), v.get_memory(self._sensors.name)
         self.notes: Any = v.get_memory(self._notes.name)
-        """What is recorded of the autopilot: fields of pickup.AutopilotNotes.Me."""
+        """Recorded data of the autopilot: fields of pickup.AutopilotNotes.Me."""
 
     def command(self, command: Array) -> None:
         """Set commands (n,) from 0 to 1, shares of the rotors' full speeds."""
@@ -90,7 +90,7 @@ class Sockets:
         self.notes.command[: self.n_rotors] = command
 
     def read(self) -> Reading:
-        """Return what the sensors said since the last reading."""
+        """Return the sensor readings since the last call."""
         me, sim = self._me, self.vehicle.sim
         n = max(int(me.n), 1)
         gyro, accel = np.array(me.gyro) / n, np.array(me.accel) / n
@@ -108,16 +108,16 @@ class Sockets:
 
 
 class SitlPlant(Sockets):
-    """A vehicle whose rotors are led from outside."""
+    """A vehicle whose rotors an external program commands."""
 
     def __init__(
         self, description: Description[Any], period: float = IMU_PERIOD_S,
         rates: tuple[float, float] = IMU_RATES,
     ) -> None:  # fmt: skip
-        """`period` (s) is that of inertial samples where the control period divides it.
+        """`period` (s) is that of inertial samples, if the control period divides it.
 
-        The autopilot takes samples at `rates` (Hz), from and to. Raises InputError where robot,
-        world and autopilot do not fit together.
+        The autopilot accepts sample rates in the range `rates` (Hz). Raises InputError if robot,
+        world and autopilot do not match.
         """
         super().__init__()
         robot, world = description.robot, description.world
@@ -138,7 +138,7 @@ class SitlPlant(Sockets):
     def step(self, command: Array) -> Reading:
         """Run one period with commands (n,) from 0 to 1, shares of the rotors' full speeds.
 
-        Raises SimulationError where the physics diverges.
+        Raises SimulationError if the physics diverges.
         """
         self.command(command)
         self.vehicle.tick()
@@ -148,7 +148,7 @@ class SitlPlant(Sockets):
 def build_plant(
     description: Description[Any], on_samples: Callable[[NDArray[Any]], None] | None = None
 ) -> SitlPlant:
-    """Build the plant; `on_samples` is told the samples of the recording."""
+    """Build the plant; `on_samples` receives the samples of the recording."""
     plant = SitlPlant(description)
     plant.vehicle.on_samples = on_samples
     return plant

@@ -1,4 +1,4 @@
-"""How a flight that an autopilot flew has ended."""
+"""Result of a flight under an autopilot."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 
 class SitlResult(NamedTuple):
-    """How a flight ended."""
+    """Result of a flight."""
 
     outcome: str  # finished, aborted (the autopilot failed), diverged
     reason: str
@@ -15,9 +15,9 @@ class SitlResult(NamedTuple):
     metrics: dict[str, float]
     real_time_factor: float
     refused: list[str]
-    """A line for each kind of packet that was refused."""
+    """One line for each kind of refused packet."""
 
     @property
     def exit_code(self) -> int:
-        """0, or 3 where the simulation or the autopilot failed."""
+        """0, or 3 if the simulation or the autopilot failed."""
         return 0 if self.outcome == "finished" else 3

@@ -1,4 +1,4 @@
-"""Where the gateway listens, and the key that packets are sealed with."""
+"""The address of the gateway, and the key that authenticates packets."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ KEY_MIN, KEY_MAX = 16, 4096  # bytes
 
 
 class Address(NamedTuple):
-    """A host (numbers) and a port."""
+    """A numeric host address and a port."""
 
     host: str
     port: int
 
 
 def parse_address(text: str, option: str) -> Address:
-    """Return the address that `udp:PORT` or `udp:HOST:PORT` names; HOST is by default 127.0.0.1.
+    """Return the address of `udp:PORT` or `udp:HOST:PORT`; the default HOST is 127.0.0.1.
 
-    Raises InputError that names `option` on anything else, or a host that has no address.
+    Raises InputError that names `option` for anything else, or for a host without an address.
     """
     kind, _, rest = text.partition(":")
     host, _, port = rest.rpartition(":")
@@ -41,8 +41,8 @@ def parse_address(text: str, option: str) -> Address:
 def load_key(file: str | os.PathLike[str] | None) -> bytes:
     """Return the key of `file`, else of the environment, else b"".
 
-    A line end after the key does not belong to it. Raises InputError on a file that others may
-    read, and on keys shorter than 16 or longer than 4096 bytes.
+    A line end after the key is removed. Raises InputError for a file that other users may read, and
+    for keys shorter than 16 or longer than 4096 bytes.
     """
     if file is None:
         key, where = os.environ.get(KEY_VARIABLE, "").encode(), f"environment {KEY_VARIABLE}"
@@ -62,7 +62,7 @@ def load_key(file: str | os.PathLike[str] | None) -> bytes:
 
 
 def open_socket(address: Address, key: bytes, option: str) -> socket.socket:
-    """Return a socket that listens; raises InputError where it cannot, or needs a key."""
+    """Return a socket that listens; raises InputError if that fails, or if a key is required."""
     if not key and not ipaddress.ip_address(address.host).is_loopback:
         raise InputError(
             f"{option}: listening on {address.host} requires a key (--gateway-key FILE or "

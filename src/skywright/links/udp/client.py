@@ -1,4 +1,4 @@
-"""The operator's end of the gateway: talks to an arms program, Skywright's or another."""
+"""The operator's end of the gateway: client of an arms program, Skywright's or another."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from skywright.links.udp.packets import CODES, MAX_SIZE, RESULTS
 from skywright.links.udp.receiver import Arrived, Receiver, read_packet
 
 REPEAT_S = 0.2  # s between repetitions of an operation
-ALIVE_S = 3.0  # s without anything sent after which the session is kept open
-KEPT = 400  # deflections kept: two seconds
+ALIVE_S = 3.0  # s without a sent packet after which a keep-alive is sent
+KEPT = 400  # number of deflection packets kept: two seconds
 AT_ONCE = 1000
 
 
@@ -26,13 +26,13 @@ class NoAnswer(SkywrightError):
 
 
 class ArmsClient:
-    """Sends operations, sticks and joint references to an arms program, and hears its state.
+    """Sends operations, sticks and joint references to an arms program, and receives its state.
 
         with ArmsClient("127.0.0.1", 9870) as arms:
             arms.operate("joints")
             arms.send_joints([0.0] * 8)
 
-    `state` holds the fields of the newest state packet. Units and frames: docs/howto/gateway.md.
+    `state` contains the fields of the newest state packet. Units and frames: docs/howto/gateway.md.
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class ArmsClient:
         timeout_s: float = 10.0,
         clock: Callable[[], float] = time.time,
     ) -> None:
-        """Open a session. Raises NoAnswer where none is granted within `timeout_s`."""
+        """Open a session. Raises NoAnswer if none is granted within `timeout_s`."""
         self.counts: Counter[str] = Counter()
         self.state: dict[str, Any] = {}
         self.age = 0.0
@@ -76,7 +76,7 @@ class ArmsClient:
         self.close()
 
     def operate(self, name: str, timeout_s: float = 2.0) -> str:
-        """Ask for an operation, at 5 Hz until it is acknowledged; returns what became of it.
+        """Request an operation at 5 Hz until it is acknowledged; return its result.
 
         Raises NoAnswer after `timeout_s`, and ValueError on an unknown name.
         """
@@ -91,18 +91,18 @@ class ArmsClient:
         self._send("stick", {"axes": axes, "buttons": buttons})
 
     def send_joints(self, q: Sequence[float]) -> None:
-        """Send joint references (n,) rad. Raises ValueError on numbers that are no angles."""
+        """Send joint references (n,) rad. Raises ValueError on invalid angles."""
         self._send("joints", {"n": len(q), "q_ref": q})
 
     def poll(self) -> bool:
-        """Read what has come; returns whether a state was among it."""
+        """Process received packets; return whether a state was among them."""
         fresh = False
         for _ in range(AT_ONCE):
             try:
                 data = self._socket.recv(MAX_SIZE + 1)
             except (BlockingIOError, InterruptedError):
                 break
-            except OSError:  # nobody listens there
+            except OSError:  # no program listens there
                 continue
             fresh |= self._take(data)
         if self._session and time.monotonic() - self._sent > ALIVE_S:
@@ -166,5 +166,5 @@ class ArmsClient:
         self._sent = time.monotonic()
         try:
             self._socket.send(data)
-        except OSError:  # refused: nobody listens yet
+        except OSError:  # refused: no program listens yet
             self.counts["unsent"] += 1

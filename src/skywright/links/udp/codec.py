@@ -1,4 +1,4 @@
-"""Packets to bytes and back, as packets.py defines them."""
+"""Encoding and decoding of the packets in packets.py."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Value = float | int | bytes | tuple[float, ...] | tuple[int, ...]
 
 
 class Packet(NamedTuple):
-    """A packet that was received; `values` hold the body by the names of its fields."""
+    """A received packet; `values` contains the body by the names of its fields."""
 
     kind: Kind
     session: int
@@ -35,7 +35,7 @@ class Packet(NamedTuple):
 
 
 class Rejected(NamedTuple):
-    """Why bytes are no packet: the name of a cause."""
+    """Why bytes are not a valid packet: the name of a cause."""
 
     cause: str
 
@@ -55,7 +55,7 @@ SIZES = {kind.number: get_size(kind) for kind in KINDS}
 def encode(
     name: str, session: int, sequence: int, time_us: int, values: dict[str, Any], key: bytes = b""
 ) -> bytes:
-    """Return the packet of the kind `name`; fields that `values` lacks are zero.
+    """Return the packet of the kind `name`; fields missing in `values` are zero.
 
     Arrays may be shorter than their field. Raises ValueError on an unknown field, a number out of
     range, or too long an array.
@@ -94,9 +94,9 @@ def compute_tag(data: bytes, key: bytes) -> bytes:
 
 
 def decode(data: bytes, key: bytes = b"") -> Packet | Rejected:
-    """Return the packet, or the cause for which these bytes are none.
+    """Return the packet, or the cause for which the bytes are invalid.
 
-    The tag is checked before the body is looked at.
+    The tag is checked before the body is read.
     """
     if len(data) > MAX_SIZE:
         return Rejected("oversized")
@@ -121,7 +121,7 @@ def decode(data: bytes, key: bytes = b"") -> Packet | Rejected:
 
 
 def _read_values(kind: Kind, numbers: tuple[Any, ...]) -> dict[str, Any] | None:
-    """Return the fields by name; None where one is not finite or out of range."""
+    """Return the fields by name; None if one is not finite or out of range."""
     values: dict[str, Any] = {}
     at = 0
     for f in kind.fields:
@@ -133,7 +133,7 @@ def _read_values(kind: Kind, numbers: tuple[Any, ...]) -> dict[str, Any] | None:
         at += f.length
         if f.type[0] == "f" or f.limit < math.inf:
             for x in part:
-                if not abs(x) <= f.limit or x in (math.inf, -math.inf):  # NaN is not, either
+                if not abs(x) <= f.limit or x in (math.inf, -math.inf):  # also false for NaN
                     return None
         values[f.name] = part[0] if f.length == 1 else part
     return values

@@ -1,8 +1,8 @@
-"""A simulated flight as the arms program: it publishes its state and hears an operator.
+"""A simulated flight as the arms program: it publishes its state and receives commands.
 
-The flight goes on at the pace of the wall clock while somebody is connected, and is published with
-every mission tick (50 Hz); nothing is built, and nobody waited for, while nobody is. What is sent
-is what the robot's computer knows: estimates and measurements, not the truth.
+While a client is connected, the flight runs at the pace of the wall clock and publishes its state
+at every mission tick (50 Hz). Without a client nothing is built and the flight does not wait. The
+state contains estimates and measurements of the robot's computer, not the truth.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from skywright.description.loader import Description
     from skywright.vehicle.simulated import SimulatedVehicle
 
-LATE_S = 0.5  # s behind the wall clock from which the flight does not try to catch up
-KEPT = 32  # operations that wait for the mission
+LATE_S = 0.5  # s behind the wall clock beyond which the flight does not catch up
+KEPT = 32  # operations queued for the mission
 
 
 def open_gateway(
@@ -41,9 +41,9 @@ def open_gateway(
     key_file: str | os.PathLike[str] | None,
     description: Description,
 ) -> FlightGateway | None:
-    """Return the gateway that `--gateway` or `--operator udp:...` asks for, or None.
+    """Return the gateway of the option `--gateway` or `--operator udp:...`, or None.
 
-    Raises InputError on a wrong address or key.
+    Raises InputError for a wrong address or key.
     """
     by_operator = operator is not None and operator.partition(":")[0] == "udp"
     if gateway is None and not by_operator:
@@ -63,17 +63,17 @@ def open_gateway(
 
 
 class FlightGateway:
-    """An observer of a run that is its arms program for others; see docs/howto/gateway.md."""
+    """An observer of a run that is the arms program of a gateway; see docs/howto/gateway.md."""
 
     def __init__(self, server: Server, description: Description) -> None:
         self.server, self.robot = server, description.robot
         self.task = 0
-        """Code of the task that runs, for the state packet."""
+        """Code of the current task, for the state packet."""
         self.stick: Arrived | None = None
         self.joints: Arrived | None = None
         self.operations: deque[Operation] = deque(maxlen=KEPT)
         self.late_s = 0.0  # s, largest delay behind the wall clock
-        self.skipped = 0  # states that could not be sent: they held no numbers
+        self.skipped = 0  # number of states that were not sent because they were not finite
         self._hands = is_compliant(description.robot)
         self._board = DeflectionBoard("deflection board") if self._hands else None
         self._anchor: float | None = None
@@ -82,11 +82,11 @@ class FlightGateway:
 
     @property
     def parts(self) -> list[Component]:
-        """Components that the vehicle gets for it."""
+        """Components to add to the vehicle."""
         return [] if self._board is None else [self._board]
 
     def poll(self) -> None:
-        """Take over what has come."""
+        """Store the received commands."""
         for command in self.server.poll():
             if isinstance(command, Operation):
                 self.operations.append(command)
@@ -97,7 +97,7 @@ class FlightGateway:
 
     @staticmethod
     def measure_age(arrived: Arrived | None) -> float:
-        """Return how old (s) a command is now; infinite without one."""
+        """Return the age (s) of a command; infinite without one."""
         if arrived is None:
             return np.inf
         return arrived.age + time.monotonic() - arrived.arrival
@@ -105,11 +105,11 @@ class FlightGateway:
     # --- Observer --------------------------------------------------------------------------------
 
     def on_plan(self, plan: Any, description: Description) -> None:
-        """Sessions may be opened before the flight."""
+        """Nothing to do: sessions may be opened before the flight."""
         self.poll()
 
     def on_tick(self, t: float, phase: str, vehicle: SimulatedVehicle) -> None:
-        """Hear, publish, and keep pace with the wall clock while somebody is connected."""
+        """Receive, publish, and wait for the wall clock while a client is connected."""
         self.poll()
         readings = [] if self._board is None else self._board.take()
         if not self.server.watched:
@@ -124,12 +124,12 @@ class FlightGateway:
                         "deflection": reading.deflection,
                     })  # fmt: skip
             self.server.publish("state", self._build_state(t, phase, vehicle))
-        except ValueError:  # not a number: nobody shall act on it
+        except ValueError:  # not finite: it must not be sent
             self.skipped += 1
         self._pace(t)
 
     def close(self) -> None:
-        """Stop listening, and say what came."""
+        """Stop listening, and report the counts."""
         if self._closed:
             return
         self._closed = True
@@ -174,6 +174,6 @@ class FlightGateway:
 
 
 def _list_measured(vehicle: SimulatedVehicle) -> int:
-    """Return the bits of the joints that have an encoder on their spring."""
+    """Return the bits of the joints with a deflection encoder."""
     sensed = vehicle.look(ArmModel).sensed[: vehicle.n_joints]
     return int(sum(1 << j for j, on in enumerate(sensed) if on > 0.0))

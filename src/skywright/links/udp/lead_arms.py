@@ -1,9 +1,9 @@
-"""Whoever is in control of the gateway leads the arms: the tasks of Suarez 2020, section III-C.
+"""Control of the arms by the gateway's operator: the tasks of Suarez 2020, section III-C.
 
-For a mission in which the platform hovers and the arms do what an operator asks for. References
-from outside are limited to the ranges and speeds of the joints. Those older than 0.25 s hold the
-arms; after a second without a fresh one the task ends, and the arms stay where they are until the
-operator asks again.
+It serves missions in which the platform hovers and an operator commands the arms. External
+references are limited to the ranges and speeds of the joints. If they are older than 0.25 s, the
+arms hold. After a second without a fresh one the task ends, and the arms hold until the operator
+requests a task again.
 """
 
 from __future__ import annotations
@@ -42,49 +42,50 @@ COMMANDS = {
     "grasp": ArmCommand.GRASP, "force": ArmCommand.SET_FORCES,
     "visual": ArmCommand.HANDS_TO_MARKER,
 }  # fmt: skip
-"""Task -> the command of the arms whose needs (vehicle/arm_commands.py) it has."""
+"""Task -> command of the arms with the same requirements (vehicle/arm_commands.py)."""
 STREAMED = ("stick", "joints", "force")
-"""Tasks that end where their references do not come."""
+"""Tasks that end when their references stop."""
 STALE_S = find_kind("joints").old_s
 STOP_S = 1.0  # s without a fresh reference after which the task ends
-PATIENCE_S = 60.0  # s of wall time for somebody to connect
-CLEAR_M = 0.01  # m, nearest that references may bring the robot to what it must not touch
+PATIENCE_S = 60.0  # s of wall time to wait for a client
+CLEAR_M = 0.01  # m, least clearance of referenced postures
 NAMES = {CODES[name][0]: name for name in (*COMMANDS, "land")}
 
 
 class Led(NamedTuple):
-    """How it ended, and what was not followed."""
+    """Result of an operator's turn, and numbers of references that were not tracked."""
 
     reason: str  # why it ended before the operator asked to land, or ""
     stale: int  # ticks in which the references were too old
-    refused: int  # ticks in which a reference was too near to something, or for other joints
+    refused: int  # ticks in which a reference had too little clearance, or was for other joints
 
 
 class Lead:
     """One operator's turn."""
 
     def __init__(self, s: Supervisor, gateway: FlightGateway, v_max: float, f_max: float) -> None:
-        """`v_max` (m/s) and `f_max` (N) are what the stick asks of a hand at full deflection.
+        """`v_max` (m/s) and `f_max` (N) are the commands to a hand at full stick deflection.
 
         The hands grasp with `f_max`.
         """
         self.s, self.gateway, self.v_max, self.f_max = s, gateway, v_max, f_max
         robot = gateway.robot
         self.poses = {"rest": posture(robot, "folded"), "operate": posture(robot, "working")}
-        """Joint angles (n,) rad of the tasks that are poses."""
+        """Joint angles (n,) rad of the tasks that are postures."""
         joints = list_joints(robot)
         self._low = np.array([limb.link.reach[0] for limb in joints])
         self._high = np.array([limb.link.reach[1] for limb in joints])
         self._driven = np.array([limb.servo >= 0 for limb in joints])
         self._query = None if s.surroundings is None else s.surroundings()
-        self._task, self._since = "hold", 0.0  # and when it began (s)
-        self._q = np.zeros(s.vehicle.n_joints)  # rad, where references have led the joints
+        self._task, self._since = "hold", 0.0  # and its start time (s)
+        self._q = np.zeros(s.vehicle.n_joints)  # rad, commanded joint angles
         self._forces = HandStream(s.vehicle)
         self._places: dict[str, Array] = {}  # m, of the hands in the frame of the marker
         self.stale = self.refused = 0
 
     def run(self, longest_s: float) -> Led:
-        """Lead the arms until the operator asks to land, is gone, or `longest_s` is over."""
+        """Command the arms until the operator requests to land or disconnects, or `longest_s` is
+        over."""
         server = self.gateway.server
         server.offered = frozenset(CODES[name][0] for name in ("land", *self._list_offered()))
         try:
@@ -94,7 +95,7 @@ class Lead:
             self._set_task("hold")
 
     def _list_offered(self) -> list[str]:
-        """The tasks that this vehicle can do."""
+        """Return the tasks that this vehicle supports."""
         b = self.s.vehicle
         needs = {name: get_entry(command).needs for name, command in COMMANDS.items()}
         offered = [name for name in needs if not any(find_arms_lack(n, b) for n in needs[name])]
@@ -102,7 +103,7 @@ class Lead:
         return [name for name in offered if name != "grasp" or presses]
 
     def _list_sensing(self) -> list[str]:
-        """The hands that feel a force: a joint of their arm measures its deflection."""
+        """Return the hands with a force estimate: a joint of their arm measures its deflection."""
         arm = self.s.vehicle.read(ArmModel)
         return [
             side for first, side in zip(arm.first, self._sides(), strict=False)
@@ -132,7 +133,7 @@ class Lead:
         return f"the operator took more than {longest_s:g} s"
 
     def _set_task(self, task: str) -> None:
-        """Begin a task, as a phase of the flight."""
+        """Start a task, as a phase of the flight."""
         self.s.begin(task)
         self.gateway.task, self._task = CODES[task][0], task
         self.gateway.stick = self.gateway.joints = None
@@ -163,7 +164,7 @@ class Lead:
             self._push(self.gateway.stick)
 
     def _is_fresh(self, arrived: Arrived | None) -> bool:
-        """Whether a command may be followed now; ends the task where none has come for long."""
+        """Whether a command is fresh; ends the task if none has arrived for STOP_S."""
         age = self.gateway.measure_age(arrived)
         if arrived is None:
             age = self.s.vehicle.t - self._since
@@ -175,7 +176,7 @@ class Lead:
         return False
 
     def _follow(self, arrived: Arrived | None) -> None:
-        """Go towards the newest joint references, as fast as the joints may."""
+        """Move towards the newest joint references within the joints' speeds."""
         still = np.zeros(len(self._q))
         if not self._is_fresh(arrived):
             if self._task == "joints":
@@ -219,7 +220,7 @@ class Lead:
         return ["left", "right"][: int(self.s.vehicle.read(ArmModel).n_hands)]
 
     def _is_near(self, q: Array) -> bool:
-        """Whether q would bring the robot nearer to something than it may come."""
+        """Whether the robot would have too little clearance at q."""
         if self._query is None:
             return False
         row = self.s.vehicle.reference
@@ -230,7 +231,7 @@ class Lead:
         return ahead < CLEAR_M and ahead < now
 
     def _track(self, change: Array) -> None:
-        """Lead the joints by `change` (n,) rad within one mission tick."""
+        """Command a change of the joints (n,) rad within one mission tick."""
         vehicle, n = self.s.vehicle, len(change)
         row = np.array(vehicle.reference)
         for field in ("v_WB", "a_WB", "w_WB_B", "wd_WB_B", "qd", "tare"):

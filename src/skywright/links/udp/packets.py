@@ -1,9 +1,9 @@
-"""The packets of the gateway: the one place where they are defined.
+"""The packets of the gateway: their only definition.
 
-The encoder, the C header, the MATLAB table and the table in the documentation follow from the
-tables in this file. Numbers are little-endian. A packet is a header, the body of its kind, and a
-tag of 16 bytes: HMAC-SHA256 of header and body, truncated (RFC 2104, section 5), or zeros where
-there is no key. Suarez 2020, section III-C, names these streams and their rates, not their layout.
+The encoder, the C header, the MATLAB table and the table in the documentation are generated from
+the tables in this file. Numbers are little-endian. A packet is a header, the body of its kind, and
+a tag of 16 bytes: HMAC-SHA256 of header and body, truncated (RFC 2104, section 5), or zeros without
+a key. Suarez 2020, section III-C, names these streams and their rates, not their layout.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ VERSION = 1
 MAGIC = b"SKYW"
 TAG = 16  # bytes
 MAX_JOINTS = 16
-"""Joints that a packet holds; unused ones are 0."""
+"""Number of joints in a packet; unused ones are 0."""
 NAME = 24  # bytes of a text, padded with zeros
 
 TYPES = {
@@ -29,11 +29,11 @@ class Field(NamedTuple):
     """A number, or an array of numbers, in a packet."""
 
     name: str
-    type: str  # of TYPES
+    type: str  # a key of TYPES
     unit: str
     meaning: str
     length: int = 1  # numbers in it
-    limit: float = math.inf  # largest absolute value; NaN and infinity are never valid
+    limit: float = math.inf  # largest absolute value; NaN and infinity are always invalid
 
 
 class Kind(NamedTuple):
@@ -41,7 +41,7 @@ class Kind(NamedTuple):
 
     number: int
     name: str
-    to_arms: bool  # from the operator to the arms program, otherwise back
+    to_arms: bool  # from the operator to the arms program, otherwise in the opposite direction
     rate: str
     old_s: float  # s, age above which the receiver drops it
     meaning: str
@@ -58,7 +58,7 @@ HEADER = (
     Field("time_us", "u64", "us", "clock of the sender; it never goes back"),
 )
 
-ANGLES = 12.5  # rad, two turns: no joint goes further
+ANGLES = 12.5  # rad, two turns: larger than any joint range
 
 KINDS = (
     Kind(1, "operation", True, "until acknowledged, at 5 Hz", 1.0, "requests a task", (
@@ -125,7 +125,7 @@ CODES = {
     "visual": (13, "visual servoing"),
     "alive": (14, "keeps the session open; needed if nothing else is sent for 5 s"),
 }
-"""Operation -> code, what it asks for: the tasks of Suarez 2020, section III-C, and a session."""
+"""Operation -> code and description: the tasks of Suarez 2020, section III-C, and a session."""
 
 RESULTS = {
     "accepted": (0, "is done now"),
@@ -133,16 +133,16 @@ RESULTS = {
     "not in control": (2, "another sender is in control"),
     "full": (3, "too many sessions"),
 }
-"""Result -> number, what it means."""
+"""Result -> number and meaning."""
 
 
 def find_kind(name: str) -> Kind:
-    """Return the kind of a name."""
+    """Return the kind with this name."""
     return next(kind for kind in KINDS if kind.name == name)
 
 
 def get_size(kind: Kind) -> int:
-    """Return the bytes of a whole packet."""
+    """Return the bytes of a complete packet."""
     return sum(TYPES[f.type][1] * f.length for f in (*HEADER, *kind.fields)) + TAG
 
 

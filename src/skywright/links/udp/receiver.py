@@ -1,8 +1,8 @@
-"""What a receiver accepts of the packets that decode: their order, their age, their counts.
+"""Filter for decoded packets: order, age, and counts of dropped ones.
 
-The two clocks need not agree. The age of a packet is (arrival - stamp) less the smallest
-(arrival - stamp) of the last minute: the delay beyond the shortest one. That smallest value is
-forgotten after a while because clocks drift; a delay that lasts longer than that is not seen.
+The two clocks need not agree. The age of a packet is (arrival - stamp) less the smallest (arrival -
+stamp) of the last minute: the delay beyond the shortest one. Old minima are discarded because
+clocks drift; a constant delay that lasts longer than that is not detected.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from skywright.links.udp.codec import Packet, Rejected, decode
 
-WINDOW_S = 30.0  # s; the smallest difference is that of the last 30 to 60 s
+WINDOW_S = 30.0  # s; the minimum covers the last 30 to 60 s
 
 CAUSES = {
     "oversized": "longer than the longest packet",
@@ -29,14 +29,14 @@ CAUSES = {
     "old": "older than its kind may be",
     "controller": "another sender is in control",
 }
-"""Cause for which a datagram is dropped -> what it means."""
+"""Cause of a dropped datagram -> description."""
 
 
 class Arrived(NamedTuple):
-    """A packet that was accepted."""
+    """An accepted packet."""
 
     packet: Packet
-    age: float  # s, when it arrived
+    age: float  # s, at arrival
     arrival: float  # s, by the receiver's clock
 
 
@@ -59,16 +59,17 @@ class Ages:
 
 
 class Receiver:
-    """One sender as its receiver hears it: packets must be new and in order, by kind."""
+    """Filter for one sender: packets must be new and in order, by kind."""
 
     def __init__(self, session: int, counts: Counter[str], *, to_arms: bool) -> None:
-        """`counts` is where drops are counted; `to_arms` says which way packets come."""
+        """`counts` counts dropped packets; `to_arms` is the direction of the packets."""
         self.session, self.counts, self.to_arms = session, counts, to_arms
         self._ages = Ages()
         self._last: dict[int, tuple[int, int]] = {}  # kind -> sequence, stamp
 
     def take(self, packet: Packet, arrival: float) -> Arrived | None:
-        """Accept a packet that arrived at `arrival` (s), or count why not."""
+        """Return an accepted packet that arrived at `arrival` (s), or count the cause of its
+        refusal."""
         cause = self._find_cause(packet)
         if cause is None:
             self._last[packet.kind.number] = (packet.sequence, packet.time_us)
@@ -92,7 +93,7 @@ class Receiver:
 
 
 def read_packet(data: bytes, key: bytes, counts: Counter[str]) -> Packet | None:
-    """Decode a datagram, or count why it is no packet."""
+    """Decode a datagram, or count the cause for which it is invalid."""
     packet = decode(data, key)
     if isinstance(packet, Rejected):
         counts[packet.cause] += 1

@@ -1,9 +1,9 @@
-"""The arms program's end of the gateway: sessions, operations, who is in control.
+"""The arms program's end of the gateway: sessions, operations, and control.
 
-A sender opens a session with the operation `connect`; the answer holds a random number that all
-later packets of both sides carry. Recorded packets of an earlier session are worth nothing, and a
-session belongs to one address. The sender whose commands are heard is in control until it has been
-silent for two seconds; others may watch.
+A sender opens a session with the operation `connect`; the answer contains a random number that all
+later packets of both sides carry. Recorded packets of an earlier session are therefore invalid, and
+a session belongs to one address. The sender of accepted commands is in control until it has been
+silent for two seconds; other sessions receive the state only.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ from skywright.links.udp.packets import CODES, MAX_SIZE, RESULTS
 from skywright.links.udp.receiver import Arrived, Receiver, read_packet
 
 PEERS = 8
-"""Most sessions at once."""
+"""Most simultaneous sessions."""
 PENDING = 32
-"""Most sessions that were answered and not used yet."""
-SILENT_S = 10.0  # s after which nothing is sent to a session any more
+"""Most sessions that were answered and not yet used."""
+SILENT_S = 10.0  # s of silence after which nothing is sent to a session
 LEASE_S = 2.0  # s for which a sender stays in control after its last command
-AT_ONCE = 1000  # datagrams read in one go: a flood of them must not stop the flight
+AT_ONCE = 1000  # datagrams per read: bounds the time of a tick under a flood of datagrams
 KIND_BYTE = 5  # of a packet
 
 Address = tuple[str, int]
 
 
 class Carrier(Protocol):
-    """A radio link, one way (links/radio.py)."""
+    """One direction of a radio link (links/radio.py)."""
 
     def send(self, t: float, priority: int, size: int, item: Any) -> None:
         """Queue an item of `size` bytes at `t` (s)."""
 
     def receive(self, t: float) -> list[Any]:
-        """Return what has arrived until `t` (s)."""
+        """Return the items that have arrived by `t` (s)."""
 
 
 class Operation(NamedTuple):
@@ -60,7 +60,7 @@ class Peer:
 
 
 class Server:
-    """Receives commands, sends states; never waits and never grows."""
+    """Receives commands and sends states; never blocks, and its memory is bounded."""
 
     def __init__(
         self,
@@ -71,13 +71,13 @@ class Server:
         down: Carrier | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """`up` and `down` are the radio's ways to and from the arms; `clock` returns s."""
+        """`up` and `down` are the radio directions to and from the arms; `clock` returns s."""
         self.counts: Counter[str] = Counter()
         self.peers: dict[Address, Peer] = {}
         self.offered: frozenset[int] = frozenset()
-        """Codes of the operations that the flight offers now."""
+        """Codes of the operations that the flight currently offers."""
         self.accepted = 0
-        """Number of the newest request that was accepted."""
+        """Number of the newest accepted request."""
         self._socket, self._key, self._up, self._down = opened, key, up, down
         self._clock = clock
         self._pending: dict[Address, Peer] = {}
@@ -86,14 +86,14 @@ class Server:
         self.port = int(opened.getsockname()[1])
 
     def poll(self) -> list[Arrived | Operation]:
-        """Return the commands that have come: sticks, joint references, operations."""
+        """Return the received commands: sticks, joint references, operations."""
         now, found = self._clock(), list[Arrived | Operation]()
         for _ in range(AT_ONCE):
             try:
                 data, address = self._socket.recvfrom(MAX_SIZE + 1)
             except (BlockingIOError, InterruptedError):
                 break
-            except OSError:  # a port that was closed at the other end
+            except OSError:  # a closed port at the other end
                 continue
             if self._up is None:
                 self._add(found, self._take(data, address, now))
@@ -111,7 +111,7 @@ class Server:
             found.append(command)
 
     def publish(self, name: str, values: dict[str, Any]) -> None:
-        """Send a packet to every session that has been heard of lately."""
+        """Send a packet to every session that is not silent."""
         now = self._clock()
         for peer in list(self.peers.values()):
             if now - peer.heard < SILENT_S:
@@ -120,7 +120,7 @@ class Server:
 
     @property
     def watched(self) -> bool:
-        """Whether anybody is there to send to."""
+        """Whether any session is open."""
         now = self._clock()
         return any(now - peer.heard < SILENT_S for peer in self.peers.values())
 
@@ -128,7 +128,7 @@ class Server:
         """Stop listening."""
         self._socket.close()
 
-    # --- what arrives ----------------------------------------------------------------------------
+    # --- received packets ----------------------------------------------------------------------
 
     def _take(self, data: bytes, address: Address, now: float) -> Arrived | Operation | None:
         packet = read_packet(data, self._key, self.counts)
@@ -161,7 +161,7 @@ class Server:
         return None
 
     def _connect(self, packet: Packet, address: Address, now: float) -> None:
-        """Answer a request for a session: what is recorded and sent again opens none.
+        """Answer a request for a session; a replayed request opens none.
 
         The session begins with the first packet that carries its number.
         """
@@ -179,7 +179,7 @@ class Server:
         self._acknowledge(peer, packet, "accepted", peer.session)
 
     def _establish(self, peer: Peer, now: float) -> bool:
-        """Begin a session; False where there are too many."""
+        """Begin a session; return False if there are too many."""
         self._pending.pop(peer.address, None)
         if peer.address not in self.peers and len(self.peers) >= PEERS:
             gone = [a for a, p in self.peers.items() if now - p.heard > SILENT_S]
@@ -187,13 +187,13 @@ class Server:
                 self.counts["session"] += 1
                 return False
             del self.peers[gone[0]]
-        if self._controller == peer.address:  # it was started anew
+        if self._controller == peer.address:  # the client was restarted
             self._controller = None
         self.peers[peer.address] = peer
         return True
 
     def _controls(self, address: Address, now: float) -> bool:
-        """Whether a sender is in control; takes control where nobody is."""
+        """Whether a sender is in control; takes control if it is free."""
         if self._controller not in (None, address) and now < self._lease:
             return False
         self._controller, self._lease = address, now + LEASE_S
@@ -226,7 +226,7 @@ class Server:
         self._acknowledge(peer, packet, says)
         return operation
 
-    # --- what is sent ----------------------------------------------------------------------------
+    # --- sent packets ------------------------------------------------------------------------
 
     def _acknowledge(self, peer: Peer, packet: Packet, says: str, session: int = 0) -> None:
         values = {
@@ -252,7 +252,7 @@ class Server:
     def _transmit(self, data: bytes, address: Address) -> None:
         try:
             self._socket.sendto(data, address)
-        except OSError:  # nobody's loss but the receiver's: the next one may arrive
+        except OSError:  # lost for this receiver only: the next one may arrive
             self.counts["unsent"] += 1
 
 

@@ -13,7 +13,7 @@ SETTLE_S = 1.0
 
 
 def fly(s: Supervisor[BenchTask], way: None) -> Flight:
-    """Rest, inspection position, staircase, rest; nothing flies."""
+    """Rest, inspection position, staircase, rest, all with a clamped platform."""
     task = s.task
     bench = Presser(s, task)
     s.begin("start")
@@ -22,7 +22,7 @@ def fly(s: Supervisor[BenchTask], way: None) -> Flight:
     s.wait(SETTLE_S)
     bench.go("inspection position", q=find_joints(task.inspection_deg))
     s.wait(SETTLE_S)
-    # to the law a clamped platform is a docked one whose feet carry nothing
+    # the law treats a clamped platform as docked with unloaded feet
     reason = bench.press("bench", "clamped", task.forces_n, "", lambda _: {"docked": 1.0})
     bench.go("back to rest", q=find_joints(task.rest_deg))
     s.wait(SETTLE_S)

@@ -1,10 +1,11 @@
-"""How hard a clamped arm can press before its tip slides away from under it.
+"""Largest press of a clamped arm before its tip slides away.
 
-The force loop moves the tip along the probe. Servos that take speeds give way like springs (a PD
-around the integrated command): the shoulder yields to the press, and what the loop adds turns the
-probe further from the surface's normal. Its tip slides with friction towards where the probe leans,
-so the arm has to reach farther, until the law lets it go no farther (REACH). Quasi-static: at each
-small advance the joints are where the servos, the arm's weight, the spring and friction balance.
+The force loop moves the tip along the probe. Velocity servos yield like springs (a PD around the
+integrated command): the shoulder yields to the press, and the motion that the loop adds turns the
+probe further from the surface's normal. The tip slides with friction in the direction in which the
+probe leans, so the arm has to reach farther, up to the law's limit REACH. The model is
+quasi-static: at each small advance the joints are in equilibrium of servos, the arm's weight, the
+spring and friction.
 """
 
 from collections.abc import Callable
@@ -26,11 +27,11 @@ from skywright.vehicle.laws.backstepping import REACH
 
 STEP = 5e-4  # m, of an advance
 LEAP = 0.02  # rad, of one step of Newton's method
-SLACK = 3.0  # times REACH that the servos may be commanded: they yield meanwhile
+SLACK = 3.0  # largest command of the servos, relative to REACH: they yield
 
 
 class BenchPress(NamedTuple):
-    """The largest press on the way, and what ends it."""
+    """The largest press on the path, and its limiting cause."""
 
     force: float  # N, along the probe
     lean: float  # rad, of the probe from the surface's normal there
@@ -40,7 +41,7 @@ class BenchPress(NamedTuple):
 class _State(NamedTuple):
     force: float
     lean: float
-    torque: Array  # (2,) N m, that the servos make
+    torque: Array  # (2,) N m, of the servos
     p: Array  # (3,) m, tip in B
     axis: Array  # (3,) of the probe, in B
     J: Array  # (2, 2) m/rad, of the tip along and across the probe
@@ -58,8 +59,8 @@ def compute_bench_press(
 ) -> BenchPress:
     """Press from the joints q (2,) rad of a platform clamped at `base` (3,) m, R_WB (3, 3).
 
-    Servos that take torques have no such stiffness, and where friction holds the tip it does not
-    count (`rigid`): there stall and REACH remain.
+    Torque servos have no such stiffness, and it does not matter if friction holds the tip
+    (`rigid`). In these cases only stall and REACH limit the press.
     """
     start = q
     model = build_body_model(robot, gravity)
@@ -98,7 +99,7 @@ def compute_bench_press(
 
 
 def _settle(unbalanced: Callable[[Array], Array], q: Array) -> Array | None:
-    """Return where `unbalanced` (2,) vanishes near q (2,) rad, by Newton's method, or None."""
+    """Return the root of `unbalanced` (2,) near q (2,) rad by Newton's method, or None."""
     step = 1e-6 * np.eye(2)
     for _ in range(30):
         r = unbalanced(q)
@@ -113,7 +114,8 @@ def _settle(unbalanced: Callable[[Array], Array], q: Array) -> Array | None:
 def _load(
     robot: Robot, model: NDArray[Any], structure: Structure, base: Array, R_WB: Array, q: Array
 ) -> _State:
-    """Return force and torques of a tip that slides on the surface to where its probe leans."""
+    """Return force and torques of a tip that slides on the surface in the direction of its probe's
+    lean."""
     assert robot.probe is not None
     k, torque = compute_kinematics(model, q), np.zeros(MAX_JOINTS)
     fill_gravity_torque(model[0], k, R_WB.T @ [0.0, 0.0, -model[0]["gravity"]], torque)

@@ -1,4 +1,4 @@
-"""What a mission of the kind "arm-test-bench" may say."""
+"""Keys of a mission of the kind "arm-test-bench"."""
 
 from pydantic import Field
 

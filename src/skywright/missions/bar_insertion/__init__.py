@@ -5,7 +5,7 @@ from skywright.run.folder_kind import FolderKind
 
 
 class BarInsertionKind(FolderKind[BarInsertion]):
-    """Put a peg below a bar, held by two hands, into a hole."""
+    """Insert a peg below a bar, held by two hands, into a hole."""
 
     task = BarInsertion
     needs = frozenset({"uav", "hands"})

@@ -1,14 +1,14 @@
-"""Lead a bar that hangs in both hooks, in flight, as one thing (Suarez 2020, (29) to (31)).
+"""Control of a bar that is suspended in both hooks, in flight (Suarez 2020, (29) to (31)).
 
-Centre and direction of the bar come from the hands by (29) and (30); where they should be, the
-inverse of these gives the hands. The hands know the bar's place to some millimetres only (encoders,
-play in the gears, how the bar lies in the cradles): that error changes slowly and is taken from the
-marker on the bar.
+Centre and direction of the bar follow from the hands by (29) and (30); the inverse gives the hands
+for a desired pose. The hands determine the bar's pose to some millimetres only (encoders, backlash,
+position of the bar in the cradles). This error changes slowly and is measured with the marker on
+the bar.
 
-Who moves what. In free air the platform leads the bar's centre and the arms its direction, their
-joints at rest otherwise: on its springs the bar hangs stiller (2 mm) than hands that make up for
-the platform's motion can hold it (4 mm), since a servo's step of 0.33 deg is 2 mm at the hand and
-sets the bar swinging. In contact the arms press by (31), and the platform follows them.
+In free air the platform controls the bar's centre and the arms control its direction, with their
+joints at rest otherwise. On its springs the bar is steadier (2 mm) than with hands that compensate
+the platform's motion (4 mm), since a servo's step of 0.33 deg is 2 mm at the hand and excites a
+swing of the bar. In contact the arms press by (31), and the platform follows them.
 """
 
 import math
@@ -31,30 +31,30 @@ from skywright.vehicle.bus import Estimate
 from skywright.vehicle.plant import MISSION_TICK
 
 CORRECT_S = 1.0
-"""s, in which the marker's word replaces the hands': slow against the ringing of the springs."""
+"""s, time constant of the marker's correction: slow compared with the ringing of the springs."""
 FILTER_S = 0.6  # s, over which the error of the bar is averaged
 LEAD_RATE = 0.5
-"""1/s, at which the bar is led to its goal: half of the platform's own position loop."""
+"""1/s, at which the bar approaches its goal: half of the platform's own position loop."""
 LEAD_SPEED = 0.04  # m/s
 JOINT_SPEED = 0.4  # rad/s, of joints that return to their pose
-ROOM = 1.2  # weight that is fed forward at most, over the bar's
-LEAST_N = 0.1  # N, of a force that is asked for: it has to have a direction
+ROOM = 1.2  # largest weight that is fed forward, relative to the bar's
+LEAST_N = 0.1  # N, least requested force: its direction has to be defined
 LOAD_RATE = 6.0  # N/s, at which the weight that is fed forward changes
-LOST_M, LOST_ANGLE = 0.05, math.radians(15.0)  # of a bar that is not in the hooks any more
-FOLLOW_RATE = 0.5  # 1/s, of the platform behind a bar that is pressed
-HANGS = 0.95  # of its weight in the hands, from which a bar hangs free
+LOST_M, LOST_ANGLE = 0.05, math.radians(15.0)  # beyond these a bar has left the hooks
+FOLLOW_RATE = 0.5  # 1/s, at which the platform follows a bar that is pressed
+HANGS = 0.95  # fraction of its weight in the hands from which a bar is freely suspended
 
 
 class BarLeader:
-    """Both hands on a bar that they carry; each `step` is one tick."""
+    """Controller of a bar in both hands; each `step` is one tick."""
 
     def __init__(
         self, s: Supervisor, grip: Grip, chains: tuple[ArmChain, ArmChain], weight: float
     ) -> None:
-        """`weight` (N) is what the hands carry now; a second is spent to learn how that feels."""
+        """`weight` (N) is the initial load of the hands; takes a second to average its effect."""
         self.s, self.grip, self.weight = s, grip, weight
         self._felt, self._load = Weight(s, weight), weight
-        self.correct = True  # by the marker
+        self.correct = True  # whether the marker corrects the pose
         self._hands, self._R_WB = s.vehicle.look(Hands).p_WH, s.vehicle.look(Estimate).R_WB
         self._off, self._error, self._turn = np.zeros(OFF), np.zeros(3), np.zeros(3)
         first = self._locate(1.0)
@@ -65,13 +65,14 @@ class BarLeader:
         self._width = float(np.linalg.norm(grip.hands[0] - grip.hands[1]))
         self._q_rest = self._q - self._solve(self._n)
         self._pressed = False
-        self._hang = np.zeros(3)  # m, in W: from the pose of the grip to where the bar hangs free
+        self._hang = np.zeros(3)  # m, in W: from the grip's pose to the freely suspended bar
 
     def _heading(self) -> Array:
         return rot_z(math.atan2(self._R_WB[1, 0], self._R_WB[0, 0]))
 
     def _solve(self, n: Array) -> Array:
-        """Joints that hold a bar along n (3,), its centre at rest in B: (29), (30) inverted."""
+        """Return joints that hold a bar along n (3,), its centre at rest in B: inverse of (29),
+        (30)."""
         q = np.zeros(len(self._q))
         goals = compute_bar_hands(Bar(self._middle, n), self._width)
         for chain, goal in zip(self._chains, goals, strict=True):
@@ -84,7 +85,7 @@ class BarLeader:
         return self._locate(MISSION_TICK / CORRECT_S if self.correct else 0.0)
 
     def _locate(self, share: float) -> BarPose:
-        """Return the bar's pose, in which `share` of what the marker says is taken in."""
+        """Return the bar's pose, after a correction by `share` of the marker's deviation."""
         p, R = np.empty(3), np.empty((3, 3))
         p_tool, R_tool = measure_tool(self.s)
         locate_bar(
@@ -97,16 +98,16 @@ class BarLeader:
         self, p: Array, n: Array, point_O: Array, sink: float = 0.0, let_go: bool = False,
         along: tuple[Array, Array] | None = None, in_hole: bool = False,
     ) -> BarPose:  # fmt: skip
-        """Lead the bar for one tick, joints at rest but for its direction; returns its pose.
+        """Move the bar for one tick, with joints at rest except for its direction; return its pose.
 
-        `p` (3,) m is where the bar's point `point_O` (3,) m shall be, n (3,) its direction, in W.
-        With `sink` (m/s, negative to rise) the platform moves so down, and `p` counts across only.
-        `along`, (3,) m/s and (3,) m/s^2, is how p moves: the platform moves with it.
-        With `in_hole` the platform leads it across as a spring does, by as much as the error: where
-        walls hold the bar, an integral would bend the springs until a hook slips.
-        The bar's weight is fed forward to springs and platform: all of it, so that a bar that
-        touches something stays in the hooks, or with `let_go` what the hands feel of it, so that it
-        passes to what it stands on.
+        `p` (3,) m is the goal of the bar's point `point_O` (3,) m, n (3,) that of its direction, in
+        W. With `sink` (m/s, negative to rise) the platform descends at this speed, and only the
+        horizontal part of `p` applies. `along`, (3,) m/s and (3,) m/s^2, is the motion of p, which
+        the platform follows. With `in_hole` the platform acts as a spring across the hole,
+        proportional to the error: an integral against the walls would bend the springs until a hook
+        slips. The bar's weight is fed forward to springs and platform: the full weight, so that a
+        bar that touches something stays in the hooks, or with `let_go` the weight measured at the
+        hands, so that it passes to the bar's support.
         """
         s, pose = self.s, self._watch(p, n, point_O)
         if self._pressed:
@@ -137,9 +138,9 @@ class BarLeader:
         return self._send(row, pose, self.carried if let_go else self.weight)
 
     def press(self, p: Array, n: Array, point_O: Array, force: float, gamma: float) -> BarPose:
-        """Press the bar down with `force` (N) for one tick, and lead it across: (31).
+        """Press the bar down with `force` (N) for one tick, and control it across: (31).
 
-        Of its weight the hands then carry so much less: what they carry already less is counted.
+        The load of the hands falls by this force; the part that is missing already is subtracted.
         The platform follows, so that the arms keep the pose of the grip.
         """
         s, pose = self.s, self._watch(p, n, point_O)
@@ -159,9 +160,9 @@ class BarLeader:
         return self._send(row, pose, self.carried)
 
     def hold(self) -> BarPose:
-        """Keep joints, platform and what is fed forward as they are for one tick.
+        """Keep joints, platform and feedforward for one tick.
 
-        In a hole the walls hold the bar: a platform that went on to lead it across would wind up
+        The walls of a hole hold the bar: a platform that continued to correct it across would bend
         the springs until a hook slips.
         """
         s = self.s
@@ -174,7 +175,7 @@ class BarLeader:
         return self._send(row, self.measure(), self._load)
 
     def _watch(self, p: Array, n: Array, point_O: Array) -> BarPose:
-        """Measure the bar, average its error, and feel its weight."""
+        """Measure the bar, filter its error, and update its weight."""
         self._felt.feel(self.s, ROOM * self.weight)
         pose = self.measure()
         average_error(
@@ -184,19 +185,19 @@ class BarLeader:
         return pose
 
     def _follow(self, row: Any) -> Array:
-        """Speed (3,) m/s of the platform towards where the arms have the pose of the grip."""
+        """Return the platform's velocity (3,) m/s towards the arms' pose of the grip."""
         sag = min(self.carried / self.weight, 1.0) * self._hang
         v = FOLLOW_RATE * (self._find_stretch(row) - sag)
         return np.asarray(v * min(1.0, LEAD_SPEED / max(math.hypot(*v), 1e-9)))
 
     def _find_stretch(self, row: Any) -> Array:
-        """Return how far (3,) m the bar is from where the arms have the pose of the grip."""
+        """Return the offset (3,) m of the bar from its position for the arms' pose of the grip."""
         middle = self._middle + self.grip.cradle
         return np.asarray(self._p_handle - row["R_WB"] @ middle - row["p_WB"])
 
     @property
     def lost(self) -> bool:
-        """Whether the bar, as the marker says, is no longer where the hands would hold it."""
+        """Whether the bar, measured by the marker, is away from where the hands would hold it."""
         p, R = measure_tool(self.s)
         held = np.mean(self._hands, axis=0) + self._heading() @ self.grip.cradle
         away = math.dist(p + R @ self.grip.handle, held)
@@ -204,7 +205,7 @@ class BarLeader:
 
     @property
     def carried(self) -> float:
-        """Of the bar's weight what the hands carry now (N), as the platform feels it."""
+        """The part of the bar's weight (N) on the hands, from the platform's external force."""
         return self._felt.carried
 
     def _send(self, row: Any, pose: BarPose, load: float) -> BarPose:

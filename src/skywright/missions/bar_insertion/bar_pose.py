@@ -1,6 +1,6 @@
-"""Where a bar in both hooks is, from the hands and from the marker on it (Suarez 2020, (29), (30)).
+"""Pose of a bar in both hooks, from the hands and from the marker on it (Suarez 2020, (29), (30)).
 
-It runs every 20 ms while a bar is led: compiled, and before the robot flies, by the signature.
+It runs every 20 ms while a bar is controlled. It is compiled by its signature, before the flight.
 """
 
 import math
@@ -15,14 +15,14 @@ from skywright.core.scratch import local
 from skywright.core.user_code import njit
 
 VEC, MAT = "float64[::1]", "float64[:, ::1]"
-LEAST = 1e-9  # the least divisor, so that hands in one place give no NaN
+LEAST = 1e-9  # least divisor: hands at one position give no NaN
 OFF = 7
-"""Numbers of what the hands do not know of the bar: (3,) m of its handle, (3,) of its direction,
-and the angle (rad) by which it has turned about its own axis."""
+"""Number of correction parameters of the bar's pose: (3,) m of its handle, (3,) of its direction,
+and the angle (rad) of its rotation about its own axis."""
 
 
 class BarPose(NamedTuple):
-    """Frame O of the bar (models/things/peg.py), as believed."""
+    """Estimated frame O of the bar (models/things/peg.py)."""
 
     p: Array  # (3,) m
     R: Array  # (3, 3)
@@ -30,17 +30,17 @@ class BarPose(NamedTuple):
 
 @helper
 def _find_pitch(R: Any) -> float:
-    """Angle (rad) by which a bar R (3, 3) has turned about its own axis, from hanging level."""
+    """Return the rotation (rad) of a bar R (3, 3) about its own axis, from its level suspension."""
     return math.atan2(-R[2, 0], R[0, 0] * R[1, 1] - R[1, 0] * R[0, 1])
 
 
 @helper
 def _fill_attitude(n: Any, pitch: float, R: Any) -> None:
-    """Fill R (3, 3) with the attitude of a bar along n (3,), turned about it by `pitch` (rad)."""
+    """Fill R (3, 3) with the attitude of a bar along n (3,), rotated about it by `pitch` (rad)."""
     length = max(norm(n), LEAST)
     n0, n1, n2 = n[0] / length, n[1] / length, n[2] / length
     across = max(math.sqrt(n0 * n0 + n1 * n1), LEAST)
-    x0, x1 = n1 / across, -n0 / across  # level: y cross the vertical
+    x0, x1 = n1 / across, -n0 / across  # horizontal: y cross the vertical
     z0, z1, z2 = x1 * n2, -x0 * n2, x0 * n1 - x1 * n0
     c, s = math.cos(pitch), math.sin(pitch)
     R[0, 0], R[1, 0], R[2, 0] = c * x0 - s * z0, c * x1 - s * z1, -s * z2
@@ -59,9 +59,9 @@ def locate_bar(
     """Fill p (3,) m and R (3, 3) with the pose of the bar that `hands` (2, 3) m hold.
 
     (29) and (30) give the middle and the direction of a handle that lies in the cradles, `cradle`
-    (3,) m from the hands in a level frame with the heading of `R_WB`. `off` (7,) is what the bar
-    differs from that; it goes by `share` towards what the marker says: the pose `p_tool` (3,) m,
-    `R_tool` (3, 3) of the bar, whose `handle` (3,) m is in frame O.
+    (3,) m from the hands in a level frame with the heading of `R_WB`. `off` (7,) is the correction
+    of this pose. It is updated by `share` of its difference to the marker's measurement: the pose
+    `p_tool` (3,) m, `R_tool` (3, 3) of the bar, whose `handle` (3,) m is in frame O.
     """
     n, middle = local(3), local(3)
     heading = math.atan2(R_WB[1, 0], R_WB[0, 0])
@@ -96,11 +96,11 @@ def average_error(
     p_goal: Any, n_goal: Any, point_O: Any, handle: Any, p: Any, R: Any, share: float,
     error: Any, turn: Any, p_handle: Any,
 ) -> None:  # fmt: skip
-    """Take in how far a bar at p (3,) m, R (3, 3) is from its goal.
+    """Update the filtered errors of a bar at p (3,) m, R (3, 3) relative to its goal.
 
-    `error` (3,) m from the bar's `point_O` (3,) m to `p_goal` (3,) m, `turn` (3,) from its
-    direction to `n_goal` (3,), and the place `p_handle` (3,) m of its `handle` are lagged by
-    `share`.
+    A first-order filter with the gain `share` applies to `error` (3,) m from the bar's `point_O`
+    (3,) m to `p_goal` (3,) m, `turn` (3,) from its direction to `n_goal` (3,), and the position
+    `p_handle` (3,) m of its `handle`.
     """
     for a in range(3):
         at = p[a] + R[a, 0] * point_O[0] + R[a, 1] * point_O[1] + R[a, 2] * point_O[2]
@@ -111,7 +111,7 @@ def average_error(
 
 
 def build_attitude(n: Array, pitch: float) -> Array:
-    """Return R_WO (3, 3) of a bar along n (3,) that is turned about it by `pitch` (rad)."""
+    """Return R_WO (3, 3) of a bar along n (3,), rotated about it by `pitch` (rad)."""
     R = np.empty((3, 3))
     _fill_attitude(n, pitch, R)
     return R

@@ -1,4 +1,4 @@
-"""What a report shows of a bar's insertion: the peg's depth, its error across, its force."""
+"""Figures of a report on a bar's insertion: the peg's depth, lateral error and force."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -25,7 +25,7 @@ SHOWN = ("align", "lower", "insert", "draw out", "set free", "release")
 
 
 def draw_insertion(result: RunResult[BarInsertion, InsertionPlan]) -> Figure | None:
-    """Depth, error across the hole, force and angles, from over the socket to the release."""
+    """Draw depth, error across the hole, force and angles, from above the socket to the release."""
     s, d = result.samples, result.description
     spans = [p for p in result.phases if p.name in SHOWN]
     if not spans:
@@ -88,7 +88,7 @@ PHASES = {
 
 
 def describe(result: RunResult[BarInsertion, InsertionPlan]) -> str:
-    """Say whether the peg came in."""
+    """Return a sentence that states whether the peg was inserted."""
     d = result.description
     did = f"{d.robot.name} in world {d.world.name} "
     tries, task = int(result.metrics.get("insert.tries", 0.0)), d.mission.task

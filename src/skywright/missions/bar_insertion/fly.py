@@ -1,9 +1,10 @@
-"""Put the peg below a bar into a hole, the bar held by both hands, in flight.
+"""Insert the peg below a bar into a hole in flight, with the bar held by both hands.
 
-The bar hangs in the hooks of both arms: contact alone, and only upward. The peg points down, so
-that the bar's own weight presses it in: the hands let go of as much of it as (31) asks for, and
-lead the bar by (29), (30) meanwhile. Where the hole is, motion capture says to a millimetre; the
-rest is done by the chamfer, the springs of the arms, and trying again (docs/howto/insert-a-bar.md).
+The bar is suspended in the hooks of both arms, which support it only upward. The peg points down,
+so that the bar's own weight presses it in: the hands reduce the weight that they carry by the force
+of (31), and control the bar by (29), (30). Motion capture measures the hole to a millimetre. The
+chamfer, the springs of the arms and repeated attempts tolerate the rest
+(docs/howto/insert-a-bar.md).
 """
 
 import math
@@ -50,11 +51,11 @@ from skywright.run.orders import Detour
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.plant import MISSION_TICK
 
-RELEASE_S = 1.5  # s, in which the hands let the weight go
+RELEASE_S = 1.5  # s, in which the weight passes from the hands
 CARRY_SPEED, CARRY_ACCELERATION = 0.3, 0.2
-SEATED = 0.5  # of the peg's length, from which a bar that is let go of stands in its hole
-BESIDE = 0.04  # m, across, from where rack or socket are believed to be
-CALM = 0.05  # m/s, of the platform that raises a bar out of a hole
+SEATED = 0.5  # of the peg's length, from which a released bar stands in its hole
+BESIDE = 0.04  # m, across, from the estimated rack or socket
+CALM = 0.05  # m/s, of the platform when it raises a bar out of a hole
 
 
 def fly(s: Supervisor[BarInsertion], way: InsertionPlan) -> Flight:
@@ -98,7 +99,7 @@ def fly(s: Supervisor[BarInsertion], way: InsertionPlan) -> Flight:
     detour = Detour(draw_back, lambda: move_platform(s, above, hole.yaw, CALM))
     found = s.orders.attempt("the hole", work, "the peg was not inserted", detour)
     if found != "in" and leader.lost:
-        let_go(s, way.grip, speeds[0])  # hooks that are still in the mouths would take it along
+        let_go(s, way.grip, speeds[0])  # hooks still below the handle would take the bar along
         _return(s, way, hole)
         return Flight(False, "the bar was lost at the socket")
     if found != "in":
@@ -113,7 +114,7 @@ def fly(s: Supervisor[BarInsertion], way: InsertionPlan) -> Flight:
 
 
 def _insert_again(s: Supervisor, leader: BarLeader, hole: Hole, task: BarInsertion) -> str:
-    """Insert in up to `task.tries` tries; returns "in", or why the peg is not."""
+    """Insert in up to `task.tries` attempts; returns "in", or the reason of the failure."""
     missed = 0
     for _ in range(task.tries):
         found = insert(s, leader, hole, find_offset(missed, hole.capture), task)
@@ -124,9 +125,9 @@ def _insert_again(s: Supervisor, leader: BarLeader, hole: Hole, task: BarInserti
 
 
 def withdraw(s: Supervisor[BarInsertion], way: InsertionPlan) -> None:
-    """Leave a bar that stands in rack or socket there: its weight passes, the hooks are drawn out.
+    """Leave a bar that stands in rack or socket: its weight passes, and the hooks are drawn out.
 
-    One that has hardly entered is raised first, and one that hangs in the hooks comes along.
+    A bar that has hardly entered is raised first, and a suspended bar stays on the hooks.
     """
     peg, load = s.vehicle.world.find_thing(s.task.bar, Peg), 2.0 * float(s.senses.told("load")[0])
     deep = _find_depth(s, way, peg)
@@ -149,7 +150,7 @@ def _find_yaw(s: Supervisor) -> float:
 
 
 def _find_depth(s: Supervisor, way: InsertionPlan, peg: Peg) -> float:
-    """How deep (m) the peg is in rack or socket, by the marker; -inf: it is over neither."""
+    """Return the depth (m) of the peg in rack or socket, by the marker; -inf above neither."""
     p, R = measure_tool(s)
     tip, found = p + R @ peg.list_frames()["tip"].p, -math.inf
     for place in (way.rack, way.socket):
@@ -162,7 +163,7 @@ def _lay_down(
     s: Supervisor, way: InsertionPlan, above: Array, yaw: float, weight: float,
     speeds: tuple[float, float],
 ) -> bool:  # fmt: skip
-    """Carry the bar from over the socket (`above` (3,) m, of the platform) back into the rack.
+    """Carry the bar from above the socket (`above` (3,) m, of the platform) back into the rack.
 
     Returns whether it stands there.
     """
@@ -176,14 +177,14 @@ def _lay_down(
 
 
 def _set_free(s: Supervisor, leader: BarLeader) -> None:
-    """Let the weight pass from the hands to the socket."""
+    """Pass the weight from the hands to the socket."""
     s.begin("set free")
     hold_joints(s)
     _pass_weight(s, leader.carried)
 
 
 def _pass_weight(s: Supervisor, carried: float) -> None:
-    """Lower what is fed forward from `carried` (N) to nothing: the hooks sink, the bar stands."""
+    """Reduce the feedforward from `carried` (N) to zero: the hooks sink until the bar stands."""
     steps = round(RELEASE_S / MISSION_TICK)
     for k in range(steps):
         row = np.array(s.vehicle.reference)

@@ -1,8 +1,7 @@
-"""Bring the peg of a bar into a hole: look, align, lower, insert; draw out where it does not go.
+"""Insertion of the peg of a bar: survey, align, lower, insert; draw out after a failure.
 
-The steps of `bar-insertion` at the socket. What is known of the socket is a survey by motion
-capture; of the peg, what bar_leading.py measures; of contact, the weight that the hands
-feel.
+The steps of `bar-insertion` at the socket. Motion capture surveys the socket, bar_leading.py
+measures the peg, and the load of the hands indicates contact.
 """
 
 from __future__ import annotations
@@ -22,33 +21,33 @@ from skywright.models.things.socket import Socket
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.plant import MISSION_TICK
 
-SURVEY_S = 1.0  # s, of motion capture's look at the socket
+SURVEY_S = 1.0  # s, in which motion capture measures the socket
 READY = 0.012  # m, of the peg's end above the socket before it is lowered
-CALM_S = 0.3  # s, for which the peg has to be over the hole
-ALIGN_MAX_S = 12.0  # s, after which it is lowered from where it is
+CALM_S = 0.3  # s, for which the peg has to stay over the hole
+ALIGN_MAX_S = 12.0  # s, after which it is lowered from its present position
 SINK_S = 0.4  # s without progress in the hole from which the hands press
 DRAW_MAX_S = 8.0
-STALL_S, STALL_M = 2.0, 0.001  # no more progress in the hole: the peg is jammed
+STALL_S, STALL_M = 2.0, 0.001  # s, m: no more progress in the hole, the peg is jammed
 ENTERED_M = 0.003  # m, below the chamfer, from which the peg is in the hole
-SPIRAL = 0.7  # of the chamfer's reach, between neighbours
-SEAT_S, FELT = 0.4, 0.6  # s, for which so much of the asked force has to be felt on the seat
-FULL = 0.95  # of the peg's length, from which it is in
-TOUCHED = 0.7  # of the bar's weight: so little in the hands says that the peg stands on something
-TOUCH_S = 0.8  # s without progress while it is lowered: it stands beside the hole
+SPIRAL = 0.7  # distance of neighbouring points, relative to the chamfer's reach
+SEAT_S, FELT = 0.4, 0.6  # s, for which this fraction of the force has to last on the seat
+FULL = 0.95  # of the peg's length, from which it is inserted
+TOUCHED = 0.7  # of the bar's weight on the hands, below which the peg has contact
+TOUCH_S = 0.8  # s without progress during the descent: the peg is beside the hole
 
 
 def survey(s: Supervisor, socket: str) -> tuple[Place, Array]:
-    """Look at a socket for a time; return its place (O of a bar that is in it) and R_WS."""
+    """Measure a socket for a time; return its place (O of an inserted bar) and R_WS."""
     s.wait(SURVEY_S)
     p, R = s.devices.surveyor.survey(socket)
     return Place(p, math.atan2(R[1, 0], R[0, 0])), R
 
 
 def find_offset(missed: int, capture: float) -> Array:
-    """Where (2,) m, in S, to set the peg down after so many misses: a sunflower's spiral.
+    """Return the offset (2,) m, in S, at which to lower the peg after `missed` misses: a spiral.
 
-    A miss says that the survey is wrong: the hole is elsewhere. The spiral's points are as far from
-    each other as the chamfer reaches, so that they leave no gap.
+    A miss indicates an error of the survey. The points of the spiral (of a sunflower) are at most
+    as far apart as the chamfer reaches, so that they leave no gap.
     """
     angle = missed * math.pi * (3.0 - math.sqrt(5.0))
     return SPIRAL * capture * math.sqrt(missed) * np.array([math.cos(angle), math.sin(angle)])
@@ -64,27 +63,27 @@ def build_hole(s: Supervisor, p: Array, R: Array, grip: Grip, task: BarInsertion
 
 
 class Hole(NamedTuple):
-    """The hole as surveyed, and the points of the bar that are led to it."""
+    """The hole as surveyed, and the points of the bar that move to it."""
 
     p: Array  # (3,) m, middle of the opening
     R: Array  # (3, 3) R_WS
     tip: Array  # (3,) m, in O: middle of the peg's end
     bar: Array  # (3,) m, in O: middle of the crossbar
-    capture: float  # m, across, within which the chamfer leads the peg in
-    entered: float  # m, depth from which the peg is in
+    capture: float  # m, across, within which the chamfer guides the peg into the hole
+    entered: float  # m, depth from which the peg is in the hole
 
     def depth_of(self, pose: BarPose) -> float:
-        """How deep (m) the peg's end is below the opening."""
+        """Return the depth (m) of the peg's end below the opening."""
         return float((self.p - pose.p - pose.R @ self.tip) @ self.R[:, 2])
 
 
 def insert(s: Supervisor, leader: BarLeader, hole: Hole, offset: Array, task: BarInsertion) -> str:
-    """One try: over the hole, down, and in; returns "in", "jammed", "missed" or "beside".
+    """Make one attempt; returns "in", "jammed", "missed" or "beside".
 
-    Beside is a peg that came down off its goal, blown there; one that missed came down where the
-    hole should be. Before the peg is in the hole its end is led. After that the walls lead it, and
-    the crossbar is kept over it: sideways forces and with them friction stay small. Where it meets
-    resistance, and at last on its seat, the hands press by (31).
+    "beside": the peg came down away from its goal, for example in a gust. "missed": it came down at
+    its goal, but not in the hole. Before the peg is in the hole its end is controlled. After that
+    the walls guide it, and the crossbar is kept over it, so that lateral forces and their friction
+    stay small. At resistance, and finally on the seat, the hands press by (31).
     """
     peg = s.vehicle.world.find_thing(task.bar, Peg)
     n, speed = hole.R[:, 1], task.lower_speed_mps
@@ -124,22 +123,22 @@ def insert(s: Supervisor, leader: BarLeader, hole: Hole, offset: Array, task: Ba
 
 
 def draw_out(s: Supervisor, leader: BarLeader, hole: Hole, above: Array, speed: float) -> None:
-    """Raise the peg out of the hole at `speed` (m/s), its end led to below `above` (3,) m."""
+    """Raise the peg at `speed` (m/s) out of the hole, its end guided to below `above` (3,) m."""
     watch = Progress(s, hole)
     while watch.depth > -0.5 * READY and s.vehicle.t - watch.began < DRAW_MAX_S:
         watch.step(leader.lead(above, hole.R[:, 1], hole.tip, sink=-speed))
 
 
 class Progress:
-    """How deep the peg is, and for how long it has not come deeper."""
+    """Depth of the peg, and the time since it last advanced."""
 
     def __init__(self, s: Supervisor, hole: Hole) -> None:
         self._s, self._hole = s, hole
-        self.depth, self.deepest = math.inf, -math.inf  # m; of a bar that was not looked at yet
+        self.depth, self.deepest = math.inf, -math.inf  # m; before the first measurement
         self.began = self._since = s.vehicle.t
 
     def step(self, pose: BarPose) -> None:
-        """Take in a pose of the bar."""
+        """Update with a pose of the bar."""
         self.depth = self._hole.depth_of(pose)
         if self.depth > self.deepest + STALL_M:
             self.deepest, self._since = self.depth, self._s.vehicle.t
@@ -151,11 +150,11 @@ class Progress:
 
 
 def _align(s: Supervisor, leader: BarLeader, hole: Hole, tip: Array, task: BarInsertion) -> None:
-    """Lead the peg's end to `tip` (3,) m and the bar along the hole, until it stays there."""
+    """Move the peg's end to `tip` (3,) m and the bar along the hole, until it stays there."""
     ends, calm, n = s.vehicle.t + ALIGN_MAX_S, 0.0, hole.R[:, 1]
     while s.vehicle.t < ends and calm < CALM_S:
         if leader.carried < TOUCHED * leader.weight:
-            return  # the socket is higher than the survey says
+            return  # contact: the socket is higher than surveyed
         pose = leader.lead(tip, n, hole.tip)
         error = tip - pose.p - pose.R @ hole.tip
         turn = math.acos(min(abs(float(n @ pose.R[:, 1])), 1.0))

@@ -1,4 +1,4 @@
-"""Metrics of the kind "bar-insertion": how deep the peg came, and what it took."""
+"""Metrics of the kind "bar-insertion": depth of the peg, attempts, and forces."""
 
 import math
 from typing import NamedTuple
@@ -38,7 +38,7 @@ MEASURES: Measures = {
         "angle between bar and hole about the hole's axis at that moment",
     ),
 }
-"""Metric -> unit and meaning, of those that only this kind has."""
+"""Metric -> unit and meaning, for the metrics that only this kind has."""
 
 END, TRIES = Where(("return",), "at its end"), Where(("lower", "insert"))
 INSERTING = Where((*TRIES.phases, "draw out", "set free"))
@@ -53,20 +53,20 @@ WHERE = {
     "insert.aim": Where(("lower",), "at the start of the last one"),
 }
 
-SEATED = 0.95  # of the peg's length in the hole: it is in
+SEATED = 0.95  # of the peg's length in the hole, from which it is inserted
 
 
 class PegWay(NamedTuple):
-    """The peg against the true hole, a row a sample."""
+    """Motion of the peg relative to the true hole, one row per sample."""
 
     tip_S: Array  # (n, 3) m, middle of the peg's end in S
     tilt: Array  # (n,) rad, between peg and hole
     turn: Array  # (n,) rad, of the bar about the hole's axis
-    f_W: Array  # (n, 3) N, of the peg on what it touches; inertia left out
+    f_W: Array  # (n, 3) N, contact force of the peg on its surroundings, without inertia
 
 
 def compute_peg_way(samples: Samples, d: Description[BarInsertion]) -> PegWay:
-    """Return how the peg moves against the true hole, and how hard it presses."""
+    """Return the motion of the peg relative to the true hole, and its contact force."""
     task, things = d.mission.task, d.world.things
     peg = d.world.find_thing(task.bar, Peg)
     offsets = find_offsets(things, build_socket_error(d.plant))
@@ -83,7 +83,7 @@ def compute_peg_way(samples: Samples, d: Description[BarInsertion]) -> PegWay:
 
 
 def compute_metrics(run: Flown[BarInsertion, InsertionPlan]) -> dict[str, float]:
-    """Judge the phases that were flown; what was not reached has no metric."""
+    """Evaluate the phases that were flown; phases that were not reached yield no metric."""
     samples, phases, description = run.samples, run.phases, run.setup.description
     peg = description.world.find_thing(run.task.bar, Peg)
     out = {"insert.tries": float(sum(p.name == "lower" for p in phases))}

@@ -1,10 +1,10 @@
-"""An operator brings the peg of a bar into the hole with the stick, the bar in both hooks.
+"""An operator inserts the peg of a bar with the stick, the bar in both hooks.
 
-The robot brings the peg over the hole, beside it by `HAND_OVER`, and hands over. The stick leads
-the peg's end, as both hands and the platform carry the bar (bar_leading.py). In the hole the walls
-lead it: the stick's way down lowers the bar, and where it meets resistance its deflection says
-how firmly the hands press by (31). On the seat, and with the stick at rest, the robot holds. The
-button is believed when the peg is in and the seat takes the weight.
+The robot moves the peg over the hole, offset by `HAND_OVER`, and hands over. The stick moves the
+peg's end; both hands and the platform carry the bar (bar_leading.py). In the hole the walls guide
+the peg: the stick lowers the bar, and at resistance its deflection sets the force with which the
+hands press by (31). On the seat, and with the stick at rest, the robot holds. The button takes
+effect when the peg is inserted and the seat carries the weight.
 """
 
 from __future__ import annotations
@@ -24,30 +24,30 @@ from skywright.vehicle.plant import MISSION_TICK
 
 HAND_OVER = np.array([-0.015, 0.015, 0.02])  # m, in the hole's frame, beyond READY above it
 FENCE = np.array([[-0.06, -0.06, -0.02], [0.06, 0.06, 0.1]])
-"""m, of the peg's end from the hole: lowest and highest place that the stick can ask for."""
-FACE = -0.003  # m: lower than the socket's face only a peg over the hole is led
+"""m, of the peg's end from the hole: lowest and highest position that the stick can command."""
+FACE = -0.003  # m: only over the hole may the peg's end go lower than the socket's face
 STICK_S = 0.25
-"""s, lag of the speed behind the stick. The platform is told the acceleration as well: without it
-the peg's end moves 2.5 times as far as the stick asks at 1.6 rad/s, 48 deg late, and an operator
-who sees a position and steers a speed swings with it."""
-STAND, TOUCH = 0.15, 0.08  # of the bar's weight, that the peg's end bears outside the hole
+"""s, lag of the speed behind the stick. The platform receives the acceleration as well. Without it
+the peg's end would move 2.5 times as far as commanded at 1.6 rad/s, 48 deg late, and an operator
+who sees a position and controls a speed would oscillate with it."""
+STAND, TOUCH = 0.15, 0.08  # of the bar's weight, on the peg's end outside the hole
 STIFFNESS = 100.0
 """N/m, of both arms upward: shoulder and elbow (2.93 and 1.48 N m/rad, levers of 0.27 and 0.23 m)
-give 34, and three times that beyond 10 deg, where the weight of the bar bends them to."""
+give 34, and three times that beyond 10 deg, to which the weight of the bar bends them."""
 SETTLE = 0.3
-"""1/s, of the force on the peg's end: a quarter of the rate at which the weight is felt (0.8 s)."""
-CLOSE = 0.5  # 1/s: so much faster it may be lowered with each metre of the gap
-LEASH = 0.005  # m, from the peg's end, at which it is led while it stands on something
+"""1/s, rate of the force on the peg's end: a quarter of the rate of the weight estimate (0.8 s)."""
+CLOSE = 0.5  # 1/s, increase of the speed limit with the gap
+LEASH = 0.005  # m, distance of the goal from the peg's end during contact
 LEAVES = {"align": np.inf, "lower": READY, "insert": 0.0}
-"""m, of the peg's end above the hole, from which it is back in the phase before."""
+"""m, of the peg's end above the hole, from which it returns to the previous phase."""
 PUSHED, FIRM = 0.05, 0.4
-"""Of the stick: from there on the hands press; with so much of it they press with `press_share`."""
+"""Deflections of the stick: the first begins a press, the second is one with `press_share`."""
 
 
 def insert_by_operator(
     s: Supervisor[BarInsertion], lead: Lead, leader: BarLeader, hole: Hole
 ) -> str:
-    """Fly "align", "lower" and "insert" with the operator; returns "in", or why the peg is not."""
+    """Fly "align", "lower" and "insert" with the operator; returns "in", or why it failed."""
     work = _Insertion(s, lead, leader, hole)
     s.begin("align")
     lead.begin()
@@ -63,14 +63,14 @@ def insert_by_operator(
 
 
 class _Insertion:
-    """The state of an operated insertion; each step is one tick."""
+    """State of an operated insertion; each step is one tick."""
 
     def __init__(
         self, s: Supervisor[BarInsertion], lead: Lead, leader: BarLeader, hole: Hole
     ) -> None:
         self.s, self.task, self.lead, self.leader, self.hole = s, s.task, lead, leader, hole
         self.goal = HAND_OVER + [0.0, 0.0, READY]
-        self.pressed = s.task.press_share * leader.weight  # N, at most
+        self.pressed = s.task.press_share * leader.weight  # N, largest press
         self.help = Assistance(s.task.assistance, self.pressed)
         self.length = s.vehicle.world.find_thing(s.task.bar, Peg).length_m
         self.watch = Progress(s, hole)
@@ -96,11 +96,12 @@ class _Insertion:
         return False
 
     def _lead(self, axes: Array, off: Array, felt: float) -> None:
-        """Lead the peg's end for a tick, by its weight where it stands on something.
+        """Move the peg's end for a tick; in contact its load is limited.
 
-        The peg's end lies h below the crossbar and the bar's mass m at l: standing on more than
-        l / h of its weight the bar topples about the crossbar, and friction on the end turns it the
-        more the nearer it is to that. So outside the hole the end bears no more than STAND of it.
+        The peg's end lies h below the crossbar and the bar's mass m at l. With more than l / h of
+        its weight on the end, the bar topples about the crossbar; the closer the load is to that,
+        the more friction on the end turns it. Outside the hole the load is therefore limited to
+        STAND.
         """
         leader, hole, weight = self.leader, self.hole, self.leader.weight
         fence = FENCE if self._is_over(off) else np.maximum(FENCE, [[-1.0, -1.0, FACE]])
@@ -119,19 +120,20 @@ class _Insertion:
         self.depth = hole.depth_of(pose)
 
     def _watch(self, off: Array) -> None:
-        """Follow the peg by the phases; `off` (3,) m is where its end is from the hole."""
+        """Begin the phase that matches the peg's position; `off` (3,) m is its end relative to the
+        hole."""
         if self.phase == "align" and off[2] < 0.5 * READY:
             self._begin("lower")
         elif self.phase == "lower" and self.depth > self.hole.entered and self._is_over(off):
             self.watch = Progress(self.s, self.hole)
             self._begin("insert")
-        elif off[2] > LEAVES[self.phase]:  # the stick leads its end again
+        elif off[2] > LEAVES[self.phase]:  # the stick moves the peg's end again
             self.goal = off
             self.s.end("retry")
             self._begin("align" if self.phase == "lower" else "lower")
 
     def _is_over(self, off: Array) -> bool:
-        """Whether a peg's end at `off` (3,) m is over the hole, not beside the socket."""
+        """Return whether a peg's end at `off` (3,) m is over the hole, not beside the socket."""
         return float(np.hypot(off[0], off[1])) < self.hole.capture
 
     def _begin(self, phase: str) -> None:
@@ -139,12 +141,12 @@ class _Insertion:
         self.s.begin(phase)
 
     def _measure(self) -> Array:
-        """Where the peg's end is from the hole, (3,) m in the hole's frame."""
+        """Return the position of the peg's end relative to the hole, (3,) m in the hole's frame."""
         pose = self.leader.measure()
         return self.hole.R.T @ (pose.p + pose.R @ self.hole.tip - self.hole.p)
 
     def _insert(self, up: float, seated: bool) -> None:
-        """Lower, press or raise the bar in the hole for a tick; once it is seated, hold."""
+        """Lower, press or raise the bar in the hole for a tick; hold once it is seated."""
         leader, hole, n = self.leader, self.hole, self.hole.R[:, 1]
         self.v[:] = 0.0
         over = hole.p + hole.R[:, 2] * float(hole.bar[2] - hole.tip[2])

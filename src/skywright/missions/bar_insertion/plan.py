@@ -1,9 +1,10 @@
-"""Put the peg below a bar into a hole, the bar held by both hands, in flight.
+"""Insert the peg below a bar into a hole in flight, with the bar held by both hands.
 
-The bar hangs in the hooks of both arms: contact alone, and only upward. The peg points down, so
-that the bar's own weight presses it in: the hands let go of as much of it as (31) asks for, and
-lead the bar by (29), (30) meanwhile. Where the hole is, motion capture says to a millimetre; the
-rest is done by the chamfer, the springs of the arms, and trying again (docs/howto/insert-a-bar.md).
+The bar is suspended in the hooks of both arms, which support it only upward. The peg points down,
+so that the bar's own weight presses it in: the hands reduce the weight that they carry by the force
+of (31), and control the bar by (29), (30). Motion capture measures the hole to a millimetre. The
+chamfer, the springs of the arms and repeated attempts tolerate the rest
+(docs/howto/insert-a-bar.md).
 """
 
 import math
@@ -38,27 +39,27 @@ from skywright.models.things.socket import Socket
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 
-BACK = 0.35  # m, behind rack and socket, where the platform comes from and goes to
-ROOM = 1.2  # weight that is fed forward at most, over what may be lifted
+BACK = 0.35  # m, behind rack and socket, where the platform arrives and departs
+ROOM = 1.2  # largest weight that is fed forward, relative to the payload limit
 HAND_ROOM = 0.03  # m, from a hand's hook to the crossbar's end
-STEP = 0.05  # m, between looks at the way
-HANDLING_S = 60.0  # s, about, of everything but the ways
+STEP = 0.05  # m, between clearance checks on the path
+HANDLING_S = 60.0  # s, approximate duration of everything except the paths
 
 
 class InsertionPlan(NamedTuple):
-    """Where things and robot will be, as known before take-off."""
+    """Poses of things and robot as known before take-off."""
 
     grip: Grip
     chains: tuple[ArmChain, ArmChain]
     folded: Array  # (n_joints,) rad
     rack: Place
-    socket: Place  # as the world file has it, with the peg in it
+    socket: Place  # according to the world file, with the peg inserted
     home: Array  # (4,) m, rad
     most_n: float  # weight that may be lifted
 
 
 def plan(setup: Setup[BarInsertion]) -> MissionPlan[InsertionPlan]:
-    """Find poses and check the straight ways; refuse infeasible requests with the reason."""
+    """Compute poses and check the straight paths; refuse infeasible requests with the reason."""
     robot, world, task, began = setup.robot, setup.world, setup.task, time.perf_counter()
     _check_input(robot, world, task)
     grip = build_grip(robot, world.find_thing(task.bar, Peg), world.gravity_mps2)
@@ -84,7 +85,7 @@ def plan(setup: Setup[BarInsertion]) -> MissionPlan[InsertionPlan]:
 
 
 def _check_input(robot: Robot, world: World, task: BarInsertion) -> None:
-    """Raise InputError where robot or world are not those of this mission."""
+    """Raise InputError if robot or world do not suit this mission."""
     peg = world.find_thing(task.bar, Peg)
     blocks = [(name, world.find_thing(name, Socket)) for name in (task.rack, task.socket)]
     find_marker(world, task.bar)
@@ -120,7 +121,7 @@ def _check_input(robot: Robot, world: World, task: BarInsertion) -> None:
 
 
 def _find_misfit(robot: Robot, world: World, task: BarInsertion) -> str | None:
-    """Say why bar, socket and arms do not go together, or return None."""
+    """Return why bar, socket and arms do not fit each other, or None."""
     peg = world.find_thing(task.bar, Peg)
     assert robot.arm is not None
     if peg.mass_kg > task.payload_max_kg:
@@ -149,9 +150,9 @@ def _find_misfit(robot: Robot, world: World, task: BarInsertion) -> str | None:
 def _find_blocked_way(
     robot: Robot, world: World, way: InsertionPlan, keeps: float
 ) -> tuple[float, str | None]:
-    """Check the straight ways: (least distance m, what is in the way or None).
+    """Check the straight paths: (least distance m, what is too close or None).
 
-    The world is without the bar: it is what the hands touch.
+    The world is without the bar, because the hands touch it.
     """
     query = build_clearance(build_scene(robot, world), with_ground=True)
     grip = way.grip

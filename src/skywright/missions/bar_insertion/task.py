@@ -1,4 +1,4 @@
-"""What a mission of the kind "bar-insertion" may say."""
+"""Keys of a mission of the kind "bar-insertion"."""
 
 from typing import Literal
 
@@ -9,14 +9,14 @@ from skywright.missions.skills.operated import OperatedTask
 
 
 class BarInsertion(OperatedTask):
-    """Put the peg below a bar into the socket: (29) to (31) of Suarez 2020."""
+    """Insert the peg below a bar into the socket: (29) to (31) of Suarez 2020."""
 
     bar: str = "peg"  # name of the thing that is the bar with its peg
-    rack: str = "rack"  # name of the thing that the bar stands in
+    rack: str = "rack"  # name of the thing in which the bar initially stands
     socket: str = "socket"  # name of the thing that has the hole
     # where the bar's pose comes from: hands and a marker, or hands alone
     bar_pose: Literal["marker", "hands"] = "marker"
-    """(29), (30) of the hands tell the bar's pose; the marker on the bar corrects them all the time
+    """(29), (30) compute the bar's pose from the hands; the marker on the bar corrects it always
     ("marker"), or only until the bar has left the rack ("hands")."""
     # largest mass of the bar; 0.3 kg each arm (Suarez 2020, table 2)
     payload_max_kg: Positive = 0.6
@@ -30,7 +30,8 @@ class BarInsertion(OperatedTask):
     align_m: Positive = 0.0015
     align_deg: Positive = 1.0  # largest error of the bar's direction before the peg is lowered
     hand_speed_mps: Positive = 0.05  # speed limit of the hands
-    # kept from everything: a hand strays by up to 0.012 m in hover (sensor-install, tool-install)
+    # clearance from all obstacles: a hand deviates by up to 0.012 m in hover (sensor-install,
+    # tool-install)
     near_clearance_m: float = Field(default=0.02, ge=0.002, le=0.3)
     # speed of the platform while the load passes to or from the hands
     lift_speed_mps: Positive = 0.03

@@ -1,4 +1,4 @@
-"""What a report shows of a carried bar: snapshots and time histories, as in Caballero 2018."""
+"""Figures of a report on a carried bar: snapshots and time histories, as in Caballero 2018."""
 
 import math
 from typing import Any
@@ -37,12 +37,12 @@ from skywright.run.run import RunResult
 from skywright.run.setup import Setup
 
 SNAPSHOTS = 6
-LEAST_SPAN_DEG = 5.0  # of an axis of angles
+LEAST_SPAN_DEG = 5.0  # least range of an axis of angles
 PLANNED = {"color": BLACK, "lw": 1.0, "ls": (0, (4, 2))}
 
 
 def draw_snapshots(result: RunResult[BarTransport, None]) -> Figure | None:
-    """The flight from the side, and from above: figures 7 and 9 of the paper."""
+    """Draw the flight from the side and from above: figures 7 and 9 of the paper."""
     s = _carry(result)
     if len(s) < SNAPSHOTS:
         return None
@@ -51,7 +51,7 @@ def draw_snapshots(result: RunResult[BarTransport, None]) -> Figure | None:
     x0, x1, z1, y1 = -1.5, 10.5, 3.6, 3.0
     if area is not None:
         x0, x1, z1, y1 = area.x_min_m, area.x_max_m, area.z_max_m, area.y_max_m
-    # both views to one scale, one above the other
+    # both views have one scale, one above the other
     high = max([z1, *(max(t.z_m, t.to_z_m) for t in get_structures(world).tubes.values())])
     spans = [(x0 - 0.3, x1 + 0.3), (-0.15, high + 0.3), (-y1 - 0.3, y1 + 0.3)]
     wide, tall, deep = (b - a for a, b in spans)
@@ -102,7 +102,7 @@ def draw_snapshots(result: RunResult[BarTransport, None]) -> Figure | None:
 
 
 def draw_histories(result: RunResult[BarTransport, None]) -> Figure | None:
-    """Coordinates against the plan, figures 8 and 10 of the paper, and what is left of errors."""
+    """Draw coordinates against the plan, figures 8 and 10 of the paper, and the errors."""
     s = _carry(result)
     if len(s) < 2:
         return None
@@ -127,7 +127,7 @@ def draw_histories(result: RunResult[BarTransport, None]) -> Figure | None:
     for ax, j in ((axes[2, 0], 3), (axes[2, 1], 4)):
         draw_line(ax, t, q[:, j], color=PURPLE, ls=":", label="flown, right arm")
     axes[2, 0].legend(loc="best")
-    for ax in axes[1:3].flat:  # a tenth of a degree is no motion
+    for ax in axes[1:3].flat:  # tenths of a degree must not fill the axis
         low, high = ax.get_ylim()
         if high - low < LEAST_SPAN_DEG:
             middle = 0.5 * (low + high)
@@ -167,7 +167,7 @@ def _count(result: RunResult[BarTransport, None]) -> int:
 
 
 def _choose(s: Samples) -> list[int]:
-    """Instants evenly apart on the planned way."""
+    """Return instants at equal distances on the planned path."""
     steps = np.linalg.norm(np.diff(s["ref_p_WB"], axis=0), axis=1)
     way = np.concatenate([[0.0], np.cumsum(steps)])
     wanted = np.linspace(0.0, way[-1], SNAPSHOTS)
@@ -187,7 +187,7 @@ def _bar_ends(s: Samples, result: RunResult[BarTransport, None]) -> Array:
 
 
 def _draw_structures(ax: Axes, world: Any, a: int) -> None:
-    """Pipes as seen along the axis that is not drawn; one that points at the eye is a disc."""
+    """Draw pipes as seen along the axis that is not drawn; one parallel to it is a disc."""
     for tube in get_structures(world).tubes.values():
         p = np.array([tube.x_m, tube.y_m, tube.z_m])
         q = np.array([tube.to_x_m, tube.to_y_m, tube.to_z_m])
@@ -209,11 +209,11 @@ PHASES = {
     "transport": "Platform, arms and bar follow the plan; the passive link swings freely.",
     "settle": "The robot hovers at the goal.",
 }
-"""Phase -> what is done in it."""
+"""Phase -> description of what the robot does in it."""
 
 
 def describe(result: RunResult[BarTransport, None]) -> str:
-    """Say what was carried where."""
+    """Return a sentence that states what was carried where."""
     d = result.description
     task = d.mission.task
     what = f"a bar of {task.bar_length_m:g} m and {task.bar_mass_kg:g} kg"

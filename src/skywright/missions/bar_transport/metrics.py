@@ -1,4 +1,4 @@
-"""Metrics of a flight along a plan file: robot and carried bar against plan and surroundings."""
+"""Metrics of a flight along a plan file: robot and carried bar against plan and obstacles."""
 
 import math
 from typing import Any
@@ -45,7 +45,7 @@ WHERE = dict.fromkeys(("transport.", "tip.", "platform.tracking_max_m", "swing."
 
 
 def compute_metrics(run: Flown[Any, None]) -> dict[str, float]:
-    """Judge the phases in which the plan is followed."""
+    """Evaluate the phases in which the plan is followed."""
     samples, robot = run.samples, run.setup.robot
     out = run.plan.metrics
     mask = CARRYING.select(samples, run.phases)
@@ -65,7 +65,7 @@ def compute_metrics(run: Flown[Any, None]) -> dict[str, float]:
         out["transport.clearance_share"] = float(np.min(clearance)) / task.margin_m
         if not task.plan_file:
             goal = np.array([task.goal_x_m, 0.0, task.goal_z_m])
-            # In wind the platform gives way, so that the bar stays where it belongs.
+            # In wind the platform moves so that the bar keeps its position.
             error = s["ref_p_WB"][-1] - goal + compute_tip_errors(s[-1:])[0]
             out["transport.goal_error_m"] = float(np.linalg.norm(error))
     out["transport.duration_s"] = dt * len(s)
@@ -83,14 +83,14 @@ def compute_metrics(run: Flown[Any, None]) -> dict[str, float]:
 
 
 def find_middle(s: Samples) -> Array:
-    """Return the middle (n, 3) m between both hands."""
+    """Return the midpoint (n, 3) m of both hands."""
     return np.asarray(0.5 * (s["left_p_WH"] + s["right_p_WH"]))
 
 
 def compute_tip_errors(s: Samples) -> Array:
-    """Return the bar's middle, between two hands, less where the plan has it: (n, 3) m in W.
+    """Return the error of the midpoint of both hands relative to the plan, (n, 3) m in W.
 
-    Without two hands the tip's.
+    With fewer than two hands it is the error of the tip.
     """
     if not has_columns(s, "right_ref_p_WH") or not np.any(s["right_ref_p_WH"]):
         return np.asarray(s["p_WT"] - s["ref_p_WT"])
@@ -100,20 +100,20 @@ def compute_tip_errors(s: Samples) -> Array:
 
 
 def compute_swing(s: Samples) -> Array:
-    """Return the passive link's angle in W less the plan's, (n,) rad, in the robot's plane."""
+    """Return the error of the passive link's angle in W, (n,) rad, in the robot's plane."""
     angle = np.empty(len(s))
     for i, row in enumerate(s):
         R = rot_from_quat(row["q_WB"])
         q = float(row["q"][0])
         down = -R @ np.array([math.sin(q), 0.0, math.cos(q)])
         ahead = R[:2, 0] / max(float(np.hypot(R[0, 0], R[1, 0])), 1e-9)
-        # hanging, and turned by q about y: (-sin q, 0, -cos q)
+        # pointing down, rotated by q about y: (-sin q, 0, -cos q)
         angle[i] = math.atan2(-float(down[:2] @ ahead), -float(down[2]))
     return np.asarray(angle - s["ref_q"][:, 0])
 
 
 def compute_clearances(s: Samples, setup: Setup[Any]) -> Array:
-    """Return the true distance (n,) m of robot and bar to the world and to its area's limits."""
+    """Return the true distance (n,) m of robot and bar to obstacles and to the area's limits."""
     scene, query = setup.scene, setup.clearance
     area = get_structures(setup.world).area
     limits = None

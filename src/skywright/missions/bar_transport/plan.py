@@ -1,8 +1,9 @@
 """Carry a long bar through pipe structures with both hands (Caballero et al. 2018).
 
-Platform and arms are planned together and the plan is flown as it is. The flight begins in the
-air: the robot is held where the plan begins, the bar in its closed grippers, and let go. It ends
-hovering at the goal: neither take-off and landing nor handing the bar over is part of it.
+Platform and arms are planned together, and the plan is flown unchanged. The flight begins in the
+air: the robot is held at the first pose of the plan, with the bar in its closed grippers, and
+released. It ends in hover at the goal. Take-off, landing and handing over the bar are not part of
+it.
 """
 
 import math
@@ -29,7 +30,7 @@ from skywright.run.setup import Setup
 
 
 def plan(setup: Setup[BarTransport]) -> MissionPlan[None]:
-    """Plan platform and arms together, from hovering at the start to hovering at the goal."""
+    """Plan platform and arms together, from hover at the start to hover at the goal."""
     began = time.perf_counter()
     d, task = setup.description, setup.task
     problem = build_problem(d)
@@ -47,7 +48,7 @@ def plan(setup: Setup[BarTransport]) -> MissionPlan[None]:
 
 
 def _take_plan(setup: Setup[BarTransport], file: PlanFile, began: float) -> MissionPlan[None]:
-    """Make the mission's plan of a plan file; one that touches something is refused."""
+    """Build the mission's plan from a plan file; a plan with contact is refused."""
     clearance, what = find_closest(file, setup.clearance)
     table = build_plan_table(file, setup.model)
     return MissionPlan(
@@ -58,7 +59,7 @@ def _take_plan(setup: Setup[BarTransport], file: PlanFile, began: float) -> Miss
 
 
 def drop_bar(robot: Robot) -> Robot:
-    """Return the robot with empty hands: the planner adds the bar itself."""
+    """Return the robot with empty hands: the planner adds the bar."""
     assert robot.arm is not None
     return robot.model_copy(update={"arm": robot.arm.model_copy(update={"bar": None})})
 
@@ -66,7 +67,7 @@ def drop_bar(robot: Robot) -> Robot:
 def build_problem(d: Description[BarTransport]) -> TransportProblem:
     """Return the planner's problem of a mission.
 
-    Raises InputError when robot, world or mission are not those of a transport in the plane.
+    Raises InputError if robot, world or mission do not suit a planar transport.
     """
     robot, world, m, task = d.robot, d.world, d.mission, d.mission.task
     joints = [(j.side, j.link.axis, j.link.passive) for j in list_joints(robot)]
@@ -101,9 +102,10 @@ def build_problem(d: Description[BarTransport]) -> TransportProblem:
 
 
 def _check_localisation(world: World, margin: float) -> None:
-    """Raise InputError where the robot would not know well enough how far the pipes are.
+    """Raise InputError if the localisation is too inaccurate for the margin to the pipes.
 
-    Two sigma of the fixes may use up half of the margin; the other half is for following the plan.
+    Two standard deviations of the fixes may take half of the margin; the other half is for tracking
+    errors.
     """
     if world.localisation != "gnss" or not (get_structures(world).tubes or world.things):
         return

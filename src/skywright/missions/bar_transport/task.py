@@ -1,4 +1,4 @@
-"""What a mission of the kind "bar-transport" may say."""
+"""Keys of a mission of the kind "bar-transport"."""
 
 from pydantic import Field
 
@@ -11,7 +11,8 @@ from skywright.description.robot.spec import Robot
 class BarTransport(Task):
     """Carry a bar in both hands through a world's structures, in the plane y = 0.
 
-    The flight starts at (`mission.start_x_m`, 0, `mission.hover_height_m`), arms at work.
+    The flight starts at (`mission.start_x_m`, 0, `mission.hover_height_m`), arms in working
+    posture.
     """
 
     bar_length_m: NonNegative = 2.0  # length of the bar; 0: no bar
@@ -30,7 +31,7 @@ class BarTransport(Task):
     duration_s: Positive | None = None
 
     def adapt_robot(self, robot: Robot) -> Robot:
-        """Put the bar into the robot's hands."""
+        """Add the bar to the robot's hands."""
         if robot.arm is None or robot.arm.sides != 2:
             return robot
         bar = None

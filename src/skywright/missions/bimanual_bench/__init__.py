@@ -21,7 +21,7 @@ class BimanualBenchKind(FolderKind[BimanualBench]):
     flies = False
 
     def requirements(self, setup: Setup[BimanualBench], way: Any) -> dict[str, Requirement]:
-        """Ask nothing of trials that are not made."""
+        """Leave out the requirements of trials that the task omits."""
         task = setup.task
         left_out = {
             name: trial not in task.trials for trial, names in JUDGED_BY.items() for name in names

@@ -1,7 +1,7 @@
-"""How hard two springy hands may squeeze something free before it buckles out sideways.
+"""Largest squeeze of a free object between two compliant hands before it buckles out sideways.
 
-Pressed between two hands L apart with F, a thing turns where the hands' springs, of stiffness k
-across the squeeze, no longer hold it: above F = k L / 2 (docs/papers/suarez-2020.md).
+An object squeezed with F between two hands at the distance L turns if the hands' springs, of
+stiffness k across the squeeze, no longer hold it: above F = k L / 2 (docs/papers/suarez-2020.md).
 """
 
 import math
@@ -20,16 +20,16 @@ from skywright.models.tip_force import Loaded
 class Grasp(NamedTuple):
     """The left hand at one side of a thing; the right arm is its mirror image."""
 
-    short: float  # m, by which the hand does not get there
-    stiffness: float  # N/m, least of the hand across the squeeze
+    short: float  # m, distance of the hand from its goal
+    stiffness: float  # N/m, least stiffness of the hand across the squeeze
 
 
 def compute_grasp(
     robot: Robot, p_BH: Array, roll: float, squeeze: float, load: float, gravity: float
 ) -> Grasp:
-    """Place the left hand at p_BH (3,) m, pressing with `squeeze` (N) along -y, `load` (N) on it.
+    """Place the left hand at p_BH (3,) m, pressing with `squeeze` (N) along -y under `load` (N).
 
-    `roll` (rad) is the shoulder's. Springs are as stiff as their deflection makes them.
+    `roll` (rad) is the shoulder's. The stiffness of the springs depends on their deflection.
     """
     joints, chain = list_joints(robot), build_arm_chain(robot, 0)
     q, mine = np.zeros(len(joints)), slice(chain.first, chain.first + 4)
@@ -39,7 +39,7 @@ def compute_grasp(
     _, J, hold = Loaded(robot, q, gravity).hand(q)
     torque = hold[mine] - J[:, mine].T @ [0.0, squeeze, -load]
     stiffness = [_stiffness(j.link, t) for j, t in zip(joints[mine], torque, strict=True)]
-    give = (J[:, mine] / stiffness @ J[:, mine].T)[::2, ::2]  # along x and z
+    give = (J[:, mine] / stiffness @ J[:, mine].T)[::2, ::2]  # compliance along x and z
     return Grasp(found.error, 1.0 / float(np.linalg.eigvalsh(give)[-1]))
 
 

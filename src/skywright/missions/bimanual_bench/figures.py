@@ -1,4 +1,4 @@
-"""What a report shows of trials on the bench: a figure a trial, and the hands all along."""
+"""Figures of a report on trials on the bench: one per trial, and the hands over the run."""
 
 from typing import Any
 
@@ -33,7 +33,7 @@ def _start(
     last: str,
     *panels: tuple[str, str],
 ) -> tuple[Figure, list[Any], Any] | None:
-    """Two panels over the phases from `first` to `last`, and the samples within; None without."""
+    """Return two panels over the phases from `first` to `last` and their samples, or None."""
     names = [p.name for p in result.phases]
     if first not in names or last not in names[names.index(first) :]:
         return None
@@ -50,7 +50,7 @@ def _object(result: RunResult[BimanualBench, BenchPlan], name: str) -> int:
 
 
 def draw_squeeze(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
-    """Force of each hand on the box, and the box's height."""
+    """Draw the force of each hand on the box, and the box's height."""
     begun = _start(
         result, "squeeze", "lower",
         ("Squeeze force of each hand", "force (N)"),
@@ -79,7 +79,8 @@ def draw_squeeze(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
 
 
 def draw_unplug(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
-    """Hands' and plug's way since the grasp, the threshold of (33), and the forward force."""
+    """Draw the motion of hands and plug since the grasp, the threshold of (33), and the forward
+    force."""
     begun = _start(
         result, "pull", "unplugged",
         ("Displacement since the grasp", "distance (mm)"),
@@ -109,7 +110,7 @@ def draw_unplug(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
 
 
 def draw_bar(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
-    """Errors of the bar's centre and direction."""
+    """Draw the errors of the bar's centre and direction."""
     begun = _start(
         result, "lift bar", "lower bar",
         ("Distance of the bar's centre from its pose, (29)", "distance (mm)"),
@@ -131,7 +132,7 @@ def draw_bar(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
 
 
 def draw_drift(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
-    """The base's drift, true and as the arms felt it."""
+    """Draw the base's drift, true and as measured by the arms."""
     begun = _start(
         result, "drift", "drift", ("Drift forward", "way (mm)"), ("Drift upward", "way (mm)")
     )
@@ -151,7 +152,7 @@ def draw_drift(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
 
 
 def draw_hands(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
-    """Forces of the hands and springs of an arm over the whole run."""
+    """Draw the forces of the hands and the springs of an arm over the whole run."""
     s = result.samples
     if len(s) < 2:
         return None
@@ -176,7 +177,7 @@ def draw_hands(result: RunResult[BimanualBench, BenchPlan]) -> Figure | None:
 
 
 def describe(result: RunResult[BimanualBench, BenchPlan]) -> str:
-    """Say what the trials came to."""
+    """Return a sentence with the results of the trials."""
     d, found = result.description, result.metrics
     parts = {
         "bench.box_lift_m": ("held a box {:.0f} mm high", 1e3),

@@ -1,8 +1,8 @@
 """Two compliant arms on a bench (Suarez 2020, equations (29) to (33)).
 
-Trials, each at its own station: squeeze and lift a box without handles; pull a plug and notice the
-release; lead a bar held by both hands; use the arms as a sensor of the base's drift. The platform
-is clamped; between the stations the bench carries it.
+Trials, each at its own station: squeeze and lift a box without handles; pull a plug and detect its
+release; control a bar held by both hands; measure the base's drift with the arms. The platform is
+clamped; the bench moves it between the stations.
 """
 
 import math
@@ -29,19 +29,19 @@ from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import ArmModel, Hands
 
-APART = 0.05  # m, between hand and what it is about to press
-GAP = 0.015  # m, at which the hands stop to press from
+APART = 0.05  # m, between a hand and the surface before it presses
+GAP = 0.015  # m, from the surface, where the press begins
 TRAVEL_S = 2.0  # s, from station to station
 SETTLE_S = 2.0
-GRASP_S = 2.0  # s, in which the force of a grasp grows
-LIFT_S = 8.0  # s, for lifting: the springs yield centimetres, which a slow loop makes up for
-PULL = 0.12  # m, how far the hands would pull the plug
-PULL_S = 10.0  # s, in which it must come free
+GRASP_S = 2.0  # s, ramp of the force of a grasp
+LIFT_S = 8.0  # s, of a lift: the springs yield centimetres, which a slow loop corrects
+PULL = 0.12  # m, largest pull of the plug
+PULL_S = 10.0  # s, within which it must come free
 PULL_SPEED = 0.03  # m/s
 
 
 def fly(s: Supervisor[BimanualBench], way: BenchPlan) -> Flight:
-    """Run the trials one after the other."""
+    """Run the trials in sequence."""
     trials: dict[str, Callable[[Supervisor[BimanualBench], BenchPlan], str]] = {
         "squeeze": _squeeze, "unplug": _unplug, "bar": _lead_bar,
         "position-sensor": _feel_drift,
@@ -57,7 +57,7 @@ def fly(s: Supervisor[BimanualBench], way: BenchPlan) -> Flight:
 
 
 def _travel(s: Supervisor, way: BenchPlan, y: float) -> None:
-    """Carry the clamped platform to another station, hands back first."""
+    """Move the clamped platform to another station, hands back first."""
     bench = find_first(way.world.things, Bench)
     assert bench is not None
     s.arms.move_to(way.folded)
@@ -76,7 +76,7 @@ def _travel(s: Supervisor, way: BenchPlan, y: float) -> None:
 
 
 def _approach(s: Supervisor, left: Array, right: Array) -> None:
-    """Hands from outside to two points, a little apart from them at first, elbows out."""
+    """Move the hands from outside to two points, first to a distance from them, elbows out."""
     away, near = np.array([0.0, APART, 0.0]), np.array([0.0, GAP, 0.0])
     s.arms.hands_to({"left": left + away, "right": right - away}, roll=ELBOWS_OUT)
     s.wait(5.0)
@@ -88,7 +88,7 @@ def _approach(s: Supervisor, left: Array, right: Array) -> None:
 
 
 def _leave(s: Supervisor, left: Array, right: Array, force: float = 0.1) -> None:
-    """Loosen the grasp to `force` (N) before the hands part: wound springs would leap."""
+    """Reduce the grasp to `force` (N) before the hands part: deflected springs would snap back."""
     away = np.array([0.0, 2.0 * APART, 0.0])
     s.begin("release")
     s.arms.squeeze(force, left, right, ramp_s=GRASP_S)
@@ -98,10 +98,10 @@ def _leave(s: Supervisor, left: Array, right: Array, force: float = 0.1) -> None
 
 
 def _faces(s: Supervisor, way: BenchPlan, name: str, above: float = 0.0) -> tuple[Array, Array]:
-    """Where (left, right) hands press on two faces of a thing or obstacle, in W.
+    """Return the positions (left, right) in W at which hands press on two faces of an object.
 
-    In the middle, or `above` (m) it. A ball touches with its side: the hand's point, at the end of
-    a forearm that looks forward, stays its radius off and its radius ahead.
+    They are at mid-height, or `above` (m) it. A ball touches with its side: the hand's point, at
+    the end of a forearm that points forward, is a ball radius off the face and a ball radius ahead.
     """
     half = 0.5 * way.world.find_thing(name, Box).size_y_m
     ball = float(np.max(s.vehicle.read(ArmModel).pad))
@@ -113,7 +113,7 @@ def _faces(s: Supervisor, way: BenchPlan, name: str, above: float = 0.0) -> tupl
 
 def _squeeze(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
     task = s.task
-    # two balls are a hinge: gripped above its centre of mass the box hangs
+    # two balls act as a hinge: gripped above its centre of mass the box is stable
     left, right = _faces(
         s, way, task.box, above=ABOVE * way.world.find_thing(task.box, Box).size_z_m
     )
@@ -136,7 +136,7 @@ def _squeeze(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
 
 
 def _unplug(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
-    """Pull until both hands are farther than the threshold from where they grasped: (33)."""
+    """Pull until both hands have moved by more than the threshold since the grasp: (33)."""
     task = s.task
     left, right = _faces(s, way, task.plug)
     s.begin("approach plug")
@@ -162,7 +162,7 @@ def _unplug(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
 
 
 def _lead_bar(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
-    """Lead a bar between the hands through poses: (29), (30) with (31), (32)."""
+    """Move a bar between the hands through poses: (29), (30) with (31), (32)."""
     task = s.task
     left, right = _faces(
         s, way, task.bar, above=ABOVE * way.world.find_thing(task.bar, Box).size_z_m
@@ -184,13 +184,13 @@ def _lead_bar(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
         n = np.array([-math.sin(angle), math.cos(angle), 0.0])
         s.arms.bar_to(centre + by, n, width, force=task.squeeze_n)
         s.wait(LIFT_S)
-    # let go altogether, they would slip over the bar's top and meet: they lift by friction
+    # without force they would slip over the bar's top and collide: they lift by friction
     _leave(s, left, right, force=0.4 * task.squeeze_n)
     return ""
 
 
 def _feel_drift(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
-    """Hands pressed on a post stay where they are while the base drifts: their angles tell it."""
+    """Press the hands on a post while the base drifts: the joint angles measure the drift."""
     task = s.task
     bench, post = find_first(way.world.things, Bench), locate_thing(way.world.things, task.post)
     assert bench is not None

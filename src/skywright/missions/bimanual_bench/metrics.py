@@ -1,4 +1,4 @@
-"""Metrics of the kind "bimanual-bench": what two hands did to box, plug, bar and post."""
+"""Metrics of the kind "bimanual-bench": box, plug, bar and post in two hands."""
 
 import math
 from typing import NamedTuple
@@ -41,9 +41,9 @@ MEASURES: Measures = {
     "bench.drift_rms_mm": ("mm", "rms of the base's drift"),
     "bench.drift_off": ("", "bench.drift_error_mm divided by the amplitude of the drift"),
 }
-"""Metric -> unit and meaning, of those that only this kind has."""
+"""Metric -> unit and meaning, for the metrics that only this kind has."""
 
-LAST_S = 1.0  # s at the end of a phase over which a pose is judged
+LAST_S = 1.0  # s at the end of a phase over which a pose is evaluated
 BOX, DRIFT = Where(("hold box",)), Where(("drift",))
 PULL, UNPLUGGED = Where(("pull",)), Where(("unplugged",))
 POSES = Where(("lift bar", "turn bar", "bar forward"), f"the last {LAST_S:g} s of each")
@@ -58,7 +58,7 @@ WHERE = {
 
 
 def compute_metrics(run: Flown[BimanualBench, BenchPlan]) -> dict[str, float]:
-    """Judge the trials that were made."""
+    """Evaluate the trials that were made."""
     samples, phases, description = run.samples, run.phases, run.setup.description
     names, task = list_movers(description.world.things), run.task
     out: dict[str, float] = {}
@@ -75,7 +75,7 @@ def compute_metrics(run: Flown[BimanualBench, BenchPlan]) -> dict[str, float]:
 def _judge_box(
     s: Samples, phases: list[PhaseRecord], i: int, d: Description[BimanualBench]
 ) -> dict[str, float]:
-    """How high the box was held, how far it slipped between the hands, how hard they pressed."""
+    """Return the height of the box, its slip between the hands, and the squeeze."""
     hold = BOX.select(s, phases)
     if not np.any(hold):
         return {}
@@ -93,7 +93,8 @@ def _judge_box(
 
 
 def _compute_slip(s: Samples, held: Mask, i: int) -> float:
-    """How far (mm) thing i moved from the middle of both hands since the first of these samples."""
+    """Return the largest motion (mm) of thing i relative to the hands' midpoint since the first
+    sample."""
     away = s[f"object{i}_p_WO"][held] - 0.5 * (s["left_p_WH"] + s["right_p_WH"])[held]
     return 1e3 * float(np.max(np.linalg.norm(away - away[0], axis=1)))
 
@@ -101,7 +102,7 @@ def _compute_slip(s: Samples, held: Mask, i: int) -> float:
 def _judge_plug(
     s: Samples, phases: list[PhaseRecord], i: int, d: Description[BimanualBench]
 ) -> dict[str, float]:
-    """When the plug's having come free was noticed, and whether the hands kept it."""
+    """Return the delay of the release's detection, and the slip of the plug in the hands."""
     pull = PULL.select(s, phases)
     if not np.any(pull):
         return {}
@@ -111,7 +112,7 @@ def _judge_plug(
     noticed = next((p.start_s for p in phases if p.name == "unplugged"), None)
     out = UNPLUGGED.select(s, phases)
     if noticed is None or not len(free) or s["t"][free[0]] > s["t"][out][-1]:
-        return {}  # or noticed what did not happen: hands that slip off
+        return {}  # or a false detection: the hands slipped off
     return {
         "bench.unplug_delay_s": abs(noticed - float(s["t"][free[0]])),
         "bench.plug_slip_mm": _compute_slip(s, out, i),
@@ -119,7 +120,7 @@ def _judge_plug(
 
 
 class BarErrors(NamedTuple):
-    """Of every sample: distance (n,) m of the bar's centre, angle (n,) rad of its direction."""
+    """Per sample: position error (n,) m of the bar's centre and angle error (n,) rad."""
 
     position: Array
     direction: Array
@@ -128,9 +129,9 @@ class BarErrors(NamedTuple):
 def compute_bar_errors(
     s: Samples, phases: list[PhaseRecord], d: Description[BimanualBench]
 ) -> BarErrors | None:
-    """Compare the bar with the pose asked for, (29) and (30); None where no hands closed around it.
+    """Compare the bar with the commanded pose, (29) and (30); None if the hands did not grasp it.
 
-    Poses are counted from where the bar lay when they did.
+    Poses are relative to the bar's pose at the grasp.
     """
     held = in_phases(s, phases, "hold bar")
     if not np.any(held):
@@ -151,7 +152,7 @@ def compute_bar_errors(
 def _judge_bar(
     s: Samples, phases: list[PhaseRecord], i: int, d: Description[BimanualBench]
 ) -> dict[str, float]:
-    """Worst errors of the bar's true centre and direction at the end of each pose."""
+    """Return the largest errors of the bar's true centre and direction at the end of each pose."""
     found = compute_bar_errors(s, phases, d)
     late, poses = np.zeros(len(s), dtype=bool), POSES.find(phases)
     for k, phase in enumerate(phases):
@@ -166,7 +167,7 @@ def _judge_bar(
 
 
 class Drift(NamedTuple):
-    """Way (n, 3) m of the base while it drifted: as the arms felt it, and the true one."""
+    """Displacement (n, 3) m of the base during its drift: measured by the arms, and true."""
 
     felt: Array
     true: Array
@@ -175,10 +176,10 @@ class Drift(NamedTuple):
 def compute_drift(
     s: Samples, phases: list[PhaseRecord], d: Description[BimanualBench]
 ) -> Drift | None:
-    """Return the base's drift as the arms' angles tell it, and the true one.
+    """Return the base's drift, measured by the arms' angles, and the true one.
 
-    What the hands hold does not move, so the base has moved by minus the hands' estimated motion
-    in its own frame. The estimate in W contains the estimated base: it is taken out again.
+    The object that the hands touch is fixed, so the base has moved by minus the hands' estimated
+    motion in its own frame. The estimate in W contains the estimated base, which is subtracted.
     """
     moving = DRIFT.select(s, phases)
     if not np.any(moving) or find_first(d.world.things, Bench) is None:

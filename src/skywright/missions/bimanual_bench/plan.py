@@ -1,8 +1,8 @@
 """Two compliant arms on a bench (Suarez 2020, equations (29) to (33)).
 
-Trials, each at its own station: squeeze and lift a box without handles; pull a plug and notice the
-release; lead a bar held by both hands; use the arms as a sensor of the base's drift. The platform
-is clamped; between the stations the bench carries it.
+Trials, each at its own station: squeeze and lift a box without handles; pull a plug and detect its
+release; control a bar held by both hands; measure the base's drift with the arms. The platform is
+clamped; the bench moves it between the stations.
 """
 
 import math
@@ -24,25 +24,25 @@ from skywright.models.things.box import Box
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 
-TRIAL_S = 37.0  # s, about, of one trial
+TRIAL_S = 37.0  # s, approximate duration of one trial
 STATIONS = {"squeeze": 0.0, "unplug": 1.0, "bar": 2.0, "position-sensor": 3.0}
 """m, y of each station in the world `bench`."""
-ELBOWS_OUT = math.radians(15.0)  # roll: forearms stay clear of what the hands are pressed on
+ELBOWS_OUT = math.radians(15.0)  # roll: forearms stay clear of the object
 GRIP_BELOW = 0.33  # m, hands below the platform's origin at the post
-ABOVE = 0.25  # of its height, above the middle of a thing that is lifted: it hangs
-BAR_AHEAD, BAR_UP = 0.03, 0.06  # m, that a bar is led
-SHORT = 0.01  # m, that a hand may be from where it presses
+ABOVE = 0.25  # of its height, above the middle of a lifted thing: so it is stable
+BAR_AHEAD, BAR_UP = 0.03, 0.06  # m, motion of the bar
+SHORT = 0.01  # m, largest distance of a hand from its contact point
 
 
 class BenchPlan(NamedTuple):
-    """What the trials know."""
+    """Inputs of the trials."""
 
     world: World
     folded: Array  # (n_joints,) rad
 
 
 def plan(setup: Setup[BimanualBench]) -> MissionPlan[BenchPlan]:
-    """Check that robot and world are those of a bench; there is no way to plan."""
+    """Check that robot and world suit a bench; no path is planned."""
     robot, world, task = setup.robot, setup.world, setup.task
     if not is_compliant(robot) or not has_arm_chain(robot) or robot.arm is None:
         raise InputError(
@@ -71,7 +71,7 @@ def plan(setup: Setup[BimanualBench]) -> MissionPlan[BenchPlan]:
 
 
 def _check_grasp(setup: Setup[BimanualBench], trial: str, name: str) -> str | None:
-    """Say that hands do not reach the thing of a trial, or squeeze it out; None: neither."""
+    """Return why hands do not reach the thing of a trial, or squeeze it out; None if neither."""
     robot, world, task = setup.robot, setup.world, setup.task
     bench, box, p = find_first(world.things, Bench), world.find_thing(name, Box), locate_thing(
         world.things, name
@@ -80,7 +80,7 @@ def _check_grasp(setup: Setup[BimanualBench], trial: str, name: str) -> str | No
     ball, free = robot.arm.hand.radius_m, trial != "position-sensor"
     up = ABOVE * box.size_z_m if trial in ("squeeze", "bar") else 0.0
     up = up if free else bench.z_m - GRIP_BELOW - float(p[2])
-    ways = {  # (ahead, up) m, where it is held and hangs on the hands
+    ways = {  # (ahead, up) m, where it is held and loads the hands
         "squeeze": [(0.0, 0.0), (0.0, task.lift_m)],
         "unplug": [(-task.unplug_threshold_m, 0.0)],
         "bar": [(0.0, BAR_UP), (BAR_AHEAD, BAR_UP)],

@@ -1,4 +1,4 @@
-"""What a mission of the kind "bimanual-bench" may say."""
+"""Keys of a mission of the kind "bimanual-bench"."""
 
 from typing import Literal
 
@@ -13,11 +13,11 @@ JUDGED_BY: dict[str, tuple[str, ...]] = {
     "bar": ("bench.bar_",),
     "position-sensor": ("bench.drift_",),
 }
-"""Trial -> beginnings of the names of its metrics."""
+"""Trial -> prefixes of the names of its metrics."""
 
 
 class BimanualBench(Task):
-    """Two hands on a bench (Suarez 2020, section V-D and VI): which trials, and how hard."""
+    """Trials of two hands on a bench (Suarez 2020, section V-D and VI), and their forces."""
 
     # which trials are done, in this order
     trials: list[Trial] = Field(
@@ -25,7 +25,7 @@ class BimanualBench(Task):
     )
     box: str = "box"  # name of the thing that is squeezed and lifted
     plug: str = "plug"  # name of the thing that is pulled out
-    bar: str = "bar"  # name of the thing that both hands lead and turn
+    bar: str = "bar"  # name of the thing that both hands move and turn
     post: str = "post"  # name of the thing that the hand touches to measure the base's drift
     squeeze_n: float = Field(default=3.5, gt=0, le=15)  # squeezing force on the box
     # usable share of the computed limit k L / 2; springs differ by plant.spring_spread

@@ -22,20 +22,21 @@ class BridgeContactKind(FolderKind[BridgeContact]):
     operated = True
 
     def requirements(self, setup: Setup[BridgeContact], way: Any) -> dict[str, Requirement]:
-        """Ask nothing of docking or sliding where it is left out."""
+        """Leave out the requirements of docking or sliding if the task omits them."""
         task = setup.task
         left_out = {"dock.": not task.dock, "slide.": task.slide_m == 0.0}
         return self.leave_out(super().requirements(setup, way), left_out)
 
     def entries(self, run: Flown[BridgeContact, Any]) -> Entries:
-        """State how well the places of the contacts are known, where the flight saw a datum."""
+        """State the standard deviation of the contacts' places if the flight measured a datum."""
         from skywright.inspection.history.entries import Entries
         from skywright.missions.bridge_contact.metrics import find_place_std
 
         return Entries(registration_std_m=find_place_std(run))
 
     def list_waived(self, metrics: dict[str, float]) -> dict[str, str]:
-        """Ask nothing of a slide where an operator pressed: it presses one force and leaves."""
+        """Waive the requirements on a slide if an operator pressed: the operator applies one force
+        only."""
         waived = super().list_waived(metrics)
         if "operator.time_s" in metrics:
             names = (

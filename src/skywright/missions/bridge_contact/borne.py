@@ -1,4 +1,4 @@
-"""What is refused of a docked press, and why."""
+"""Check of a docked press against the errors of the plant."""
 
 import math
 
@@ -14,7 +14,7 @@ from skywright.models.docked_balance import SPREAD, compute_borne_press
 
 
 def compute_borne(d: Description[Contact], station: Station, drag_B: Array) -> float:
-    """Return the press (N) that the docked robot bears with a plant's errors; NaN: none."""
+    """Return the press (N) that the docked robot withstands with the plant's errors; NaN: none."""
     whole = build_docked(
         d.robot, thrust_fraction=1.0, gravity=d.world.gravity_mps2,
         air_density=d.world.air_density_kg_m3,
@@ -29,7 +29,7 @@ def compute_borne(d: Description[Contact], station: Station, drag_B: Array) -> f
 def check_borne(
     d: Description[Contact], largest: float, station: Station, drag_B: Array
 ) -> tuple[float, str]:
-    """Return what a docked robot bears (N), and why not the largest press (N), or ""."""
+    """Return the press (N) that a docked robot withstands, and why not the largest press, or ""."""
     slope = math.acos(float(np.clip(station.R_dock[2, 2], -1.0, 1.0)))
     speed, name = compute_speed(d.world.wind), d.robot.name
     where = f"docked at {math.degrees(slope):.3g} deg and {speed:.1f} m/s of wind"
@@ -58,7 +58,7 @@ def refuse(
     force: float, limit: float, fraction: float, where: str, robot: str,
     key: str = "force_fraction",
 ) -> str:  # fmt: skip
-    """Say that a press of `force` (N) exceeds `fraction` of `limit` (N), named by its `key`."""
+    """Return the refusal of a press of `force` (N) above `fraction` (of `key`) of `limit` (N)."""
     if math.isnan(limit):
         return f"{robot} cannot stay {where}"
     return (

@@ -1,4 +1,4 @@
-"""What a report shows of contact inspection: the flight, the forces, where the feet stood."""
+"""Figures of a report on contact inspection: the flight, the forces, positions of the feet."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -32,7 +32,7 @@ def _is_clamped(world: World) -> bool:
 
 
 def draw_approach(result: RunResult[BridgeContact, ContactPlan]) -> Figure | None:
-    """Position against its reference (Fig. 23): one panel an axis, and the tilt."""
+    """Draw the position against its reference (Fig. 23), one panel per axis, and the tilt."""
     s = result.samples
     if (
         not has_columns(s, "ref_force")
@@ -58,7 +58,7 @@ def draw_approach(result: RunResult[BridgeContact, ContactPlan]) -> Figure | Non
 
 
 def draw_force(result: RunResult[BridgeContact, ContactPlan]) -> Figure | None:
-    """Force of the tip against the profile, load of the feet, and how far the robot moved."""
+    """Draw the tip's force against the profile, the load of the feet, and the robot's motion."""
     s = result.samples
     on = s["pressing"] > 0.5
     if not np.any(on):
@@ -91,7 +91,7 @@ def draw_force(result: RunResult[BridgeContact, ContactPlan]) -> Figure | None:
 
 
 def draw_measurements(result: RunResult[BridgeContact, ContactPlan]) -> Figure | None:
-    """Error of each held force: mean and spread, docked and in flight side by side."""
+    """Draw the error of each held force: mean and spread, docked and in flight side by side."""
     rows = []
     for i, phase in enumerate(result.phases):
         if "hold " in phase.name and phase.name.endswith(" N"):
@@ -127,7 +127,7 @@ def draw_measurements(result: RunResult[BridgeContact, ContactPlan]) -> Figure |
 
 
 def describe(result: RunResult[BridgeContact, ContactPlan]) -> str:
-    """Say what was pressed, and how well."""
+    """Return a sentence on the forces that were held, and their accuracy."""
     d, m = result.description, result.metrics
     did = f"{d.robot.name} in world {d.world.name} "
     held = sum("hold " in p.name and p.name.endswith(" N") for p in result.phases)
@@ -146,7 +146,7 @@ def describe(result: RunResult[BridgeContact, ContactPlan]) -> str:
 
 
 def describe_survey(result: RunResult[BridgeContact, ContactPlan]) -> list[str]:
-    """Say what the touches told of the structure."""
+    """Return sentences on the surface that was fitted to the touches."""
     m, what = result.metrics, "survey.normal_error_deg"
     if what not in m:
         return []

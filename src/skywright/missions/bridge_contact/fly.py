@@ -2,8 +2,8 @@
 
 Sanchez-Cuevas et al. 2020, section 5.4: fly to the deck with position and attitude commanded
 independently, dock, press with a profile of forces, undock, land. While docked the rotors carry
-weight, press and a light load of the feet (models/docked_balance.py), the integrals rest, and the
-rubber feet hold against what is left.
+weight, press and a light load of the feet (models/docked_balance.py), the integrals are frozen, and
+the friction of the rubber feet compensates the remaining force.
 """
 
 import math
@@ -29,15 +29,15 @@ from skywright.models.contact_stance import ContactStance
 from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor
 
-SEAT_S, UNSEAT_S = 2.0, 1.5  # s, in which the feet are loaded and relieved
+SEAT_S, UNSEAT_S = 2.0, 1.5  # s, in which the feet are loaded and unloaded
 SETTLE_S = 1.0  # s, before a touch
 TIP_FELT_N = 0.5
-"""N, of a tip on a spring with a sensor that tells hundredths of it."""
-SEATED_M = 0.03  # m, of the feet to the deck, as estimated
+"""N, contact threshold of a tip on a spring; its sensor resolves hundredths of a newton."""
+SEATED_M = 0.03  # m, estimated distance of the feet from the deck
 SLIDE_NEAR, SLIDE_SHARE = 2e-3, 0.02
-"""m, of the estimated tip to the end of a slide, and the same as a share of a short slide."""
+"""m, of the estimated tip from the end of a slide, and the same relative to a short slide."""
 SLIDE_STEPS, SLIDE_STEP = 4, 0.03
-"""Moves with which a tip that friction holds back is led to the end, and the largest (m): at
+"""Moves with which a tip that friction holds back is moved to the end, and the largest (m): at
 friction 0.6 it stays 1 to 2 cm behind."""
 
 
@@ -45,7 +45,7 @@ friction 0.6 it stays 1 to 2 cm behind."""
 
 
 def fly(s: Supervisor[BridgeContact], way: ContactPlan) -> Flight:
-    """Find the structure, inspect every station docked, then once more in flight."""
+    """Survey the structure, inspect every station docked, then once more in flight."""
     pilot = Pilot(s, way, s.task)
     home = np.array(s.vehicle.reference)
     reason = beside = ""
@@ -60,7 +60,7 @@ def fly(s: Supervisor[BridgeContact], way: ContactPlan) -> Flight:
         if not reason and free is not None and pilot.way.free_forces:
             told = pilot.inspect_flying(pilot.way.stations[i], free)
             beside = beside or told
-            reason = "" if pilot.contact.dock else told  # nothing is required of it then
+            reason = "" if pilot.contact.dock else told  # then it has no requirements
         if reason:
             break
     pilot.go("return", p=home["p_WB"], R=home["R_WB"], q=home["q"][: s.vehicle.n_joints])
@@ -68,7 +68,7 @@ def fly(s: Supervisor[BridgeContact], way: ContactPlan) -> Flight:
 
 
 class Pilot(Presser):
-    """The moves of this mission; every one starts where the reference is."""
+    """The moves of this mission; each starts at the present reference."""
 
     def __init__(self, supervisor: Supervisor, way: ContactPlan, task: Contact) -> None:
         super().__init__(supervisor, task)
@@ -77,9 +77,10 @@ class Pilot(Presser):
         self.lead = None if operator is None else Lead(supervisor, operator)
 
     def find_with_feet(self, survey: SurveyWay, i: int) -> str:
-        """Touch the deck at station i with the feet and plan again; returns what failed, or "".
+        """Touch the deck at station i with the feet and plan again; returns why it failed, or "".
 
-        Touches at other stations do not count: minutes ago, the place was told with another error.
+        Touches at other stations are not used: the localisation's error has changed in the minutes
+        since.
         """
         at = self.way.stations[i]
         stand = at.p_dock + self.way.stand_off * at.normal
@@ -95,7 +96,8 @@ class Pilot(Presser):
         return self._plan_found(survey, touches)
 
     def find_with_tip(self, survey: SurveyWay) -> str:
-        """Touch the structure around the spots with the tip and plan again, likewise."""
+        """Touch the structure around the spots with the tip and plan again; returns like
+        `find_with_feet`."""
         stance, first = self.way.free, survey.stops[0]
         assert stance is not None
         back = first.p_press + self.way.stand_off * first.normal
@@ -126,7 +128,7 @@ class Pilot(Presser):
     def _plan_found(
         self, survey: SurveyWay, touches: list[Touch], mark: SeenMark | None = None
     ) -> str:
-        """Fit the structure to the touches and plan again; returns what failed, or ""."""
+        """Fit the structure to the touches and plan again; returns why it failed, or ""."""
         ball = get_ball(survey.setup, len(survey.feet) > 0, self.s.vehicle.pose_std)
         found = fit_structure(survey.setup, touches, ball, mark)
         if found.reason:
@@ -138,7 +140,7 @@ class Pilot(Presser):
         return ""
 
     def inspect_docked(self, at: Station) -> str:
-        """Dock, press, undock; returns what went wrong, or ""."""
+        """Dock, press, undock; returns the reason of a failure, or ""."""
         s, way = self.s, self.way
         rest, pressed = way.rest, way.pressed
         assert rest is not None and pressed is not None
@@ -159,7 +161,7 @@ class Pilot(Presser):
         return reason
 
     def _press_docked(self, at: Station, load_feet: Callable[[float], dict[str, Any]]) -> str:
-        """From below a station: dock, press, undock; returns what went wrong, or ""."""
+        """Dock from below a station, press, undock; returns the reason of a failure, or ""."""
         s, way, task = self.s, self.way, self.contact
         stand = at.p_dock + way.stand_off * at.normal
         self.go("dock", p=at.p_dock, R=at.R_approach, speed=task.dock_speed_mps)
@@ -178,7 +180,7 @@ class Pilot(Presser):
         return reason
 
     def inspect_flying(self, at: Station, stance: ContactStance) -> str:
-        """Press in flight, slide if asked for; returns what went wrong, or ""."""
+        """Press in flight, slide if the task requires it; returns why it failed, or ""."""
         task = self.contact
         back = at.p_press + self.way.stand_off * at.normal
         self.go("free approach", p=back, R=at.R_level, q=stance.q)
@@ -190,7 +192,8 @@ class Pilot(Presser):
         return self.s.orders.attempt(f"{at.name} in flight" if task.dock else at.name, work, "")
 
     def _press_flying(self, at: Station, back: Array) -> str:
-        """From before a station, platform at `back` (3,) m: press, slide, leave."""
+        """Press, slide and leave, starting with the platform at `back` (3,) m in front of a
+        station."""
         task = self.contact
         if self.lead is not None and isinstance(task, BridgeContact):
             return self._press_by_hand(at, back, self.lead, task)
@@ -202,7 +205,7 @@ class Pilot(Presser):
         return reason
 
     def _press_by_hand(self, at: Station, back: Array, lead: Lead, task: BridgeContact) -> str:
-        """The same with an operator at the stick, who presses one force and does not slide."""
+        """Press with an operator at the stick, who applies one force and does not slide."""
         s = self.s
         self.go("free near", p=HandPress.place_before(at), R=at.R_approach, speed=0.1)
         s.wait(1.0)
@@ -217,10 +220,11 @@ class Pilot(Presser):
         return reason
 
     def _slide(self) -> None:
-        """Move along the structure and back with the tip on it.
+        """Move along the structure and back with the tip in contact.
 
-        Friction bends the robot: the tip stays behind the platform. At each end the platform goes
-        on by what the estimated tip lacks, so that the tip covers the length asked for.
+        Friction displaces the robot: the tip stays behind the platform. At each end the platform
+        continues by the remaining distance of the estimated tip, so that the tip covers the
+        required length.
         """
         task = self.contact
         self.set_force("press to slide", task.slide_force_n, task.ramp_s)
@@ -230,10 +234,10 @@ class Pilot(Presser):
         self._slide_to("slide", begin + length)
         self._slide_to("slide back", begin)
         if np.linalg.norm(self.s.vehicle.reference["p_WB"] - stood) > 2.0 * SLIDE_STEP:
-            self.go(None, p=stood, speed=task.slide_speed_mps)  # the tip stuck
+            self.go(None, p=stood, speed=task.slide_speed_mps)  # the tip stuck: return the platform
 
     def _slide_to(self, phase: str, end: Array) -> None:
-        """Slide until the estimated tip is at `end` (3,) along the way, or goes no farther."""
+        """Slide until the estimated tip is at `end` (3,) along the path, or moves no farther."""
         task = self.contact
         name: str | None = phase
         way, along = end - self._locate_tip(), find_way(task, self.structure)
@@ -241,7 +245,7 @@ class Pilot(Presser):
         along = along * math.copysign(1.0, along @ way) / np.linalg.norm(along)
         for speed in (task.slide_speed_mps, *[0.5 * task.slide_speed_mps] * SLIDE_STEPS):
             lacks = float(along @ (end - self._locate_tip()))
-            if lacks < near and name is None:  # a tip that sprang farther is not drawn back
+            if lacks < near and name is None:  # a tip that jumped past the end is not drawn back
                 return
             step = lacks if name else min(lacks, SLIDE_STEP)
             at = np.array(self.s.vehicle.reference["p_WB"]) + step * along

@@ -1,6 +1,7 @@
-"""Metrics of the kind "bridge-contact": force while held, wander while docked, speed at the touch.
+"""Metrics of the kind "bridge-contact": held force, motion while docked, speed at the touch.
 
-The force is the true one of the tip on the structure along the probe, against the reference.
+The force is the true force of the tip on the structure along the probe, compared with the
+reference.
 """
 
 from typing import Any
@@ -71,10 +72,10 @@ MEASURES: Measures = {
     **STRUCTURE_MEASURES,
     **OPERATED_MEASURES,
 }
-"""Metric -> unit and meaning, of those that only this kind has."""
+"""Metric -> unit and meaning, for the metrics that only this kind has."""
 
 HOLD, FREE, SLIDE = Where(("hold *",)), Where(("free hold *",)), Where(("slide*",))
-FELT = Where((TOUCH, PRESS))  # by an operator, where there is one
+FELT = Where((TOUCH, PRESS))  # by an operator, if there is one
 DOCKING = Where(("dock", "seat", PHASE), "just before the feet touch")
 WHERE = {
     **SURVEY_WHERE,
@@ -100,7 +101,7 @@ def compute_press(samples: Samples) -> Array:
 
 
 def compute_metrics(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
-    """Judge the phases that were flown; what was not reached has no metric."""
+    """Evaluate the phases that were flown; phases that were not reached yield no metric."""
     samples, phases, way = run.samples, run.phases, run.way
     out: dict[str, float] = {}
     deck = run.setup.true.surface
@@ -135,7 +136,7 @@ def compute_metrics(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
             (
                 float(np.max(np.linalg.norm(tip - tip[0], axis=1)))
                 for i in SLIDE.find(phases)
-                if phases[i].outcome not in ("retry", "taken over")  # it begins anew
+                if phases[i].outcome not in ("retry", "taken over")  # these are repeated
                 and len(tip := samples["p_WT"][samples["phase"] == i])
             ),
             default=0.0,
@@ -147,13 +148,13 @@ def compute_metrics(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
 
 
 def _measure_hand(samples: Samples, phases: list[PhaseRecord]) -> dict[str, float]:
-    """How long an operator pressed, and the largest force meanwhile; {} without one."""
+    """Return the time for which an operator pressed, and the largest force; {} without one."""
     felt = FELT.select(samples, phases)
     return measure_operated(samples[felt], compute_press(samples[felt])) if np.any(felt) else {}
 
 
 def _find_place_error(run: Flown[BridgeContact, ContactPlan], deck: Surface) -> float:
-    """Farthest (m) of the tip from the spot that it presses on, across the true surface."""
+    """Return the largest distance (m) of the tip from its spot, along the surface."""
     samples, phases, task = run.samples, run.phases, run.task
     holds = (HOLD if task.dock else FREE).find(phases)
     by_hand = bool(_measure_hand(samples, phases))
@@ -163,12 +164,12 @@ def _find_place_error(run: Flown[BridgeContact, ContactPlan], deck: Surface) -> 
         place, R = locate_point(deck, np.array([spot.x_m, spot.y_m]))
         off = (samples["p_WT"][samples["phase"] == i] - place) @ R[:, :2]
         worst = max(worst, float(np.max(np.linalg.norm(off, axis=1), initial=0.0)))
-    seen = read_datum(run.setup, samples, phases) is not None  # then the map does not count
+    seen = read_datum(run.setup, samples, phases) is not None  # then the map is not used
     return max(worst - (0.0 if seen else run.setup.description.plant.map_error_m), 0.0)
 
 
 def _judge_survey(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
-    """Compare the structure through the recorded touches with the true one; {} without any."""
+    """Compare the structure fitted to the recorded touches with the true one, or return {}."""
     survey = run.way.survey
     if survey is None:
         return {}
@@ -187,7 +188,8 @@ def _judge_survey(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
 
 
 def find_place_std(run: Flown[Any, Any]) -> float | None:
-    """Largest deviation (m), each way, of the place of a spot from the datum; None without one."""
+    """Return the largest deviation (m), each way, of a spot's place from the datum; None without
+    one."""
     mark, datum = read_datum(run.setup, run.samples, run.phases), get_datum(run.setup)
     if mark is None or datum is None:
         return None
@@ -196,14 +198,14 @@ def find_place_std(run: Flown[Any, Any]) -> float | None:
 
 
 def compute_bench_metrics(run: Flown[Any, Any]) -> dict[str, float]:
-    """Force of the clamped arm while each step of the staircase is held."""
+    """Return the metrics of the clamped arm's force while each step of the staircase is held."""
     return _judge_holds(run.samples, run.phases, HOLD, "force")
 
 
 def _judge_holds(
     samples: Samples, phases: list[PhaseRecord], where: Where, name: str
 ) -> dict[str, float]:
-    """Judge the force of each hold; the worst of all."""
+    """Return the worst metrics of the force over all holds."""
     held = [samples["phase"] == i for i in where.find(phases)]
     each = [_judge_force(samples[h], name) for h in held if np.any(h)]
     return {key: max(one[key] for one in each) for key in each[0]} if each else {}
@@ -220,7 +222,7 @@ def _judge_force(s: Samples, name: str) -> dict[str, float]:
 
 
 def _find_wander(samples: Samples, phases: list[PhaseRecord], where: Where) -> float:
-    """Farthest (m) that the platform is from where it was at a station's first hold."""
+    """Return the platform's largest distance (m) from its position at a station's first hold."""
     worst, first, held = 0.0, None, where.find(phases)
     for i, phase in enumerate(phases):
         if i in held:
@@ -234,14 +236,14 @@ def _find_wander(samples: Samples, phases: list[PhaseRecord], where: Where) -> f
 
 
 def _find_turn(samples: Samples, phases: list[PhaseRecord], normal: Array) -> float:
-    """Largest angle (deg) of the platform from a deck with this normal while pressing."""
+    """Return the largest angle (deg) of the platform from a deck with this normal in a press."""
     s = samples[HOLD.select(samples, phases)]
     up = rotate_vectors(s["q_WB"], np.tile([0.0, 0.0, 1.0], (len(s), 1)))
     return float(np.degrees(np.max(np.arccos(np.clip(-up @ normal, -1.0, 1.0)))))
 
 
 def _find_touches(samples: Samples, phases: list[PhaseRecord], normal: Array) -> Array:
-    """Speeds (m/s) towards the deck just before the feet touch, each time they do."""
+    """Return the speeds (m/s) towards the deck just before each touch of the feet."""
     docking = DOCKING.select(samples, phases)
     on = docking & (np.linalg.norm(samples["f_docking_W"], axis=1) > TOUCHING)
     starts = np.flatnonzero(on[1:] & ~on[:-1]) + 1

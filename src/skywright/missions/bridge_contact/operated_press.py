@@ -1,10 +1,10 @@
 """An operator presses the probe on a structure in flight: law (24) for the tip, then a force.
 
-The robot brings the tip before the spot, beside it by `HAND_OVER`, and hands over. The stick moves
-platform and tip together at the pose of the arm; from the first touch on its part into the
-structure raises and lowers the force that is asked for, which the robot's force loop holds. Pulled
-back to nothing, the tip is moved again. With the button the operator says that the force is
-right; the robot then holds it and measures.
+The robot moves the tip in front of the spot, offset by `HAND_OVER`, and hands over. The stick moves
+platform and tip together with the arm in a fixed posture. From the first touch on, the stick's
+component into the structure raises and lowers the force reference, which the robot's force loop
+holds. If it lowers the force to zero, the stick moves the tip again. With the button the operator
+confirms the force; the robot then holds it and measures.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from skywright.run.operator import Sight
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.plant import MISSION_TICK
 
-HAND_OVER = np.array([-0.04, 0.02, 0.01])  # m: before the spot, beside it
+HAND_OVER = np.array([-0.04, 0.02, 0.01])  # m: in front of the spot, and lateral offset
 FENCE = np.array([[-0.15, -0.06, -0.06], [0.05, 0.06, 0.06]])
-"""m, from the spot along the axes of the stick: lowest and highest place that it can ask for."""
+"""m, from the spot along the axes of the stick: lowest and highest position that it can command."""
 CONTACT_N, CONTACT_S = 0.3, 0.1  # N, s: a touch
-LOST_S = 1.0  # s without contact, after which the tip is moved again
-RATE = 0.5  # 1/s, of the force that is asked for, at full deflection
-MOST = 2.0  # of it, that the stick can ask for
-LEAST_N = 0.2  # N: pulled back below it the tip is moved again
+LOST_S = 1.0  # s without contact, after which the stick moves the tip again
+RATE = 0.5  # 1/s, rate of the force at full deflection, relative to the requested force
+MOST = 2.0  # largest force that the stick can command, relative to the requested force
+LEAST_N = 0.2  # N; below it the stick moves the tip again
 TOUCH, PRESS = "free touch", "free press"
 
 
 class HandPress:
-    """The state of an operated press; each step is one tick."""
+    """State of an operated press; each step is one tick."""
 
     def __init__(self, s: Supervisor, lead: Lead, at: Station, task: BridgeContact) -> None:
-        """`at` is the station whose spot is pressed on."""
+        """`at` is the station at whose spot the operator presses."""
         self.s, self.task, self.place = s, task, at.p_contact
         x = -at.normal
         left = np.cross([0.0, 0.0, 1.0], x) if abs(x[2]) < 0.9 else np.array(at.R_level[:, 1])
@@ -44,7 +44,7 @@ class HandPress:
         self.R = np.column_stack([x, left, np.cross(x, left)])  # into it, left, up
         if abs(x[2]) >= 0.9:  # a deck: ahead, left, up
             self.R = np.column_stack([np.cross(left, x), left, x])
-        self.into = int(abs(x[2]) >= 0.9) * 2  # axis of the stick that leads into the structure
+        self.into = int(abs(x[2]) >= 0.9) * 2  # axis of the stick that points into the structure
         self.asked = max(task.forces_n)
         self.help = Assistance(task.assistance, self.asked)
         self.lead = lead
@@ -53,13 +53,13 @@ class HandPress:
 
     @classmethod
     def place_before(cls, at: Station) -> Array:
-        """Return where (3,) m the platform hands over, its pose that of the press."""
+        """Return the platform's position (3,) m at the hand-over, in the attitude of the press."""
         return at.p_press + at.R_dock @ HAND_OVER if abs(at.normal[2]) < 0.9 else (
             at.p_press + at.R_dock @ HAND_OVER[[1, 2, 0]]
         )  # fmt: skip
 
     def fly(self) -> str:
-        """Fly "free touch" and "free press"; returns why it was not done, or ""."""
+        """Fly "free touch" and "free press"; returns the reason of a failure, or ""."""
         self.s.begin(TOUCH)
         self.lead.begin()
         try:
@@ -73,7 +73,7 @@ class HandPress:
         return ""
 
     def step(self) -> bool:
-        """Read the stick and fly a tick; returns whether the operator says that it is done."""
+        """Read the stick and fly a tick; returns whether the operator confirms the force."""
         s, task = self.s, self.task
         off = self._measure()
         self.force = max(float(s.vehicle.force), 0.0)
@@ -105,11 +105,11 @@ class HandPress:
         return False
 
     def _measure(self) -> Array:
-        """Where the tip is from its spot, (3,) m along the axes of the stick."""
+        """Return the tip's position relative to its spot, (3,) m along the axes of the stick."""
         return self.R.T @ (np.array(self.s.vehicle.estimate["p_WT"]) - self.place)
 
     def _watch(self) -> None:
-        """Follow the contact by the phases."""
+        """Begin the phase that matches the contact."""
         touch = self.force > CONTACT_N
         self._felt = self._felt + MISSION_TICK if touch else 0.0
         self._free = 0.0 if touch else self._free + MISSION_TICK
@@ -122,7 +122,7 @@ class HandPress:
             self.s.begin(TOUCH)
 
     def _exert(self, inward: float) -> bool:
-        """Lead the force by the stick for a tick; returns whether the tip exerts one."""
+        """Change the force by the stick for a tick; returns whether the tip exerts one."""
         s, asked = self.s, self.asked
         if self.exerts == 0.0:
             self.exerts = max(self.force, CONTACT_N)

@@ -2,8 +2,8 @@
 
 Sanchez-Cuevas et al. 2020, section 5.4: fly to the deck with position and attitude commanded
 independently, dock, press with a profile of forces, undock, land. While docked the rotors carry
-weight, press and a light load of the feet (models/docked_balance.py), the integrals rest, and the
-rubber feet hold against what is left.
+weight, press and a light load of the feet (models/docked_balance.py), the integrals are frozen, and
+the friction of the rubber feet compensates the remaining force.
 """
 
 import math
@@ -46,48 +46,49 @@ from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 
 READY_GAP = 0.04  # m, of the tip below the feet while docking
-FOOT_LOADS = (1.0, 0.75, 0.5)  # N, of each foot at least: the most that the rotors allow
+FOOT_LOADS = (1.0, 0.75, 0.5)  # N, least load of each foot: the largest that the rotors allow
 
 
 class ContactPlan(NamedTuple):
-    """What the mission will do."""
+    """Poses, balances and forces of the mission."""
 
     stations: list[Station]
     q_ready: Array  # rad, tip below the feet
     q_touch: Array  # rad, tip TIP_GAP below the surface while docked
-    dock_tip: Array  # (3,) m in B, where the docked tip touches
+    dock_tip: Array  # (3,) m in B, contact point of the docked tip
     free: ContactStance | None
     rest: DockedBalance | None  # docked, not pressing
     pressed: DockedBalance | None  # docked, at the largest force
     largest: float  # N, largest force of the profile
     limit_n: float  # N, computed docked press here
-    borne_n: float  # N, what of it is borne with a plant's errors; NaN: not computed
+    borne_n: float  # N, docked press withstood with the plant's errors; NaN: not computed
     free_limit_n: float  # N, computed press in flight
-    free_forces: list[float]  # N, of the profile, that may be pressed in flight
-    stand_off: float  # m, of feet or tip, before they near the surface
+    free_forces: list[float]  # N, forces of the profile that are allowed in flight
+    stand_off: float  # m, of feet or tip from the surface before the approach
     survey: SurveyWay | None = None
 
 
 def plan(setup: Setup[BridgeContact]) -> MissionPlan[ContactPlan]:
-    """Plan by the map."""
+    """Plan according to the map."""
     return _plan_on(setup, is_surveyed(setup), _is_level(setup))
 
 
 def plan_found(setup: Setup[BridgeContact], structure: Structure) -> MissionPlan[ContactPlan]:
-    """Plan again with the structure that was found."""
+    """Plan again with the surveyed structure."""
     world = setup.world.model_copy(update={"structure": structure})
     found = Setup(setup.description._replace(world=world))
     return _plan_on(found, False, _is_level(setup))
 
 
 def _is_level(setup: Setup[BridgeContact]) -> bool:
-    """Whether the structure is known to have no slope."""
+    """Return whether the structure is known to have no slope."""
     s = setup.world.structure
     return s is not None and s.slope_deg == 0.0 and get_map_error(setup).turn == 0.0
 
 
 def _plan_on(setup: Setup[BridgeContact], surveyed: bool, level: bool) -> MissionPlan[ContactPlan]:
-    """Place the robot, compute what it may press, check the way; `level`: it is known to be."""
+    """Place the robot, compute the allowed press, check the path; `level`: the deck is known to be
+    level."""
     d, robot, task = setup.description, setup.robot, setup.task
     structure = _check(d, task)
     began = time.perf_counter()
@@ -115,7 +116,7 @@ def _plan_on(setup: Setup[BridgeContact], surveyed: bool, level: bool) -> Missio
     if surveyed:
         survey = plan_survey(setup, stations, stand, q_ready)
         stand_off = max(stand_off, survey.stand_off)
-        # heading and slope are off by the bound each
+        # heading and slope each have an error up to the bound
         unsure = math.sqrt(2.0) * get_map_error(setup).turn if structure.facing == "down" else 0.0
     blocked, largest = _check_hover(d, stations), max(task.forces_n)
     limit = borne = free_limit = math.nan
@@ -145,7 +146,7 @@ def _plan_on(setup: Setup[BridgeContact], surveyed: bool, level: bool) -> Missio
 
 
 def _check(d: Description, task: BridgeContact) -> Structure:
-    """Raise InputError when robot, world or law lack what the mission is about."""
+    """Raise InputError if robot, world or law lack what the mission requires."""
     robot, structure = d.robot, d.world.structure
     if structure is None:
         raise InputError(
@@ -179,10 +180,10 @@ def _check(d: Description, task: BridgeContact) -> Structure:
 def _plan_docked(
     d: Description, task: BridgeContact, station: Station, unsure: float, level: bool
 ) -> tuple[float, float, DockedBalance | None, DockedBalance | None, str]:
-    """Return the computed and the borne press (N), balances at no and the largest force, a refusal.
+    """Return the computed and the withstood press (N), balances at zero and full force, a refusal.
 
-    `unsure` (rad) is how far the slope may be from the map's. Less is held back from a deck that is
-    known to be `level`.
+    `unsure` (rad) is the largest difference of the slope from the map's. The margin is smaller for
+    a deck that is known to be `level`.
     """
     largest = max(task.forces_n)
     robot, world, structure = d.robot, d.world, d.world.structure
@@ -198,7 +199,7 @@ def _plan_docked(
     limit = compute_worst_press(docked, stance, condition).force
     calm = level and speed == 0.0
     fraction = task.calm_fraction if calm else task.force_fraction
-    if not largest <= fraction * limit * (1.0 + 1e-9):  # NaN: it cannot stay docked
+    if not largest <= fraction * limit * (1.0 + 1e-9):  # true for NaN: the robot cannot stay docked
         where = f"docked at {math.degrees(slope):.3g} deg and {speed:.1f} m/s of wind"
         return limit, math.nan, None, None, refuse(
             largest, limit, fraction, where, robot.name,
@@ -237,7 +238,7 @@ def _plan_flying(
 ) -> tuple[float, list[float], str]:  # fmt: skip
     """Return the computed press (N), the forces of the profile within it, and any refusal.
 
-    `held` are the attitudes in which it may have to be made.
+    `held` are the attitudes at which the press may take place.
     """
     robot, g, rho = d.robot, d.world.gravity_mps2, d.world.air_density_kg_m3
     speed, fraction = compute_speed(d.world.wind), task.force_fraction
@@ -273,7 +274,8 @@ def _check_hover(d: Description, stations: list[Station]) -> str:
 
 
 def _tilt(R: Array, angle: float) -> list[Array]:
-    """Return an attitude, and the same tilted by `angle` (rad) to eight sides where that is any."""
+    """Return an attitude, and for an `angle` (rad) > 0 also the attitude tilted by it in eight
+    directions."""
     out, turn = [R], np.empty((3, 3))
     for side in DIRECTIONS if angle > 0.0 else ():
         exp_so3(angle * np.array([math.cos(side), math.sin(side), 0.0]), turn)

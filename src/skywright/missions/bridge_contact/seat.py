@@ -1,9 +1,9 @@
-"""The touch of the docking feet: up until the deck is felt, then flush with it.
+"""Touch with the docking feet: rise until contact, then align with the deck.
 
-A rise at constant speed ends when the estimated external force says that a foot touches. The rotors
-then push with a few newtons, and the attitude's reference follows the attitude: the law only damps,
-and the push at the feet that touch turns the robot until the others touch as well. Where it came to
-rest, the estimate tells where the feet are: that is the deck.
+A rise at constant speed ends when the estimated external force indicates that a foot touches. The
+rotors then push with a few newtons, and the attitude's reference follows the attitude. The law
+therefore only damps, and the force at the touching feet turns the robot until the others touch as
+well. At rest, the estimated positions of the feet are points of the deck.
 """
 
 import math
@@ -32,10 +32,10 @@ from skywright.vehicle.interface import fill_tips
 
 SPEED = 0.05  # m/s towards the deck
 DEEP = 2.0
-"""Times the way that makes the force that is felt: so far beyond the farthest deck a touch goes."""
-FOOT_N = 1.0  # of each foot, once all of them touch
-PUSH_S = 0.5  # in which the push grows
-STILL_RAD, STILL_M = math.radians(0.2), 2e-3  # in STILL_S: it is at rest
+"""Travel beyond the farthest deck, relative to the travel that causes the threshold force."""
+FOOT_N = 1.0  # N, of each foot, once all of them touch
+PUSH_S = 0.5  # s, ramp of the push
+STILL_RAD, STILL_M = math.radians(0.2), 2e-3  # largest motion within STILL_S at rest
 STILL_S, SEAT_MAX_S = 0.5, 8.0
 
 
@@ -44,8 +44,8 @@ def touch_with_feet(
 ) -> list[Touch]:
     """Touch with `feet` (n, 3) m in B, along the normal z_S (3, 3), `travel` (m) up at most.
 
-    The robot holds its place with `stiffness` (N/m). It is back where it began afterwards. Returns
-    one touch a foot; phases "survey_touch" and "survey_back".
+    The position loop has the stiffness `stiffness` (N/m). Afterwards the robot is back at its
+    initial position. Returns one touch per foot; phases "survey_touch" and "survey_back".
     """
     vehicle, normal = s.vehicle, R_WS[:, 2]
 
@@ -88,7 +88,7 @@ def touch_with_feet(
 
 
 def _settle(s: Supervisor[Any], feet: Array, feel: Any, R_WS: Array) -> tuple[Array, float]:
-    """Push until the robot rests flush; returns places (n, 3) m and force (N; NaN: it did not)."""
+    """Push until the robot rests; returns positions (n, 3) m and force (N; NaN if it does not)."""
     vehicle = s.vehicle
     row = set_rest(vehicle.reference)
     row["R_WS"], row["docked"], row["p_WB"] = R_WS, 1.0, vehicle.estimate["p_WB"]
@@ -117,9 +117,9 @@ def _settle(s: Supervisor[Any], feet: Array, feel: Any, R_WS: Array) -> tuple[Ar
 
 
 def read_seats(samples: Samples, phases: Sequence[PhaseRecord], feet: Array) -> list[Touch]:
-    """Return the touches of the feet (n, 3) m in B of a recorded flight; misses have a reason.
+    """Return the touches of the feet (n, 3) m in B of a recorded flight; failed ones have a reason.
 
-    Up to the first that were made: those of the first spot.
+    They end with the first successful touches: those of the first spot.
     """
     found: list[Touch] = []
     for i, phase in enumerate(phases):
@@ -136,14 +136,14 @@ def read_seats(samples: Samples, phases: Sequence[PhaseRecord], feet: Array) -> 
 
 
 def _place(p_WB: Array, R_WB: Array, feet: Array) -> Array:
-    """Return places (n, 3) m in W; the attitude is a mean and is made one again."""
+    """Return positions (n, 3) m in W; the mean attitude is orthonormalised."""
     R = np.ascontiguousarray(R_WB)
     orthonormalise(R)
     return np.asarray(p_WB + feet @ R.T)
 
 
 def _turn_to(R_WB: Array, heading: Array) -> Array:
-    """Return an attitude with z of `R_WB` (3, 3) and x towards `heading` (3,)."""
+    """Return an attitude with the z of `R_WB` (3, 3) and x towards `heading` (3,)."""
     z = R_WB[:, 2]
     x = heading - (heading @ z) * z
     x /= np.linalg.norm(x)

@@ -1,15 +1,15 @@
-"""What a robot that slides its probe along a structure in flight must be able to do.
+"""Conditions for sliding the probe along a structure in flight.
 
-Sliding makes friction along the way: F mu at the tip, besides the press F. Both load the rotors,
-and friction turns the robot as well. Where the way lies in the arm's plane that turn moves the tip
-to or from the surface: with mass m, inertia I, and the tip at x along and z off the surface from
-the centre of mass, a normal force N accelerates the tip away from the surface by
+Sliding causes friction along the path: F mu at the tip, in addition to the press F. Both load the
+rotors, and friction also rotates the robot. If the path lies in the arm's plane, this rotation
+moves the tip to or from the surface. With mass m, inertia I, and the tip at x along and z off the
+surface from the centre of mass, a normal force N accelerates the tip away from the surface by
 
     N (1 / m + x (x - mu z) / I)
 
-towards one side and with a plus towards the other. Under a deck, z = 0.45 m above, that is a fifth
-of what it is without friction at mu = 0.6 and negative from mu = 0.75: pushed ahead the tip jams
-and jumps, as a piece of chalk does (Painleve). So the robot slides across its arm's plane there.
+in one direction of motion, and with a plus in the other. Under a deck, z = 0.45 m above, this is a
+fifth of the frictionless value at mu = 0.6 and negative from mu = 0.75: the advancing tip jams and
+jumps, as a piece of chalk does (Painleve). The robot therefore slides across its arm's plane there.
 """
 
 import numpy as np
@@ -23,19 +23,19 @@ from skywright.models.contact_stance import ContactStance, compute_flying_press
 from skywright.models.rigid_body import build_body_model, compute_body
 
 WOBBLE = {"mocap": 0.2e-3, "total-station": 1.0e-3}
-"""m rms, by which a platform that presses in flight moves faster than the force loop can follow:
-the errors of its estimate. Measured, as `free.rms_error_n` over the spring (0.15 to 0.29 N and 0.5
-to 1.4 N of the F550); satellite navigation is no better than the station."""
+"""m rms, motion of a platform that presses in flight above the bandwidth of the force loop: the
+errors of its estimate. Measured, as `free.rms_error_n` over the spring's stiffness (0.15 to 0.29 N
+and 0.5 to 1.4 N of the F550); satellite navigation is no better than the station."""
 
 
 def find_way(task: Contact, structure: Structure) -> Array:
-    """Return the way (3,) m in W from a spot to the far end of the slide."""
+    """Return the displacement (3,) m in W from a spot to the far end of the slide."""
     surface = build_surface(structure)
     return np.asarray(task.slide_m * surface.R_WS[:, surface.along])
 
 
 def check_slide_ends(task: Contact, structure: Structure) -> None:
-    """Raise InputError where a slide would leave the structure."""
+    """Raise InputError if a slide would leave the structure."""
     along = build_surface(structure).along
     half = 0.5 * (structure.length_m, structure.width_m)[along]
     for i, spot in enumerate(task.spots if task.slide_m else ()):
@@ -49,9 +49,9 @@ def check_slide_ends(task: Contact, structure: Structure) -> None:
 
 
 def check_wobble(robot: Robot, localisation: str, task: Contact, most: float) -> str:
-    """Say why a slide presses too lightly to stay on, or return "".
+    """Return why a slide presses too lightly to keep contact, or "".
 
-    `most` (N) is what the rotors can make, told beside.
+    `most` (N) is the largest press of the rotors, stated in the message.
     """
     assert robot.probe is not None
     spring = robot.probe.spring_n_per_m
@@ -73,17 +73,17 @@ def check_mobility(
     robot: Robot, stance: ContactStance, R_WB: Array, gravity: float, structure: Structure,
     least: float,
 ) -> str:  # fmt: skip
-    """Say that friction leaves less than `least` of the tip's way off the surface, or return "".
+    """Return a refusal if friction leaves less than `least` of the tip's mobility, or "".
 
-    At a third (a pillar at friction 0.6) half of the flights lost contact, at 0.55 (0.4) none of
-    three.
+    The mobility is that off the surface. At a third (a pillar at friction 0.6) half of the flights
+    lost contact, at 0.55 (0.4) none of three.
     """
     mass, p_BC, I_B = compute_body(build_body_model(robot, gravity), stance.q)
     I_C = I_B - mass * (p_BC @ p_BC * np.eye(3) - np.outer(p_BC, p_BC))
     surface, lever = build_surface(structure), stance.tip - p_BC
     off, along = R_WB.T @ surface.R_WS[:, 2], R_WB.T @ surface.R_WS[:, surface.along]
 
-    def answer(f: Array) -> float:  # of the tip, off the surface, to a force
+    def answer(f: Array) -> float:  # acceleration of the tip off the surface under a force
         turn = np.linalg.solve(I_C, np.cross(lever, f))
         return float(off @ (f / mass + np.cross(turn, lever)))
 
@@ -103,7 +103,7 @@ def compute_sliding_press(
     robot: Robot, stance: ContactStance, R_WB: Array, gravity: float, structure: Structure,
     *, wind: Array, air_density: float,
 ) -> float:  # fmt: skip
-    """Return the largest press (N) with which the tip slides along, there and back; NaN: none."""
+    """Return the largest press (N) at which the tip slides in both directions; NaN: none."""
     surface = build_surface(structure)
     along = R_WB.T @ surface.R_WS[:, surface.along]
     return float(

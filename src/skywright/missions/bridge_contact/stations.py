@@ -1,4 +1,4 @@
-"""The places of contact of a mission: where the robot stands before each of them, and how."""
+"""Stations of a mission: places of contact and the robot's poses in front of them."""
 
 import math
 from typing import NamedTuple
@@ -25,7 +25,7 @@ class Station(NamedTuple):
     R_level: Array  # (3, 3)
     R_dock: Array  # (3, 3) docked or pressing attitude
     tilt_limit: float  # rad, computed hover limit in the wind there
-    R_approach: Array  # (3, 3) what hovering allows of it
+    R_approach: Array  # (3, 3) the part of it that hover allows
     p_dock: Array  # (3,) m, platform with its feet on the deck (NaN without docking)
     p_press: Array  # (3,) m, platform with its tip on the surface, flying (NaN without)
 

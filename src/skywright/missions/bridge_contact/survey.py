@@ -28,29 +28,30 @@ from skywright.run.flight import PhaseRecord
 from skywright.run.setup import Setup
 
 WIDE = 0.12
-"""m, to each side at least, between places that the tip touches: on a pillar of 0.5 m radius 14
-degrees, where the tip still holds by friction."""
+"""m, least distance to each side between places that the tip touches: 14 degrees on a pillar of 0.5
+m radius, where friction still holds the tip."""
 FOOT_STD = 1.5e-3
-"""m, of a foot's place across the deck: 0.3 degrees of the estimated attitude over 0.25 m."""
-LOCALISED_STD = 0.03  # m, three deviations of a place told by a station that is hidden for a while
-FEET_S, TIP_S = 40.0, 25.0  # s, that a touch takes with the way there
+"""m, deviation of a foot's position across the deck: 0.3 degrees of the estimated attitude over
+0.25 m."""
+LOCALISED_STD = 0.03  # m, three deviations of a position while the station is hidden
+FEET_S, TIP_S = 40.0, 25.0  # s, of a touch with the path to it
 
 
 class SurveyWay(NamedTuple):
-    """How the structure is touched."""
+    """Parameters of the survey."""
 
     setup: Setup[BridgeContact]  # to plan again with, once the structure is known
     feet: Array  # (n, 3) m in B; none: the tip touches
-    stations: list[Station]  # where the tip does, by the map
+    stations: list[Station]  # where the tip touches, by the map
     stand_off: float  # m, of feet or tip before a touch
-    reach: float  # m, how far behind the map's surface the true one may be
-    stiffness: float  # N/m, with which the robot holds its place
+    reach: float  # m, largest depth of the true surface behind the map's
+    stiffness: float  # N/m, of the position loop
     duration_s: float
-    mark: Station | None = None  # where the robot looks at the datum first
+    mark: Station | None = None  # where the robot measures the datum first
 
     @property
     def stops(self) -> list[Station]:
-        """Where the tip stands off the surface, in flying order."""
+        """Stations at which the tip stands off the surface, in flying order."""
         return self.stations if self.mark is None else [self.mark, *self.stations]
 
 
@@ -58,9 +59,9 @@ def plan_survey(
     setup: Setup[BridgeContact], spots: list[Station], stand: Callable[[Array, str], Station],
     q: Array,
 ) -> SurveyWay:  # fmt: skip
-    """Say what touches where; `stand` gives the poses at a place, `q` the arm before it docks.
+    """Plan the touches; `stand` returns the poses at a place, `q` is the posture before docking.
 
-    Raises InputError for a curved deck to be docked on, and for a datum that the camera may miss.
+    Raises InputError for docking on a curved deck, and for a datum that the camera may not see.
     """
     structure, surface, task = setup.world.structure, setup.surface, setup.task
     error, docking, control = get_map_error(setup), setup.robot.docking, setup.robot.control
@@ -120,10 +121,10 @@ def choose_places(task: Contact, structure: Structure) -> list[Array]:
 
 
 def get_ball(setup: Setup[Any], feet: bool, pose_std: float) -> Ball:
-    """Return what touches; `pose_std` (m; NaN: unknown) is what the estimator says of the place.
+    """Return the ball that touches; `pose_std` (m) is the estimator's position deviation, or NaN.
 
-    Feet touch at the same time, so that it is common to them; touches of the tip are half a minute
-    apart.
+    Feet touch simultaneously, so this deviation is common to them; touches of the tip are half a
+    minute apart.
     """
     if setup.world.tracks_markers or not math.isfinite(pose_std):
         return Ball(0.0, setup.world.mocap.calibration_m, FOOT_STD) if feet else get_tip(setup)
@@ -136,7 +137,7 @@ def get_ball(setup: Setup[Any], feet: bool, pose_std: float) -> Ball:
 def read_survey(
     survey: SurveyWay, samples: Samples, phases: list[PhaseRecord]
 ) -> tuple[list[Touch], Ball]:
-    """Return the touches of a recorded flight, and what touched."""
+    """Return the touches of a recorded flight, and the ball that touched."""
     from skywright.missions.bridge_contact.seat import read_seats
 
     std = float(np.median(samples["pose_std"])) if has_columns(samples, "pose_std") else math.nan

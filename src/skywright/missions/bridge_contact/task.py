@@ -1,4 +1,4 @@
-"""What a mission of the kind "bridge-contact" may say."""
+"""Keys of a mission of the kind "bridge-contact"."""
 
 from typing import Annotated
 
@@ -19,7 +19,7 @@ def _check_forces(forces: list[float]) -> list[float]:
 PressForces = Annotated[
     list[float], Field(min_length=1, max_length=50), AfterValidator(_check_forces)
 ]
-"""N, the forces that a mission presses with, one after the other."""
+"""Forces (N) of a mission, applied in sequence."""
 
 
 class Spot(Spec):
@@ -45,7 +45,7 @@ class Contact(Clearances):
     settle_s: NonNegative = 2.0  # wait before a force is measured
     hold_s: float = Field(default=3.0, ge=0.2, le=600)  # time over which a force is measured
     survey: bool | None = None  # touch the structure first; default: if plant.map_error_* is not 0
-    # look at the world's datum before the tip touches, and count places from it
+    # measure the world's datum before the touches; places are relative to it
     datum: bool = True
     # distance of feet or tip from the structure before contact
     stand_off_m: float = Field(default=0.4, ge=0.1, le=5)
@@ -68,11 +68,11 @@ class Contact(Clearances):
     calm_fraction: float = Field(default=0.95, gt=0, le=1)
     slide_m: Coordinate = 0.0  # length of a slide along the structure in flight; 0: no slide
     slide_force_n: Positive = 2.0  # force on the structure during the slide
-    # kept from everything where the robot turns around a structure: a tip that stands off by
-    # stand_off_m has little more
+    # clearance from all obstacles where the robot turns around a structure: a tip that stands off
+    # by stand_off_m has little more
     turn_clearance_m: float = Field(default=0.025, ge=0.002, le=0.5)
     slide_speed_mps: float = Field(default=0.05, ge=0.005, le=0.5)  # speed of the slide
 
 
 class BridgeContact(Contact, OperatedTask):
-    """The same, where an operator may press in flight."""
+    """Keys of `Contact`, and those of an operator who may press in flight."""

@@ -1,4 +1,4 @@
-"""The straight ways of a contact inspection: from the start to the survey, the spots, and back."""
+"""Straight paths of a contact inspection: from the start to the survey, the spots, and back."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from skywright.models.geometry import ClearanceQuery, compute_clearance
 from skywright.models.rigid_body import posture
 from skywright.run.setup import Setup
 
-BEFORE = 0.05  # m, off the surface, where the robot is looked at: nothing but the tip touches
+BEFORE = 0.05  # m, off the surface, where clearance is checked: only the tip may touch
 WAY, TURN, NEAR, SLIDE = (
     "mission.task.way_clearance_m", "mission.task.turn_clearance_m",
     "mission.task.near_clearance_m", "half of mission.task.near_clearance_m",
 )  # fmt: skip
 STEPS = 25
-"""Poses that are checked on one way: each turns by a few degrees."""
+"""Number of poses that are checked on one path: each differs by a few degrees."""
 
 
 def check_way(
     setup: Setup[BridgeContact], stations: list[Station], free: ContactStance | None,
     q_ready: Array, stand_off: float, survey: SurveyWay | None,
 ) -> str:  # fmt: skip
-    """Say what stands in the way from the hover point to the stations, or return ""."""
+    """Return what blocks the path from the hover point to the stations, or ""."""
     d, task, query = setup.description, setup.task, setup.clearance_aloft
     wide, near = task.way_clearance_m, task.near_clearance_m
     lowest = d.robot.platform.gear_height_m + wide
@@ -76,7 +76,8 @@ def _check_turns(
     setup: Setup[BridgeContact], stations: list[Station], free: ContactStance, stand_off: float,
     survey: SurveyWay | None,
 ) -> str:  # fmt: skip
-    """Say what the robot would hit where it turns on its straight ways around a structure."""
+    """Return what the robot would hit while it turns on its straight paths around a structure, or
+    ""."""
     folded, keeps = posture(setup.robot, "folded"), setup.task.turn_clearance_m
     home = ("the way home", setup.hover[:3], float(setup.hover[3]), folded)
     stops = [home]

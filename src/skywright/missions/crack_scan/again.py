@@ -10,20 +10,20 @@ from skywright.core.arrays import Array
 from skywright.missions.crack_scan.cover import Cover, list_gaps
 
 LEAST_HOLE = 0.0005
-"""m; smaller holes at the edge of what was covered are left."""
+"""m; smaller holes at the edge of the covered area are ignored."""
 SIGMAS = 2.33
-"""Lateral deviations of a pass to each side that its swath must allow."""
+"""Lateral standard deviations of a pass to each side that its swath must allow."""
 
 
 def build_passes(
     cover: Cover, swath: float, pitch: float, lateral_std: float, ahead: float = 0.0
 ) -> Array:
-    """Return the corners (n, 2) s, c m of axial passes over what was missed, two a pass.
+    """Return the corners (n, 2) s, c m of axial passes over the missed parts, two per pass.
 
-    Missed parts beside each other share a pass where the `swath` (m) less the lateral error of the
-    pass holds them; wider ones have passes `pitch` (m) apart, as the first scan had. A pass goes on
-    beyond the ends of a part, as far as it may lag behind its path, and as far as its last coil is
-    `ahead` (m) of the tip along it.
+    Adjacent missed parts share a pass if they fit into the `swath` (m) less the lateral error of
+    the pass; wider parts have passes `pitch` (m) apart, as in the first scan. A pass extends beyond
+    the ends of a part by its lag behind the path, and by the distance `ahead` (m) of its last coil
+    from the tip along it.
     """
     beyond_ends = np.array([SIGMAS * lateral_std + ahead, 0.0])
     room = max(swath - 2.0 * SIGMAS * lateral_std, 0.25 * swath)

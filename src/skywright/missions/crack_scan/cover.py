@@ -1,4 +1,4 @@
-"""Which part of a sector the coils of a search covered, and which parts they missed."""
+"""Coverage of a sector by the coils of a search, and the missed parts."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from skywright.missions.scan.coverage import CELLS
 
 
 class Sector(NamedTuple):
-    """The part of a pipe's surface that was asked for, in cells."""
+    """The requested part of a pipe's surface, in cells."""
 
-    cells: Array  # (m, 2) s, c m, of their middles; s by s
+    cells: Array  # (m, 2) s, c m, of their centres, c varying fastest
     shape: tuple[int, int]  # along s, along c
     size: tuple[float, float]  # m, of a cell
     width: float  # m, of a coil's footprint
@@ -33,15 +33,15 @@ class Gap(NamedTuple):
 
 
 class Cover(NamedTuple):
-    """What was covered of a sector."""
+    """Coverage of a sector."""
 
     sector: Sector
     covered: Mask  # (m,)
-    away: Array  # (m,) m, from the nearest place of a coil that counts
+    away: Array  # (m,) m, from the nearest valid place of a coil
 
     @property
     def fraction(self) -> float:
-        """Covered share of the area."""
+        """Covered fraction of the area."""
         return float(np.mean(self.covered))
 
     @property
@@ -68,9 +68,9 @@ def build_sector(task: CrackScan, radius: float, width: float) -> Sector:
 
 
 def compute_cover(sector: Sector, s: Array, c: Array) -> Cover:
-    """Compare a sector with the places `s`, `c` (n,) m of coils whose readings count.
+    """Compare a sector with the places `s`, `c` (n,) m of coils with valid readings.
 
-    A cell is covered where a coil came within half its width.
+    A cell is covered if a coil came within half its width.
     """
     if not s.size:
         far = np.full(len(sector.cells), float(np.hypot(*np.ptp(sector.cells, axis=0))))

@@ -1,4 +1,4 @@
-"""The array of a search for cracks, and its display: set up before the flight, checked after."""
+"""The array of a crack search and its display: set up before the flight, checked after it."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from skywright.vehicle.sensors.eddy_array import EddyArray
 
 Array = Carried[EddyArray.Table]
 SHIMS = 11
-"""Thicknesses over which the lift-off is looked at, 0 to 1 mm."""
+"""Number of thicknesses at which the lift-off is measured, 0 to 1 mm."""
 
 
 def find_array(setup: Setup[Any]) -> Array:
-    """Return the robot's array; raises InputError where it has none, or a differential one."""
+    """Return the robot's array; raises InputError if it has none, or a differential one."""
     array: Array = find_instrument(setup, EddyArray, "eddy-current array")
     if array.table.layout == "differential":
         raise InputError(
@@ -49,9 +49,9 @@ class Display(NamedTuple):
     def measure_gaps(self, z: Any, air: Any) -> Numbers:
         """Return the gap (n, k) m under each coil from its lift-off, for signals `z` (n, k).
 
-        `air` (k,) are the signals far from metal, from which the lift-off is measured, as the
-        instrument is nulled elsewhere on the block. The coating is taken out: what a coil reads
-        over most of its way is contact. NaN is beyond the thickest shim.
+        `air` (k,) are the signals far from metal. The lift-off is measured from them, because the
+        instrument is nulled elsewhere on the block. The coating is subtracted: the median reading
+        of a coil counts as contact. The gap is NaN beyond the thickest shim.
         """
         size, known = np.abs(np.asarray(z) - air), np.abs(self.lifted)
         gap = np.interp(size, known[::-1], self.shims[::-1])
@@ -61,7 +61,7 @@ class Display(NamedTuple):
 
 
 def set_up_display(setup: Setup[Any], array: Array) -> Display:
-    """Set the display up on the block before the flight, and see its lift-off over shims.
+    """Set up the display on the block before the flight, and measure its lift-off over shims.
 
     The block is the world's (`kind = "notch_block"`), or one of the pipe's material. Raises
     InputError for a block of another material, or without the procedure's notch.
@@ -74,7 +74,7 @@ def set_up_display(setup: Setup[Any], array: Array) -> Display:
 
 
 def check_display(setup: Setup[Any], array: Array, done: NotchSetup, seconds: float) -> SetupCheck:
-    """Look at the block again, `seconds` after the set-up."""
+    """Scan the block again, `seconds` after the set-up."""
     return check_setup(done, _visit(setup, array, seconds))
 
 
@@ -106,10 +106,10 @@ def _visit(setup: Setup[Any], array: Array, seconds: float) -> BlockScan:
 def place_coils(
     array: Array, s: Any, c: Any, R_WT: Any, R_WP: Any, phi: Any
 ) -> tuple[Any, Any]:  # fmt: skip
-    """Return the places (n, k) m of the coils on the unrolled surface, from those of the tip.
+    """Return the places (n, k) m of the coils on the unrolled surface.
 
-    `s`, `c` (n,) m of the tip; `R_WT` (n, 3, 3) its attitude; `R_WP` (3, 3) of the pipe; `phi` (n,)
-    rad around it.
+    `s`, `c` (n,) m are those of the tip; `R_WT` (n, 3, 3) is its attitude; `R_WP` (3, 3) that of
+    the pipe; `phi` (n,) rad the angle around it.
     """
     table = array.table
     turn = np.radians(table.axis_deg)

@@ -1,4 +1,4 @@
-"""What a search for cracks adds to the database: indications, calibrations, what was covered."""
+"""Entries of a crack search in the database: indications, calibrations, coverage."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from skywright.run.setup import Setup
 from skywright.vehicle.plant import SAMPLE_RATE
 
 WALL = 0.01
-"""m; the search knows no wall, and .nde requires one (assumed)."""
+"""m; the search measures no wall, but .nde requires one (assumed)."""
 SIGNALS = "array.nde"
 KEYS = (
     "layout", "coils", "width_m", "axis_deg", "frequency_khz", "inner_radius_m", "outer_radius_m",
     "winding_m", "recess_m", "gain_db", "phase_deg", "low_pass_hz", "high_pass_hz",
 )  # fmt: skip
-"""Of the instrument's table: what an inspector chooses."""
+"""Keys of the instrument's table that an inspector chooses."""
 
 
 def build_procedure(setup: Setup[CrackScan]) -> Procedure:
@@ -44,11 +44,11 @@ def build_procedure(setup: Setup[CrackScan]) -> Procedure:
 
 
 def build_entries(run: Flown[CrackScan, CrackWay]) -> Entries:
-    """Return what the flight knows: places lie on the pipe as the world's file has it, in W.
+    """Return the flight's entries: places lie on the pipe of the world's file, in W.
 
-    What touches cannot show, the place along the axis and the turn about it, is the registration
-    of the flight: of the datum where it saw one, else of the map. A search that was never begun has
-    its calibration alone.
+    The position along the axis and the rotation about it, which touches do not determine, come from
+    the flight's registration: the datum if one was measured, otherwise the map. A search that never
+    began has only its calibration.
     """
     found, procedure = run.once(find_search), run.task.procedure
     array, display = find_array(run.setup), run.way.display.setup

@@ -1,4 +1,4 @@
-"""What a report shows of a search for cracks: the map of the display, area, contact."""
+"""Figures of a report on a crack search: display map, area, contact."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from skywright.run.setup import Setup
 
 SWATH, MISSED = (86, 180, 233), (213, 94, 0)
 NATURES = {"crack": (204, 121, 167), "weld": (120, 120, 120), "ambiguous": (230, 159, 0)}
-"""Colours: apart for colour-blind eyes, too (Okabe and Ito's palette)."""
+"""Colours that colour-blind readers can distinguish (Okabe and Ito's palette)."""
 
 
 def draw_map(result: RunResult[CrackScan, CrackWay]) -> Figure | None:
-    """Height of the display over the unrolled surface, indications, and the true cracks."""
+    """Draw the display's height over the unrolled surface, indications, and the true cracks."""
     found = result.details
     if found is None or not np.isfinite(found.height).any():
         return None
@@ -61,7 +61,7 @@ def draw_map(result: RunResult[CrackScan, CrackWay]) -> Figure | None:
 
 
 def describe(result: RunResult[CrackScan, CrackWay]) -> str:
-    """Say what was found."""
+    """Return a sentence on coverage and reported cracks."""
     m = result.metrics
     if "crack.expected" not in m:
         return f"{name_flight(result)} searched nothing"
@@ -73,7 +73,7 @@ def describe(result: RunResult[CrackScan, CrackWay]) -> str:
 
 
 def list_notes(result: RunResult[CrackScan, CrackWay]) -> list[str]:
-    """Procedure, block, and each indication."""
+    """Return notes on procedure, block, and each indication."""
     p, found = result.description.mission.task.procedure, result.details
     out = [
         f"Procedure: {p.name}, revision {p.revision}. The display was set up on a notch of "
@@ -93,7 +93,7 @@ def list_notes(result: RunResult[CrackScan, CrackWay]) -> list[str]:
 
 
 def sketch(description: Description[CrackScan], way: CrackWay | None) -> Sketch:
-    """The passes, as of a scan."""
+    """Return the passes, as in a scan."""
     if way is None:
         return Sketch()
     shown: Any = SCAN.sketch(cast(Any, description), way.scan)
@@ -101,7 +101,7 @@ def sketch(description: Description[CrackScan], way: CrackWay | None) -> Sketch:
 
 
 def list_marks(result: RunResult[CrackScan, CrackWay]) -> list[Mark]:
-    """The edges of the swath, the parts that no coil covered, and the indications."""
+    """Return the edges of the swath, the missed parts, and the indications."""
     found = result.details
     if found is None:
         return []

@@ -1,4 +1,4 @@
-"""A search for cracks is flown as a scan; what it missed is planned and scanned once more."""
+"""Flight of a crack search: a scan, then a second scan of the missed parts."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ def fly(s: Supervisor[CrackScan], way: CrackWay) -> Flight:
 
 
 class Missed:
-    """Knows while the probe slides what the coils have covered, and plans the rest."""
+    """Tracks the coverage while the probe slides, and plans the passes over the missed parts."""
 
     def __init__(self, s: Supervisor[CrackScan], way: CrackWay) -> None:
-        """Made in the air, far from the pipe: what the coils read now is air."""
+        """Constructed in the air, far from the pipe: the present reading is that of air."""
         self._s, self._way = s, way
         self._array = find_array(way.setup)
         self._reading = s.vehicle.look(EddyArray.Reading)
@@ -58,8 +58,8 @@ class Missed:
         enough = cover.fraction >= procedure.coverage_fraction
         if enough and cover.hole_m <= procedure.hole_max_m:
             return None
-        # the array may lie askew to its passes: so much narrower is its swath, and so much further
-        # its ends have to go
+        # the array may be skewed to its passes: then its swath is narrower, and its ends have to go
+        # further
         swath = float(np.median(np.ptp(C, axis=1))) + width
         ahead = float(np.median(np.max(np.abs(S - s[:, None]), axis=1)))
         pitch = max(swath - (way.swath_m - way.pitch_m), 0.25 * swath)

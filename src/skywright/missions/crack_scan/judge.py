@@ -1,4 +1,4 @@
-"""Judge the indications of a search against the true cracks of the sector."""
+"""Evaluation of a search: its indications and the true cracks of the sector."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from skywright.run.flight import Flown
 from skywright.run.inspected import Inspected, InspectedFlaw
 
 NEAR = 0.008
-"""m: an indication this near to a crack's mouth is that crack's."""
+"""m: an indication within this distance of a crack's mouth is that crack's."""
 SITE = 0.02
-"""m: edge of a square of surface that counts as one place without a crack."""
+"""m: edge of a square of surface that counts as one site without a crack."""
 
 
 class Flaw(NamedTuple):
-    """A true crack of the sector, in places of the surface that the inspection knows."""
+    """A true crack of the sector, in coordinates of the surveyed surface."""
 
     name: str
     crack: Crack
     s: float
     c: float
-    wanted: tuple[float, float]  # s, c at which an indication of it shall be
+    wanted: tuple[float, float]  # s, c at which an indication of it is expected
 
     def measure(self, s: Array, c: Array) -> Array:
-        """Distance (n,) m of places from its mouth."""
+        """Return the distance (n,) m of places from its mouth."""
         turn, half = math.radians(self.crack.angle_deg), self.crack.length_m / 2
         ds, dc = np.asarray(s) - self.s, np.asarray(c) - self.c
         along = ds * math.sin(turn) + dc * math.cos(turn)
@@ -45,11 +45,11 @@ class Flaw(NamedTuple):
 
 
 def list_flaws(run: Flown[CrackScan, CrackWay]) -> tuple[list[Flaw], list[Flaw]]:
-    """Return the cracks in the sector that was asked for, and those beside it.
+    """Return the cracks in the requested sector, and those beside it.
 
-    Their places are carried to the pipe that the survey found, as it counts s and c. Where it
-    counts them from a datum, they are wanted at their places on the asset: what the datum is off
-    by, an indication is.
+    Their places are expressed on the surveyed pipe, in its s and c. With a datum, indications are
+    expected at the cracks' places on the asset: an error of the datum is an error of the
+    indication.
     """
     true, task = run.setup.true.cylinder, run.task
     known = get_surface(as_scan(run)) or run.setup.cylinder
@@ -84,8 +84,8 @@ def match(
 ) -> tuple[list[float | None], int]:
     """Return the distance (m) of the nearest report of each flaw, or None; and the false calls.
 
-    Reports are cracks and ambiguous indications that point upwards; each belongs to a flaw within
-    NEAR, of the sector or `beside` it, or is a false call.
+    Reports are cracks and ambiguous indications with a positive height. A report within NEAR of a
+    flaw of the sector, or `beside` it, belongs to that flaw; any other is a false call.
     """
     reports = [
         x for x in found if x.nature == "crack" or (x.nature == "ambiguous" and x.height > 0)
@@ -103,7 +103,7 @@ def match(
 
 
 def find_inspected(run: Flown[CrackScan, CrackWay]) -> Inspected:
-    """Return the cracks of the sector, found or not, and its places without a crack."""
+    """Return the cracks of the sector, found or not, and its sites without a crack."""
     (flaws, beside), found = list_flaws(run), run.once(find_search)
     if found is None:
         return Inspected(tuple(
@@ -131,7 +131,7 @@ def _measure(flaw: Flaw) -> dict[str, float]:
 
 
 def _count_sites(found: Search, flaws: list[Flaw], false: int) -> tuple[int, int]:
-    """Return the covered squares without a crack, and how many of them were called."""
+    """Return the number of covered squares without a crack, and of false calls among them."""
     cells = found.cover.sector.cells[found.cover.covered]
     if not len(cells):
         return 0, 0

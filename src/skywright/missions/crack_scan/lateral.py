@@ -1,4 +1,4 @@
-"""How far a pass may lie beside its path: the procedure's deviation, and what gusts add to it."""
+"""Lateral deviation of a pass from its path: that of the procedure, and the part of gusts."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from skywright.run.setup import Setup
 from skywright.vehicle.loops import choose_bandwidths
 
 MORE = 1.5
-"""Fitted: times what the linear loop gives for gusts. Six flights over the top, with means of 1.5
-and 2.5 m/s, had 1.4 to 1.5 times its spread (benchmarks/crack_lateral.py). The cause is not known;
-the loop leaves out the drag's error, most of the friction, and the holder behind the tip."""
+"""Fitted factor on the gust response of the linear loop. Six flights over the top, with means of
+1.5 and 2.5 m/s, had 1.4 to 1.5 times its spread (benchmarks/crack_lateral.py). The cause is not
+known; the loop omits the drag's error, most of the friction, and the holder behind the tip."""
 
 
 def compute_lateral_std(setup: Setup[Any]) -> float:
     """Return the standard deviation (m) of a pass across it, in the mission's wind.
 
-    The procedure's `lateral_std_m` is that without gusts: friction and the localisation. A gust
-    moves the tip along the surface by the transfer of the position loop (`compute_tip_response`).
-    A steady wind adds nothing: the integral takes it up.
+    The procedure's `lateral_std_m` applies without gusts: friction and localisation. Gusts move the
+    tip along the surface by the transfer function of the position loop (`compute_tip_response`). A
+    steady wind adds nothing, because the integral compensates it.
     """
     own = float(setup.task.procedure.lateral_std_m)
     wind, cylinder = setup.world.wind, setup.cylinder
@@ -55,11 +55,11 @@ def compute_lateral_std(setup: Setup[Any]) -> float:
 
 
 def compute_tip_response(setup: Setup[Any]) -> Array:
-    """Return how far (m) the tip is moved along the surface by 1 N, (n,) at GUST_FREQUENCIES.
+    """Return the motion (m) of the tip along the surface for 1 N, (n,) at GUST_FREQUENCIES.
 
-    Laws close law (4)'s loop there: x / F = s / (m s^3 + (2 zeta m w + b) s^2 + m w^2 (s + w_i)).
-    The tip slides, so the friction mu F across its way is as that of a damper b = mu F / v, which
-    half of what is believed of it makes.
+    The loop is that of law (4): x / F = s / (m s^3 + (2 zeta m w + b) s^2 + m w^2 (s + w_i)). The
+    tip slides, so the friction mu F across its path acts as a damper b = mu F / v. Half of the
+    nominal friction is used.
     """
     law = build_law(setup.description, setup)
     c = choose_bandwidths(law.table, setup)

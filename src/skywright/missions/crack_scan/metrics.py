@@ -1,4 +1,4 @@
-"""Metrics of the kind "crack-scan": cracks found, false calls, area, and the check of the block."""
+"""Metrics of the kind "crack-scan": cracks found, false calls, area, check on the block."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from skywright.run.kind import Measures
 from skywright.run.where import PLANNING, WHOLE, Where
 
 SHARED = ("contact.", "tip.", "touch.", "platform.", "rotors.")
-"""Begins of the names of metrics that it has of the kind that it is flown as."""
+"""Prefixes of the metrics that this kind shares with the scan that it is flown as."""
 
 MEASURES: Measures = {
     "crack.expected": ("", "number of cracks in the requested sector"),
@@ -57,7 +57,7 @@ MEASURES: Measures = {
     **SURVEY_MEASURES,
     **DATUM_MEASURES,
 }
-"""Metric -> unit and meaning, of those that only this kind has."""
+"""Metric -> unit and meaning, for the metrics that only this kind has."""
 WHERE = {
     **dict.fromkeys((*SHARED, "force.", "crack.", "coverage."), SCAN),
     "coverage.pitch": PLANNING,
@@ -71,7 +71,7 @@ WHERE = {
 
 
 def compute_metrics(run: Flown[CrackScan, CrackWay]) -> dict[str, float]:
-    """Contact of the scan, then what was found and covered."""
+    """Return the metrics of contact, then those of the search."""
     scan: dict[str, float] = judge_scan(as_scan(run))
     out = {k: v for k, v in scan.items() if not k.startswith(("weld.", "coverage."))}
     found = run.once(find_search)
@@ -89,7 +89,7 @@ def judge_search(run: Flown[CrackScan, CrackWay], found: Search) -> dict[str, fl
     errors, false = match(found.indications, flaws, beside)
     samples = run.samples[SCAN.select(run.samples, run.phases)]
     good = (samples["gap_max"] < run.task.procedure.gap_max_m) & (samples["tilt"] < TILT_LIMIT)
-    cover = compute_cover(found.cover.sector, found.s[good], found.c[good])  # in truth
+    cover = compute_cover(found.cover.sector, found.s[good], found.c[good])  # true coverage
     hit = [e for e in errors if e is not None]
     out = {
         "crack.expected": float(len(flaws)),

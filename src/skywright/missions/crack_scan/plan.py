@@ -1,4 +1,4 @@
-"""Plan a search for cracks: passes as close as swath and lateral error need."""
+"""Plan of a crack search: the pitch of the passes follows from swath and lateral error."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 
 OUTER_RADIUS = 0.0025
-"""m, of the coil of COIL_WIDTH: the width of others is in proportion."""
+"""m, of the coil of COIL_WIDTH: the footprint of other coils scales with their radius."""
 
 
 class CrackWay(NamedTuple):
-    """What the mission will do."""
+    """Display, passes and plan of the search."""
 
     scan: ScanWay
-    display: Display  # on the block, before the flight
+    display: Display  # set up on the block before the flight
     swath_m: float  # of one pass
-    pitch_m: float  # largest distance of passes
+    pitch_m: float  # largest distance between passes
     lateral_std_m: float  # of a pass, in the wind of the mission
     passes: int
     setup: Setup[CrackScan]  # to plan again with
@@ -48,8 +48,8 @@ class CrackWay(NamedTuple):
 def plan(setup: Setup[CrackScan]) -> MissionPlan[CrackWay]:
     """Set up the display, choose the passes, and plan their scan.
 
-    Raises InputError for a robot without an array, a sector narrower than the swath, and a block
-    that cannot be set up on.
+    Raises InputError for a robot without an array, a sector narrower than the swath, and an
+    unsuitable block.
     """
     array, task = find_array(setup), setup.task
     pipe = setup.world.pipe
@@ -67,7 +67,7 @@ def plan(setup: Setup[CrackScan]) -> MissionPlan[CrackWay]:
     lateral = compute_lateral_std(setup)
     pitch = compute_pitch(swath, array, task.procedure, lateral)
     passes = task.passes or 1 + math.ceil((arc - swath) / pitch - 1e-9)
-    # the outer passes lie half a swath inside the sector, less what they may be off
+    # the outer passes lie half a swath inside the sector, less their lateral error
     inside = arc - swath + (swath - pitch)
     narrow = math.degrees(2 * max(inside, 1e-4) / pipe.diameter_m)
     d = setup.description
@@ -96,9 +96,10 @@ def plan(setup: Setup[CrackScan]) -> MissionPlan[CrackWay]:
 def find_askew(
     array: Array, setup: Setup[CrackScan], rows: Any, swath: float, pitch: float
 ) -> str | None:
-    """Say that the array of a planned scan lies so askew to its passes that they leave gaps.
+    """Return a refusal if the array is so skewed to its passes that they leave gaps, or None.
 
-    A level platform heads along the level part of the probe's axis, and the array turns with it.
+    The heading of a level platform follows the level part of the probe's axis, and the array turns
+    with it.
     """
     cylinder = setup.cylinder
     if cylinder is None or array.table.coils < 2:
@@ -122,7 +123,8 @@ def find_askew(
 
 
 def _sum_touches(way: Any) -> float:
-    """Time (s) of the survey's touches and of settling, which the segments leave out."""
+    """Return the time (s) of the survey's touches and of settling, which the segments do not
+    include."""
     rest = TRIM_TIMES[0] + SETTLE
     if way is None or way.survey is None:
         return rest
@@ -145,10 +147,10 @@ def compute_swath(array: Array) -> float:
 def compute_pitch(
     swath: float, array: Array, procedure: CrackProcedure, lateral: float
 ) -> float:  # fmt: skip
-    """Return the largest distance (m) of passes that leaves gaps on 1 % of their length.
+    """Return the largest distance (m) of passes that leaves gaps on at most 1 % of their length.
 
-    Both passes are off by `lateral` (m): p = w - 2.33 sqrt(2) s, and at most w less the overlap.
-    Raises InputError where the lateral error leaves nothing.
+    Both passes have the lateral deviation `lateral` (m): p = w - 2.33 sqrt(2) s, limited to w less
+    the overlap. Raises InputError if the lateral error leaves nothing.
     """
     overlap = procedure.overlap_fraction * compute_coil_width(array)
     pitch = swath - max(2.33 * math.sqrt(2.0) * lateral, overlap)

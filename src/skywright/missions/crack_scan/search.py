@@ -1,4 +1,4 @@
-"""What a search found: the display over the surface, indications, coverage, the block after it."""
+"""Result of a search: the display over the surface, indications, coverage, final block check."""
 
 from __future__ import annotations
 
@@ -28,23 +28,23 @@ TILT_LIMIT = math.radians(10.0)
 
 
 class Search(NamedTuple):
-    """Of one flight; places are on the pipe as the survey found it."""
+    """Result of one flight; places are on the surveyed pipe."""
 
     s: Numbers  # (n, k) m, of the coils
     c: Numbers
-    height: Numbers  # (n, k) % FSH, less what is slow; NaN where the gap was too large
+    height: Numbers  # (n, k) % FSH, without slow changes; NaN where the gap was too large
     indications: list[Indication]
     counts: Mask  # (n, k), which readings are in contact, by their lift-off and the tip's axis
-    cover: Cover  # what the robot knows to have covered
+    cover: Cover  # coverage according to the robot
     z: Any  # (n, k) complex, display units
     t: Numbers  # (n,) s
     place: Numbers  # (n, 2) s, c m of the tip
-    known: Cylinder  # the pipe as the survey found it
+    known: Cylinder  # the surveyed pipe
     check: SetupCheck  # on the block, after the flight
 
 
 def find_search(run: Flown[CrackScan, CrackWay]) -> Search | None:
-    """Process the scan; None where it never came to scanning."""
+    """Process the scan; returns None if it never began."""
     samples = run.samples[SCAN.select(run.samples, run.phases)]
     known = get_surface(as_scan(run))
     if known is None or not len(samples) or not has_columns(samples, "eddy_array"):
@@ -81,13 +81,13 @@ def read_signals(samples: Any, coils: int) -> Any:
 
 
 def find_air(run: Flown[CrackScan, CrackWay], coils: int) -> Any:
-    """Return what each coil (coils,) read in the air, on the ground before the flight."""
+    """Return the reading of each coil (coils,) in the air, on the ground before the flight."""
     z = read_signals(run.samples[AIR.select(run.samples, run.phases)], coils)
     return np.median(z.real, axis=0) + 1j * np.median(z.imag, axis=0)
 
 
 def find_contact(display: Display, z: Any, air: Any, gap_max: float) -> Mask:
-    """Return which signals (n, k) were read with a gap below `gap_max` (m), by their lift-off."""
+    """Return which signals (n, k) have a gap below `gap_max` (m), by their lift-off."""
     gap = display.measure_gaps(z, air)
     return np.asarray(np.isfinite(gap) & (np.nan_to_num(gap, nan=np.inf) < gap_max))
 
@@ -100,7 +100,7 @@ def compute_tilt(samples: Any, known: Cylinder, c: Numbers) -> Numbers:
 
 
 def read_attitude(samples: Any) -> Numbers:
-    """Return the tip's attitude (n, 3, 3), as it was led: the coils' places follow from it."""
+    """Return the tip's reference attitude (n, 3, 3), from which the coils' places follow."""
     n = len(samples)
     return np.stack(
         [rotate_vectors(samples["ref_q_WT"], np.tile(e, (n, 1))) for e in np.eye(3)], axis=2
@@ -108,7 +108,7 @@ def read_attitude(samples: Any) -> Numbers:
 
 
 def as_scan(run: Flown[CrackScan, CrackWay]) -> Any:
-    """Return the flight as one of the kind that it is flown as."""
+    """Return the flight as one of the kind "scan"."""
     plan = run.plan._replace(way=cast(Any, run.way.scan))
     return Flown(cast(Any, run.setup), plan, run.samples, run.phases)
 

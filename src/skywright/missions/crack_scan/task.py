@@ -1,4 +1,4 @@
-"""What a mission of the kind "crack-scan" may say."""
+"""Keys of a mission of the kind "crack-scan"."""
 
 from __future__ import annotations
 
@@ -12,17 +12,18 @@ from skywright.missions.skills.procedure import CrackProcedure
 
 
 class CrackScan(Scan):
-    """Search a sector of the pipe's surface for cracks, with passes as close as the swath needs."""
+    """Search a sector of the pipe's surface for cracks, in passes whose pitch follows from the
+    swath."""
 
     pattern: Literal["raster"] = "raster"  # axial passes, joined by steps
-    passes: int = Field(default=0, ge=0, le=100)  # axial passes; 0: as many as the swath needs
-    again: bool = True  # scan missed parts once more, where the procedure asks for it
+    passes: int = Field(default=0, ge=0, le=100)  # axial passes; 0: as many as the swath requires
+    again: bool = True  # scan missed parts once more if the procedure requires it
     procedure: CrackProcedure = CrackProcedure()
 
     def get_least_pitch(self, robot: Robot) -> float:
-        """Passes overlap: they may be as close as 1 mm."""
+        """Return the least distance (m) of passes: they overlap, down to 1 mm."""
         return 0.001
 
     def get_gap_limit(self) -> float | None:
-        """What the procedure accepts."""
+        """Return the largest gap (m) that the procedure accepts."""
         return self.procedure.gap_max_m

@@ -5,7 +5,7 @@ from skywright.run.folder_kind import FolderKind
 
 
 class ExcitationKind(FolderKind[ExcitationTask]):
-    """Shake the robot, so that its parameters can be identified."""
+    """Excite the robot's dynamics, so that its parameters can be identified."""
 
     task = ExcitationTask
     needs = frozenset({"uav", "dynamics"})

@@ -1,4 +1,4 @@
-"""What a report shows of an excitation flight: nothing that other flights lack."""
+"""Figures of a report on an excitation flight: only those of any flight."""
 
 from skywright.missions.excitation.task import ExcitationTask
 from skywright.reports.explain import format_value
@@ -7,7 +7,7 @@ from skywright.run.run import RunResult
 
 
 def describe(result: RunResult[ExcitationTask, None]) -> str:
-    """Say what was flown."""
+    """Return a sentence on the flight."""
     d = result.description
     moves = sum(name.startswith("excite") for name in result.plan.segments)
     seconds = format_value(result.metrics.get("flight.duration_s"))

@@ -1,4 +1,4 @@
-"""An excitation flight: motions from which `skywright identify` learns a robot's parameters."""
+"""An excitation flight: motions from which `skywright identify` estimates a robot's parameters."""
 
 from skywright.missions.excitation.task import ExcitationTask
 from skywright.run.flight import Flight

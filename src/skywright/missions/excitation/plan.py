@@ -1,4 +1,4 @@
-"""An excitation flight: motions from which `skywright identify` learns a robot's parameters."""
+"""An excitation flight: motions from which `skywright identify` estimates a robot's parameters."""
 
 import math
 import time
@@ -80,7 +80,7 @@ def plan(setup: Setup[ExcitationTask]) -> MissionPlan[None]:
 
 
 def _rest(d: Description, hover: Array) -> Any:
-    """Return the REFERENCE row of hovering with the arm folded."""
+    """Return the REFERENCE row of hover with the arm folded."""
     row = np.zeros(1, REFERENCE)[0]
     q = posture(d.robot, "folded")
     R = rot_z(float(hover[3]))
@@ -94,7 +94,7 @@ def _rest(d: Description, hover: Array) -> Any:
 def _check_clearance(
     setup: Setup[ExcitationTask], table: NDArray[Any], name: str, n: int, least: float
 ) -> tuple[float, str]:
-    """Return the smallest clearance so far, and what comes too close ("" when nothing)."""
+    """Return the smallest clearance so far, and which geometries are too close, or ""."""
     query, mission = setup.clearance, setup.description.mission
     keeps, apart = mission.clearance_m, mission.self_clearance_m
     for row in table[:: 25 if name.startswith("excite") else 10]:

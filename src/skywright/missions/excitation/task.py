@@ -1,4 +1,4 @@
-"""What a mission of the kind "excitation" may say."""
+"""Keys of a mission of the kind "excitation"."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from skywright.planning.excitation import (
     count_lines,
 )
 
-LINES = 3  # fewest sines that a channel needs
+LINES = 3  # least number of sines per channel
 
 
 class ExcitationTask(Task):
-    """What is moved, and how much; amplitudes are peaks and shrink where the rotors ask for it."""
+    """Motions and their peak amplitudes, which are reduced if the rotors require it."""
 
     # duration of the excitation in each pose
     duration_s: float = Field(default=40.0, ge=4 * RAMP, le=600)

@@ -1,4 +1,4 @@
-"""What a report shows of the three flight modes (Fig. 20 of Sanchez-Cuevas 2020)."""
+"""Figures of a report on the three flight modes (Fig. 20 of Sanchez-Cuevas 2020)."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -19,7 +19,7 @@ MODES = {
 
 
 def draw_modes(result: RunResult[ModesTask, ModesPlan]) -> Figure | None:
-    """Roll, pitch and level position against their references."""
+    """Draw roll, pitch and level position against their references."""
     s = result.samples
     if not len(s):
         return None
@@ -54,7 +54,7 @@ def _compute_angle(q: np.ndarray, axis: int) -> np.ndarray:
 
 
 def describe(result: RunResult[ModesTask, ModesPlan]) -> str:
-    """Say what was held."""
+    """Return a sentence on the accuracy of the modes."""
     d, m = result.description, result.metrics
     did = f"{d.robot.name} in world {d.world.name} "
     if "modes.tilt_deg" not in m or "modes.translate_tilt_deg" not in m:

@@ -1,9 +1,8 @@
-"""The three flight modes of Sanchez-Cuevas 2020, section 5.3, one after the other (Fig. 20).
+"""The three flight modes of Sanchez-Cuevas 2020, section 5.3, in sequence (Fig. 20).
 
-Standard stabilisation is a linear cascade on attitude and height, as of a coplanar robot; position
-is left alone.
-Command position translates with the attitude held level, command angle tilts with the position
-held. The last two are one law with different references.
+Standard stabilisation is a linear cascade on attitude and height, as for a coplanar robot; it does
+not control the position. Command position translates with a level attitude, command angle tilts at
+a fixed position. The last two are one law with different references.
 """
 
 import math
@@ -21,7 +20,7 @@ from skywright.run.supervisor import Supervisor
 
 
 def fly(s: Supervisor[ModesTask], way: ModesPlan) -> Flight:
-    """Standard stabilisation (in calm air), command position, command angle."""
+    """Fly standard stabilisation (in calm air), command position and command angle."""
     task, vehicle = s.task, s.vehicle
     level = np.array(vehicle.reference["R_WB"])
     home = np.array(vehicle.reference["p_WB"])
@@ -36,7 +35,7 @@ def fly(s: Supervisor[ModesTask], way: ModesPlan) -> Flight:
         s.body.track(move)
         s.until_arrived()
 
-    if way.calm:  # a wind would carry it off at once: that is what the mode lacks
+    if way.calm:  # in wind this mode would drift, because it has no position control
         go("standard stabilisation", home, level, MODE_STANDARD)
         s.wait(1.0)
         for sign in (1.0, -1.0, 0.0):
@@ -45,7 +44,7 @@ def fly(s: Supervisor[ModesTask], way: ModesPlan) -> Flight:
             s.wait(task.standard_s)
         drifted = np.array(vehicle.estimate["p_WB"])
         drifted[2] = home[2]
-        s.begin("take over")  # where it is now
+        s.begin("take over")  # at the present position
         row = set_rest(vehicle.reference)
         row["p_WB"], row["R_WB"], row["mode"] = drifted, level, MODE_POSE
         s.body.track(row[None])
@@ -68,7 +67,7 @@ def fly(s: Supervisor[ModesTask], way: ModesPlan) -> Flight:
 
 
 def turn_about(R: Array, axis: int, angle: float) -> Array:
-    """Return R turned by `angle` (rad) about its own axis."""
+    """Return R rotated by `angle` (rad) about its own axis."""
     turn, out = np.zeros(3), np.empty((3, 3))
     turn[axis] = angle
     exp_so3(turn, out)

@@ -1,4 +1,4 @@
-"""Metrics of the kind "flight-modes": what each mode holds, and what it lets go."""
+"""Metrics of the kind "flight-modes": tracking errors and drift of each mode."""
 
 import math
 
@@ -29,7 +29,7 @@ MEASURES: Measures = {
     ),
     "modes.standard_drift_m": ("m", "drift in standard stabilisation"),
 }
-"""Metric -> unit and meaning, of those that only this kind has."""
+"""Metric -> unit and meaning, for the metrics that only this kind has."""
 
 HOLD, ANGLE = Where(("hold angle",)), Where(("command angle", "hold angle"))
 MOVE, STANDARD = Where(("command position",)), Where(("standard stabilisation",))
@@ -45,15 +45,15 @@ WHERE = {
 
 
 def compute_tilt(samples: Samples) -> Array:
-    """Angle (n,) rad between the platform's axis and the vertical."""
+    """Return the angle (n,) rad between the platform's axis and the vertical."""
     up = rotate_vectors(samples["q_WB"], np.tile([0.0, 0.0, 1.0], (len(samples), 1)))[:, 2]
     return np.asarray(np.arccos(np.clip(up, -1.0, 1.0)))
 
 
 def compute_coupling(samples: Samples, gravity: float) -> float:
-    """Return what of g times the tilt the platform accelerates level: 1 a coplanar robot, 0 none.
+    """Return the horizontal acceleration over g times the tilt: 1 for a coplanar robot, 0 for none.
 
-    Least squares over the samples; nan where it does not tilt.
+    Least squares over the samples; NaN without tilt.
     """
     up = rotate_vectors(samples["q_WB"], np.tile([0.0, 0.0, 1.0], (len(samples), 1)))[:, :2]
     t = samples["t"]
@@ -63,7 +63,7 @@ def compute_coupling(samples: Samples, gravity: float) -> float:
 
 
 def compute_metrics(run: Flown[ModesTask, ModesPlan]) -> dict[str, float]:
-    """Judge each mode that was flown."""
+    """Evaluate each mode that was flown."""
     samples, phases, way = run.samples, run.phases, run.way
     gravity = run.setup.description.world.gravity_mps2
     out = {"modes.tilt_fraction": way.due / way.limit}

@@ -1,9 +1,8 @@
-"""The three flight modes of Sanchez-Cuevas 2020, section 5.3, one after the other (Fig. 20).
+"""The three flight modes of Sanchez-Cuevas 2020, section 5.3, in sequence (Fig. 20).
 
-Standard stabilisation is a linear cascade on attitude and height, as of a coplanar robot; position
-is left alone.
-Command position translates with the attitude held level, command angle tilts with the position
-held. The last two are one law with different references.
+Standard stabilisation is a linear cascade on attitude and height, as for a coplanar robot; it does
+not control the position. Command position translates with a level attitude, command angle tilts at
+a fixed position. The last two are one law with different references.
 """
 
 import math
@@ -21,20 +20,20 @@ from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 
 CALM_DUE, WINDY_DUE = 0.85, 0.7
-"""Of the computed hover tilt that must be held where the task names none."""
+"""Fraction of the computed hover tilt that must be held if the task gives no tilt."""
 LEAST_TILT = math.radians(9.0)
-"""To be held in calm air, where the limit allows."""
+"""Tilt to be held in calm air if the limit allows it."""
 LAG = math.radians(0.5)
-"""By which the attitude stays behind on the average of a hold, while the integral learns the
-torque of the new attitude: it is asked for on top."""
+"""Mean attitude error of a hold while the integral adapts to the torque of the new attitude; it is
+added to the reference."""
 
 
 class ModesPlan(NamedTuple):
-    """What is asked for, and what could be."""
+    """Reference, requirement and limit of the tilt."""
 
     tilt: float  # rad, reference
-    due: float  # rad, to be held
-    limit: float  # rad, computed hover tilt, in the wind of the world
+    due: float  # rad, tilt to be held
+    limit: float  # rad, computed hover tilt in the world's wind
     calm: bool
 
 
@@ -57,7 +56,7 @@ def plan(setup: Setup[ModesTask]) -> MissionPlan[ModesPlan]:
     calm = d.world.wind.kind == "none"
     key = "calm_fraction" if calm else "tilt_fraction"
     share: float = getattr(task, key)
-    most = share * limit - LAG  # to be held
+    most = share * limit - LAG  # tilt to be held
     due = max(CALM_DUE * limit, LEAST_TILT) if calm else WINDY_DUE * limit
     due = min(due, most) if task.tilt_deg is None else math.radians(task.tilt_deg)
     blocked, air = None, "" if calm else f" in {compute_speed(d.world.wind):.1f} m/s of wind"

@@ -1,4 +1,4 @@
-"""What a mission of the kind "flight-modes" may say."""
+"""Keys of a mission of the kind "flight-modes"."""
 
 from pydantic import Field
 
@@ -7,14 +7,14 @@ from skywright.description.mission.spec import Task
 
 
 class ModesTask(Task):
-    """How far each mode goes."""
+    """Amplitudes of the modes."""
 
     # tilt of the mode command angle; default: from the computed hover limit
     tilt_deg: float | None = Field(default=None, gt=0, le=30)
-    # of the computed hover tilt that may be commanded: the rotors need the rest for errors of mass,
+    # largest fraction of the computed hover tilt in calm air: the rest compensates errors of mass,
     # gain and drag
     calm_fraction: Fraction = 0.95
-    tilt_fraction: Fraction = 0.75  # largest share of that limit in wind
+    tilt_fraction: Fraction = 0.75  # largest fraction of that limit in wind
     # length of the translation in the mode command position
     distance_m: float = Field(default=1.0, gt=0, le=20)
     # tilt of the mode standard stabilisation

@@ -5,7 +5,7 @@ from skywright.run.folder_kind import FolderKind
 
 
 class FollowPlanKind(FolderKind[FollowPlan]):
-    """Fly a plan file, whoever planned it."""
+    """Fly a plan file from any planner."""
 
     task = FollowPlan
     needs = frozenset({"uav"})

@@ -1,4 +1,4 @@
-"""What a report shows of a flight along a plan file: nothing that other flights lack."""
+"""Figures of a report on a flight along a plan file: only those of any flight."""
 
 from skywright.missions.follow_plan.task import FollowPlan
 from skywright.reports.explain import format_value
@@ -7,7 +7,7 @@ from skywright.run.run import RunResult
 
 
 def describe(result: RunResult[FollowPlan, None]) -> str:
-    """Say what was flown."""
+    """Return a sentence on the flight."""
     d = result.description
     seconds = format_value(result.metrics.get("transport.duration_s"))
     return f"{d.robot.name} in world {d.world.name} followed a plan for {seconds} s"

@@ -1,15 +1,15 @@
-"""Fly a plan file of platform and joints through the vehicle layer, whoever planned it."""
+"""Fly a plan file of platform and joints, from any planner, through the vehicle layer."""
 
 from skywright.missions.follow_plan.task import FollowPlan
 from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor
 
-STEADY_S = 3.0  # s, of hovering before the plan
+STEADY_S = 3.0  # s, of hover before the plan
 SETTLE_S = 2.0  # s, at its end
 
 
 def fly(s: Supervisor[FollowPlan], way: None) -> Flight:
-    """Take the plan's first pose, follow it, settle. The flight ends hovering there."""
+    """Move to the plan's first pose, follow the plan, settle. The flight ends in hover there."""
     table = s.segments["plan"]
     n = s.vehicle.n_joints
     if n:

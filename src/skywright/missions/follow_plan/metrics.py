@@ -1,4 +1,4 @@
-"""Metrics of the kind "follow-plan": those of a transport, of whatever is carried."""
+"""Metrics of the kind "follow-plan": those of a transport, with or without a load."""
 
 from skywright.missions.bar_transport.metrics import MEASURES, WHERE, compute_metrics
 

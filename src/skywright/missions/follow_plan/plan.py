@@ -1,4 +1,4 @@
-"""Fly a plan file of platform and joints through the vehicle layer, whoever planned it."""
+"""Fly a plan file of platform and joints, from any planner, through the vehicle layer."""
 
 import time
 
@@ -11,7 +11,7 @@ from skywright.run.setup import Setup
 
 
 def plan(setup: Setup[FollowPlan]) -> MissionPlan[None]:
-    """Read and check the file; a plan that touches something is refused."""
+    """Load and check the file; a plan with contact is refused."""
     began = time.perf_counter()
     d, file = setup.description, setup.task.plan_file
     if not file:

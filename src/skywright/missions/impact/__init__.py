@@ -5,7 +5,7 @@ from skywright.run.folder_kind import FolderKind
 
 
 class ImpactKind(FolderKind[Impact]):
-    """Fly into something padded with hand or link."""
+    """Fly into a padded obstacle with hand or link."""
 
     task = Impact
     needs = frozenset({"uav", "dynamics"})

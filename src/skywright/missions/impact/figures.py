@@ -1,4 +1,4 @@
-"""What a report shows of a collision: force on the pad, load on the platform, recoil."""
+"""Figures of a report on a collision: force on the pad, load on the platform, recoil."""
 
 import math
 from typing import Any
@@ -29,7 +29,7 @@ BEFORE_S = 0.1
 
 
 def draw_impact(result: RunResult[Impact, ImpactPlan]) -> Figure | None:
-    """Loads and recoil around the contact; peaks at 1 kHz."""
+    """Draw loads and recoil around the contact; peaks at 1 kHz."""
     s = result.samples
     near = NEAR.select(s, result.phases)
     first = find_contact(s, near)
@@ -86,7 +86,7 @@ def _draw_recoil(
 
 
 def describe(result: RunResult[Impact, ImpactPlan]) -> str:
-    """Say what hit what, and how hard."""
+    """Return a sentence on the parts that collided, speed and loads."""
     d = result.description
     did = f"{d.robot.name} in world {d.world.name} "
     torque = result.metrics.get("impact.peak_torque_nm")

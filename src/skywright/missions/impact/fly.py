@@ -1,10 +1,10 @@
-"""Fly into something padded with the left hand or with the passive link (Suarez 2020, table 3).
+"""Fly into a padded obstacle with the left hand or with the passive link (Suarez 2020, table 3).
 
-The robot flies at a constant speed and does not know of the obstacle until it feels it: its
-reference runs on for the reaction time after the contact, stops, and backs off later. A flight
-rather than a thing thrown at a hovering robot: the energy that arm, springs and link must take is
-then the robot's own at that speed, no projectile's mass has to be invented, and the flight law
-takes part as it would.
+The robot flies at a constant speed and has no information on the obstacle until it detects contact:
+its reference continues for the reaction time after the contact, stops, and backs off later. This is
+a flight rather than an object thrown at a hovering robot. The energy that arm, springs and link
+absorb is then the robot's own at that speed, no projectile's mass has to be assumed, and the flight
+law takes part.
 """
 
 import numpy as np
@@ -22,11 +22,11 @@ from skywright.missions.impact.task import Impact
 from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor
 
-ZERO_S = 0.2  # before the planned contact: the gauges are set to zero
+ZERO_S = 0.2  # s, before the planned contact, over which the gauges are tared
 
 
 def _build_table(s: Supervisor, way: ImpactPlan) -> Table:
-    """Reference rows of the run."""
+    """Return the reference rows of the run."""
     start = np.array(s.vehicle.reference)
     for field in ("v_WB", "a_WB", "w_WB_B", "wd_WB_B", "qd", "v_WT"):
         start[field] = 0.0
@@ -41,7 +41,7 @@ def _build_table(s: Supervisor, way: ImpactPlan) -> Table:
 
 
 def fly(s: Supervisor[Impact], way: ImpactPlan) -> Flight:
-    """Run into the pad, stop, fly back."""
+    """Fly into the pad, stop, fly back."""
     home = np.array(s.vehicle.reference["p_WB"])
     s.begin("impact pose")
     s.arms.move_to(way.q)

@@ -1,4 +1,4 @@
-"""Metrics of the kind "impact": loads on the platform, recoil, and what the pad received."""
+"""Metrics of the kind "impact": loads on platform and pad, and recoil."""
 
 import math
 from typing import Any
@@ -57,10 +57,10 @@ MEASURES: Measures = {
     ),
     "impact.overrun_m": ("m", "distance that the platform travels on after contact"),
 }
-"""Metric -> unit and meaning, of those that only this kind has."""
+"""Metric -> unit and meaning, for the metrics that only this kind has."""
 
 NEAR = Where(("impact", "retreat"), "from contact on")
-BEFORE_S = 0.05  # s over which the speed before the contact is taken
+BEFORE_S = 0.05  # s over which the speed before the contact is measured
 WHERE = {
     "impact.": NEAR,
     "impact.speed": NEAR._replace(note=f"the last {BEFORE_S:g} s before contact"),
@@ -78,7 +78,7 @@ OPEN_S = 0.05  # s without a force after which a contact counts as over
 
 
 def compute_metrics(run: Flown[Impact, ImpactPlan]) -> dict[str, float]:
-    """Judge the collision; without one there is nothing to tell."""
+    """Evaluate the collision; returns {} without one."""
     samples, phases, task, way = run.samples, run.phases, run.task, run.way
     near = NEAR.select(samples, phases)
     first = find_contact(samples, near)
@@ -117,7 +117,7 @@ def compute_metrics(run: Flown[Impact, ImpactPlan]) -> dict[str, float]:
 
 
 def compute_pitch_torque(setup: Setup[Impact], q: Array) -> float:
-    """Return the torque (N m) that the rotors can make in pitch while they carry the robot."""
+    """Return the torque (N m) that the rotors can produce in pitch while they carry the robot."""
     layout = build_layout(setup.rotors, setup.robot.rotors.thrust_fraction)
     mass, p_BC, _ = compute_body(setup.model, q)
     weight = wrench_at(mass * setup.world.gravity_mps2 * UP, p_BC)
@@ -125,14 +125,14 @@ def compute_pitch_torque(setup: Setup[Impact], q: Array) -> float:
 
 
 def compute_tilt(samples: NDArray[Any], before: Any) -> Array:
-    """Angle (n,) rad between the platform's vertical axis and where it pointed in `before`."""
+    """Return the angle (n,) rad of the platform's vertical axis from its direction in `before`."""
     up = np.tile([0.0, 0.0, 1.0], (len(samples), 1))
     cosine = rotate_vectors(samples["q_WB"], up) @ rotate_vectors(before["q_WB"][None], up[:1])[0]
     return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
 def compute_turn(samples: NDArray[Any], before: Any) -> Array:
-    """Change (n,) rad of the platform's heading since `before`."""
+    """Return the change (n,) rad of the platform's heading since `before`."""
 
     def heading(q: Array) -> Array:
         ahead = rotate_vectors(q, np.tile([1.0, 0.0, 0.0], (len(q), 1)))
@@ -149,11 +149,11 @@ def find_contact(samples: NDArray[Any], near: Mask) -> int | None:
 
 
 def find_end(s: NDArray[Any], ahead: Array) -> int:
-    """Return the index of the sample where the collision is over.
+    """Return the index of the sample at which the collision ends.
 
-    That is where the platform has come to rest along `ahead`, or the pad feels nothing for OPEN_S.
-    What comes later is no part of it: the flight law takes the pad for a disturbance and presses on
-    it for a second, which gives many times the robot's momentum.
+    It ends when the platform has come to rest along `ahead`, or the pad has had no force for
+    OPEN_S. Later samples do not belong to it: the flight law treats the pad as a disturbance and
+    presses on it for a second, which gives many times the robot's momentum.
     """
     away = s["pad_f_peak"] <= FELT
     count = max(round(OPEN_S / float(s["t"][1] - s["t"][0])), 1) if len(s) > 1 else 1
@@ -164,7 +164,7 @@ def find_end(s: NDArray[Any], ahead: Array) -> int:
 
 
 def compute_speed(samples: NDArray[Any], first: int, way: ImpactPlan, part: str) -> float:
-    """Speed (m/s) along the flight of what touches, just before sample `first`."""
+    """Return the speed (m/s) along the flight of the colliding part, just before sample `first`."""
     t0 = samples["t"][first]
     used = samples[(samples["t"] < t0) & (samples["t"] >= t0 - BEFORE_S - 1e-9)]
     if len(used) < 2:

@@ -1,10 +1,10 @@
-"""Fly into something padded with the left hand or with the passive link (Suarez 2020, table 3).
+"""Fly into a padded obstacle with the left hand or with the passive link (Suarez 2020, table 3).
 
-The robot flies at a constant speed and does not know of the obstacle until it feels it: its
-reference runs on for the reaction time after the contact, stops, and backs off later. A flight
-rather than a thing thrown at a hovering robot: the energy that arm, springs and link must take is
-then the robot's own at that speed, no projectile's mass has to be invented, and the flight law
-takes part as it would.
+The robot flies at a constant speed and has no information on the obstacle until it detects contact:
+its reference continues for the reaction time after the contact, stops, and backs off later. This is
+a flight rather than an object thrown at a hovering robot. The energy that arm, springs and link
+absorb is then the robot's own at that speed, no projectile's mass has to be assumed, and the flight
+law takes part.
 """
 
 import math
@@ -29,32 +29,32 @@ from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 from skywright.vehicle.rest_to_rest import ROW_PERIOD
 
-SPEED_UP_S = 4.0  # about two periods of the passive link, which it hardly sets swinging
-CRUISE_S = 3.0  # at constant speed before the contact
-RETREAT_M = 0.5  # m before the contact, where it backs off to
+SPEED_UP_S = 4.0  # s, about two periods of the passive link, to excite little swing
+CRUISE_S = 3.0  # s, at constant speed before the contact
+RETREAT_M = 0.5  # m before the contact, to which it backs off
 RECOIL_S = 1.0  # s, stopped, before it backs off
 REST_S = 1.0
-SEARCH = 0.6  # m, around the expected contact, in which it is searched
+SEARCH = 0.6  # m, range of the search around the expected contact
 HIT_POSE_DEG = (-30.0, 0.0, 0.0, -60.0)  # upper arm leaning forward, forearm level
 PARTS = {"arm": ("hand0", "tip", "pen", "holder"), "link": ("pendulum",)}
-"""Beginnings of the names of what shall touch."""
+"""Prefixes of the names of the parts that have to make contact."""
 
 
 class ImpactPlan(NamedTuple):
-    """Where the robot touches, and how it gets there."""
+    """Point of contact and the path to it."""
 
     ahead: Array  # (3,) direction of flight
     yaw: float
     q: Array  # (n_joints,) rad
-    p_contact: Array  # (3,) m, platform when it touches
+    p_contact: Array  # (3,) m, platform at the contact
     p_start: Array  # (3,) m, platform before the run-up
-    lever: float  # m, from the passive joint down to the point that touches (part "link")
+    lever: float  # m, from the passive joint down to the contact point (part "link")
     run: Array  # (n, 4) rows of time s, distance m, speed m/s, acceleration m/s^2
     touched: str
 
 
 def plan(setup: Setup[Impact]) -> MissionPlan[ImpactPlan]:
-    """Find where the chosen part touches first, and the run-up to it."""
+    """Compute where the chosen part touches first, and the run-up to it."""
     robot, world = setup.robot, setup.world
     task = setup.task
     pad = find_pad(world, task.pad)
@@ -88,7 +88,8 @@ def plan(setup: Setup[Impact]) -> MissionPlan[ImpactPlan]:
 
 
 def build_hit_pose(robot: Robot) -> Array:
-    """Return q (n_joints,) rad: forearms level where the arms have four joints, else at work."""
+    """Return q (n_joints,) rad: level forearms for arms of four joints, otherwise the working
+    posture."""
     q = posture(robot, "working")
     joints = list_joints(robot)
     for side in (0, 1):
@@ -100,7 +101,7 @@ def build_hit_pose(robot: Robot) -> Array:
 
 
 def find_hit_point(robot: Robot, model: Any, q: Array, part: str) -> Array:
-    """Return the point (3,) m in B that shall meet the pad's middle."""
+    """Return the point (3,) m in B that has to meet the pad's middle."""
     if part == "link":
         assert robot.pendulum is not None
         link = robot.pendulum
@@ -125,7 +126,7 @@ def find_pad(world: World, name: str | None) -> str:
 
 
 def _keep_pad(query: ClearanceQuery, world: World, pad: str) -> ClearanceQuery:
-    """Ask for the distance to the pad and what it is on alone."""
+    """Restrict a query to the distance from the pad and its support."""
     on = world.find_thing(pad, Pad).on
     names = {pad} if on is None else {pad, split_support(world.things, on)[0]}
     wanted = {i for i, n in enumerate(query.names) if n in names}
@@ -138,7 +139,7 @@ def _keep_pad(query: ClearanceQuery, world: World, pad: str) -> ClearanceQuery:
 def _find_contact(
     query: ClearanceQuery, guess: Array, ahead: Array, R: Array, q: Array
 ) -> tuple[Array, str]:
-    """Return the platform's place (3,) m at the first contact and the name of what touches."""
+    """Return the platform's position (3,) m at the first contact and the part that touches."""
 
     def gap(x: float) -> tuple[float, str]:
         found = compute_clearance(query, guess + x * ahead, R, q)
@@ -159,7 +160,7 @@ def _find_contact(
 
 
 def _is_forearm(robot: Robot, name: str, part: str) -> bool:
-    """Whether a geometry is the left arm's last link."""
+    """Return whether a geometry is the left arm's last link."""
     mine = [limb.name for limb in list_joints(robot) if limb.side == 0]
     return part == "arm" and bool(mine) and name == f"{mine[-1]} shell"
 

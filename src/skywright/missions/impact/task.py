@@ -1,4 +1,4 @@
-"""What a mission of the kind "impact" may say."""
+"""Keys of a mission of the kind "impact"."""
 
 from typing import Literal
 
@@ -20,14 +20,14 @@ class Impact(Task):
 
     speed_mps: float = Field(default=0.5, ge=0.05, le=1.5)  # speed at the impact
     pad: str | None = None  # name of the thing to hit; default: the first pad
-    part: Literal["arm", "link"] = "arm"  # what hits it: the left hand or the passive link
+    part: Literal["arm", "link"] = "arm"  # part that hits it: the left hand or the passive link
     # stiff: without springs between servos and links
     joints: Literal["compliant", "stiff"] = "compliant"
     # delay between contact and the command to stop
     reaction_s: float = Field(default=0.1, ge=0, le=1)
 
     def adapt_robot(self, robot: Robot) -> Robot:
-        """Take the springs out of the joints where the task says so."""
+        """Remove the springs from the joints if the task requires it."""
         if self.joints == "compliant" or robot.arm is None:
             return robot
         links = {n: link.model_copy(update=_SPRING) for n, link in robot.arm.links.items()}

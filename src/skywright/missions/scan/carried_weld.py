@@ -1,4 +1,4 @@
-"""The weld of the true pipe as it lies on the pipe that a survey found."""
+"""The weld of the true pipe, expressed on the surveyed pipe."""
 
 import math
 
@@ -18,9 +18,9 @@ from skywright.description.world.surface import (
 def carry_weld(world: World, weld: Weld, found: Cylinder, near: Array) -> Weld:
     """Return a `weld` of the true `world`'s pipe as it lies on the surface `found`.
 
-    The weld itself is the datum: what touches cannot show, the pipe's place along its axis and its
-    turn about it, shifts where the map counts from, not where the weld is. `near` (2,) m is the
-    place (s, c) on `found` around which the line is carried over.
+    The weld itself is the datum: the pipe's position along its axis and its rotation about it,
+    which touches do not determine, shift the origin of the map, not the weld. `near` (2,) m is the
+    place (s, c) on `found` around which the line is transferred.
     """
     assert world.pipe is not None
     true = build_cylinder(world.pipe)

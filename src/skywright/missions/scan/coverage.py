@@ -1,4 +1,4 @@
-"""How much of what was asked for was inspected: of the pattern's length, and of the area."""
+"""Coverage of a scan: inspected fraction of the pattern's length, and of the area."""
 
 import math
 from itertools import pairwise
@@ -18,9 +18,10 @@ from skywright.run.kind import Measures
 from skywright.run.where import PLANNING, Where
 
 STEP = 0.001
-"""m, of the path."""
+"""m, spacing of points on the path."""
 CELLS = 40_000
-"""Of the sector, at most; they are a quarter of a footprint wide where that makes fewer."""
+"""Largest number of cells of the sector; a cell is a quarter of a footprint wide if that gives
+fewer."""
 
 COVERAGE_MEASURES: Measures = {
     "coverage.fraction": (
@@ -46,9 +47,9 @@ COVERAGE_WHERE = {"coverage.": SCAN, "coverage.pitch": PLANNING}
 
 
 class Coverage(NamedTuple):
-    """Of one scan, on the true pipe; c counts from where the pattern's middle lies, unwrapped."""
+    """Coverage of one scan, on the true pipe; c is unwrapped around the pattern's middle."""
 
-    path: Array  # (n, 2) s, c m, the pattern that was asked for
+    path: Array  # (n, 2) s, c m, the requested pattern
     seen: Mask  # (n,) whether it was inspected there
     cells: Array  # (k, 2) s, c m, of the sector
     covered: Mask  # (k,)
@@ -57,10 +58,10 @@ class Coverage(NamedTuple):
 
 
 def find_asked_path(way: ScanWay, known: Cylinder, true: Cylinder) -> Array:
-    """Return the pattern as it lies on the true pipe, (n, 2) s, c m, c unwrapped.
+    """Return the requested pattern on the true pipe, (n, 2) s, c m, c unwrapped.
 
-    It lies where the robot places it: on the pipe that it `known`s. What touches cannot show, the
-    place along the axis and the turn about it, is no fault of the scan.
+    The robot places it on the pipe that it `known`s. An error of the position along the axis and of
+    the rotation about it, which touches do not determine, is not attributed to the scan.
     """
     corners = way.corners_sphi
     pieces = [corners[:1]]
@@ -77,7 +78,7 @@ def _carry(sphi: Array, known: Cylinder, true: Cylinder) -> Array:
 
 
 def compute_scan_coverage(run: Flown[Scan, ScanWay], known: Cylinder) -> Coverage:
-    """Compare the scan with what was asked for."""
+    """Compare the scan with the requested pattern."""
     s, true = run.samples[SCAN.select(run.samples, run.phases)], run.setup.true.cylinder
     assert true is not None
     path = find_asked_path(run.way, known, true)
@@ -117,7 +118,7 @@ def judge_coverage(run: Flown[Scan, ScanWay], found: Coverage) -> dict[str, floa
 
 
 def list_missed(found: Coverage) -> list[tuple[Array, Array, float]]:
-    """Return the pieces of the pattern that were missed: both ends (2,) m and their length (m)."""
+    """Return the missed pieces of the pattern: both ends (2,) m and their length (m)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[True], found.seen, [True]]).astype(int)))
     return [
         (found.path[a], found.path[b - 1], STEP * float(b - a))

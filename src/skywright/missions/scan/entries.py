@@ -1,4 +1,4 @@
-"""What a scan adds to the database: the crossings of welds as indications, where they were read."""
+"""Entries of a scan in the database: the crossings of welds as indications, at their places."""
 
 import numpy as np
 
@@ -13,10 +13,10 @@ from skywright.run.flight import Flown
 
 
 def build_entries(run: Flown[Scan, ScanWay]) -> Entries:
-    """Return each crossing of a weld, with the deviation along the motion; places are in W."""
+    """Return each crossing of a weld, with its deviation along the motion; places are in W."""
     try:
         weld = run.once(process_weld)
-    except InputError:  # a flight that was cut short: its approach tells too little
+    except InputError:  # the flight was cut short: its approach is insufficient
         weld = None
     if weld is None:
         return Entries()
@@ -33,7 +33,7 @@ def build_entries(run: Flown[Scan, ScanWay]) -> Entries:
 
 
 def _count_from_datum(run: Flown[Scan, ScanWay], p_W: Array) -> Array:
-    """Return places (n, 3) m on the pipe of the map, where a datum tells which they are."""
+    """Return places (n, 3) m on the pipe of the map if a datum determines them."""
     surveyed, mapped = run.once(find_survey), run.setup.cylinder
     if surveyed is None or surveyed.mark is None or mapped is None:
         return p_W

@@ -1,4 +1,4 @@
-"""What the inspection found: weld map, instrument display, contact quality."""
+"""Figures of an inspection: weld map, instrument display, contact quality."""
 
 import math
 
@@ -43,7 +43,7 @@ CELL = 0.008  # m, of the contact map
 
 
 def draw_map(result: RunResult[Scan, ScanWay]) -> Figure | None:
-    """Weld signal on the unrolled pipe with the true and the estimated line."""
+    """Draw the weld signal on the unrolled pipe with the true and the estimated line."""
     if result.details is None:
         return None
     seen = np.isfinite(result.details.s + result.details.c)
@@ -58,7 +58,7 @@ def draw_map(result: RunResult[Scan, ScanWay]) -> Figure | None:
 
 
 def _find_true_welds(result: RunResult[Scan, ScanWay]) -> list[Weld]:
-    """The true welds as they lie on the map of the inspection."""
+    """Return the true welds as they lie on the map of the inspection."""
     setup = Setup(result.description)
     surface = get_surface(Flown(setup, result.plan, result.samples, result.phases))
     line, world = result.details.line, setup.true.world
@@ -69,7 +69,7 @@ def _find_true_welds(result: RunResult[Scan, ScanWay]) -> list[Weld]:
 
 
 def draw_coverage(result: RunResult[Scan, ScanWay]) -> Figure | None:
-    """The pattern that was asked for, its inspected and its missed parts, and the area."""
+    """Draw the requested pattern, its inspected and missed parts, and the area."""
     flown = Flown(Setup(result.description), result.plan, result.samples, result.phases)
     found = find_coverage(flown)
     if found is None:
@@ -77,7 +77,7 @@ def draw_coverage(result: RunResult[Scan, ScanWay]) -> Figure | None:
     s, c = 1e3 * found.cells.T
     figure, ax = new_map(1e-3 * s, 1e-3 * c, 0.2, below=0.85, right=0.65)
     inside = found.covered
-    size = 0.55 * 1e3 * found.cell  # without a seam between cells
+    size = 0.55 * 1e3 * found.cell  # no gap between cells
     for keep, colour, label in (
         (~inside, "#eceef1", "sector, not under the coil"),
         (inside, "#9cc5a1", f"under the coil ({np.mean(inside):.0%} of the sector's area)"),
@@ -104,7 +104,7 @@ def draw_coverage(result: RunResult[Scan, ScanWay]) -> Figure | None:
 
 
 def draw_instrument(result: RunResult[Scan, ScanWay]) -> Figure | None:
-    """Impedance plane, its part near contact, and both components over time."""
+    """Draw the impedance plane, its part near contact, and both components over time."""
     weld = result.details
     if weld is None:
         return None
@@ -140,7 +140,7 @@ def draw_instrument(result: RunResult[Scan, ScanWay]) -> Figure | None:
 
 
 def draw_contact_quality(result: RunResult[Scan, ScanWay]) -> Figure | None:
-    """Worst gap, tilt and lift-off of each 8 mm cell of the unrolled pipe."""
+    """Draw the worst gap, tilt and lift-off of each 8 mm cell of the unrolled pipe."""
     s = select_scan(result)
     if len(s) < 2 or result.description.world.pipe is None:
         return None
@@ -206,11 +206,11 @@ PHASES = {
     "leave": "The probe leaves the surface.",
     "fold": "The arm returns to its flight pose.",
 }
-"""Phase -> what is done in it."""
+"""Phase -> description of what the robot does in it."""
 
 
 def describe(result: RunResult[Scan, ScanWay]) -> str:
-    """Say what was scanned and found."""
+    """Return a sentence on the scan and its result."""
     d = result.description
     contact = result.metrics.get("contact.duration_s", 0.0)
     did = f"{d.robot.name} in world {d.world.name} scanned for {contact:.0f} s"
@@ -231,7 +231,7 @@ def describe(result: RunResult[Scan, ScanWay]) -> str:
 
 
 def scan_path(scan: Scan, pipe: Pipe) -> tuple[Array, Array]:
-    """The scan's path as (s, phi), n points; empty where the pattern does not fit on the pipe."""
+    """Return the scan's path as (s, phi), n points; empty if the pattern exceeds the pipe."""
     corners = build_pattern(
         scan.pattern, 0.5 * pipe.diameter_m, 0.5 * pipe.length_m, scan.get_centre(),
         math.radians(scan.arc_deg), scan.passes, scan.pass_length_m, scan.centre_s_m,
@@ -244,9 +244,9 @@ def scan_path(scan: Scan, pipe: Pipe) -> tuple[Array, Array]:
 
 
 def place_at_work(robot: Robot, pipe: Pipe, scan: Scan) -> tuple[Array, float] | None:
-    """Position and heading of the level platform with the probe square on the scan's middle.
+    """Return position and heading of a level platform with the probe normal to the scan's middle.
 
-    None where a level platform in working posture cannot point the probe there (top, underside).
+    None if a level platform in working posture cannot point the probe there (top, underside).
     """
     if robot.probe is None:
         return None
@@ -274,7 +274,7 @@ def sketch(d: Description[Scan], way: ScanWay | None) -> Sketch:
 
 
 def list_notes(result: RunResult[Scan, ScanWay]) -> list[str]:
-    """Say what the pictures do not: why there is no map, or no weld on it."""
+    """Return notes that the pictures do not show: why there is no map, or no weld on it."""
     weld, metrics = result.details, result.metrics
     survey = _describe_survey(result)
     if weld is None:
@@ -303,7 +303,7 @@ def list_notes(result: RunResult[Scan, ScanWay]) -> list[str]:
 
 
 def _describe_survey(result: RunResult[Scan, ScanWay]) -> list[str]:
-    """Say what the touches told of the pipe, with the covariance of it."""
+    """Return sentences on the pipe that was fitted to the touches, with its covariance."""
     setup = Setup(result.description)
     found = find_survey(Flown(setup, result.plan, result.samples, result.phases))
     if found is None:
@@ -314,7 +314,7 @@ def _describe_survey(result: RunResult[Scan, ScanWay]) -> list[str]:
         value, std = m[f"survey.{name}_{unit}"], m[f"survey.{name}_std_{unit}"]
         return f"{value:+.2f} ± {std:.2f} {unit}"
 
-    ahead, radius = 2, 4  # in the fit
+    ahead, radius = 2, 4  # indices of the fit's parameters
     related = cov[ahead, radius] / math.sqrt(cov[ahead, ahead] * cov[radius, radius])
     return [
         f"Before the scan the probe touched the pipe at {len(found.touched)} points. "
@@ -330,7 +330,7 @@ def _describe_survey(result: RunResult[Scan, ScanWay]) -> list[str]:
 
 
 def draw_contact(result: RunResult[Scan, ScanWay]) -> Figure | None:
-    """The probe at the surface over time, beside what was planned."""
+    """Draw the contact of the probe over time, and the plan."""
     way = result.plan.get_way()
     return draw_contact_series(result, way.push_force_n, way.depth_m)
 

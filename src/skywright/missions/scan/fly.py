@@ -1,4 +1,4 @@
-"""A scan: touch the pipe with the probe, slide along a pattern, and come back (Tognon 2018)."""
+"""A scan: touch the pipe with the probe, slide along a pattern, and return (Tognon 2018)."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol
@@ -22,24 +22,24 @@ from skywright.run.supervisor import Supervisor
 from skywright.vehicle.guard import CONTACT_LOST
 from skywright.vehicle.instruments.eddy_current import LIFT_OFF_THRESHOLD, EddyProbe
 
-TRIM_ERROR = 0.003  # m, tip error at which the free-flight integral is called settled
-TRIM_TIMES = (2.0, 12.0)  # s, least and most time for it
-SETTLE = 4.0  # s in contact before sliding: the attitude integral takes up the push
+TRIM_ERROR = 0.003  # m, tip error below which the free-flight integral counts as settled
+TRIM_TIMES = (2.0, 12.0)  # s, least and largest time for it
+SETTLE = 4.0  # s in contact before sliding: the attitude integral adapts to the push
 AGAIN = "missed_move"
-"""Phase: the way to the parts that are scanned once more."""
+"""Phase: the path to the parts that are scanned once more."""
 LOST_PATIENCE = 0.5  # s without contact before the scan backs off
 
 
 class More(Protocol):
-    """What a kind that scans adds to it."""
+    """Additions of a kind to a scan."""
 
     def look(self) -> None:
-        """Take what is read now; called after each tick of a slide."""
+        """Process the present reading; called after each tick of a slide."""
 
     def plan_again(self, known: Cylinder, row: Any) -> Mapping[str, Table] | None:
-        """Plan another scan from the row of REFERENCE that is held, or say that none is needed.
+        """Plan another scan from the present row of REFERENCE; returns None if none is needed.
 
-        `known` is the pipe as the robot knows it.
+        `known` is the surveyed pipe, or that of the map.
         """
 
 
@@ -49,9 +49,9 @@ def fly(s: Supervisor[Scan], way: ScanWay) -> Flight:
 
 
 def fly_scan(s: Supervisor[Scan], way: ScanWay, more: More | None = None) -> Flight:
-    """Fly the phases between take-off and landing; with `more` maybe a second scan."""
+    """Fly the phases between take-off and landing; `more` may add a second scan."""
     segments, known = s.segments, None
-    way_back: list[tuple[str, Table]] = []  # what was flown to here
+    way_back: list[tuple[str, Table]] = []  # segments flown so far
     for name in ("approach", "unfold", "close_in"):
         s.follow(name, segments[name])
         way_back.append((name, segments[name]))
@@ -76,7 +76,7 @@ def fly_scan(s: Supervisor[Scan], way: ScanWay, more: More | None = None) -> Fli
 def _scan_again(
     s: Supervisor[Scan], segments: Mapping[str, Table], more: More, known: Cylinder | None
 ) -> Mapping[str, Table]:
-    """Scan once more where that is needed; returns the segments that lead home."""
+    """Scan once more if needed; returns the segments that lead home."""
     if known is None:
         pipe = s.vehicle.world.pipe
         assert pipe is not None
@@ -96,20 +96,20 @@ def _scan_again(
 
 
 class Ended(NamedTuple):
-    """A scan that did not come to its end; the robot is at the stand-off."""
+    """A scan that ended early; the robot is at the stand-off."""
 
-    along: float  # s, how far it came
+    along: float  # s, scanned part of the plan
     reason: str
 
 
 def _scan(s: Supervisor[Scan], segments: Mapping[str, Table], more: More | None) -> Ended | None:
-    """Touch and slide, and once more where contact was lost, `retries` times.
+    """Touch and slide, and repeat up to `retries` times after a loss of contact.
 
     Returns None at the end of the scan in contact.
     """
     table, done = segments["scan"], 0.0
     touch: Table = segments["touch"]
-    away: Table | None = None  # from the present surface place back to the stand-off
+    away: Table | None = None  # from the present point of contact back to the stand-off
     attempt = -1
     while attempt < s.task.retries:
         attempt += 1
@@ -122,7 +122,7 @@ def _scan(s: Supervisor[Scan], segments: Mapping[str, Table], more: More | None)
                     s.follow("back_off", away)
                     continue
                 lost_at = _slide(s, cut_table(table, done) if done else table, more)
-        except (GivenBack, ContactEnded) as back:  # in contact: touch again where it was left
+        except (GivenBack, ContactEnded) as back:  # in contact: touch again at the same place
             if not back.repeats:
                 raise
             attempt -= 1
@@ -143,7 +143,7 @@ def _scan(s: Supervisor[Scan], segments: Mapping[str, Table], more: More | None)
 
 
 def _touch(s: Supervisor, table: Table) -> bool:
-    """Touch, and calibrate the instrument on the way from air to contact, as evaluation does."""
+    """Touch, and calibrate the instrument from air to contact, as the evaluation does."""
     reading, seen = s.vehicle.look(EddyProbe.Reading), list[Array]()
     s.watch = lambda: seen.append(np.array(reading.ec))
     s.follow("touch", table)
@@ -160,14 +160,14 @@ def _calibrate(s: Supervisor, ec: Array) -> bool:
     """Calibrate the probe on its signal (n, 2) of a touch; returns whether that made contact."""
     try:
         found = build_calibration(ec, lift_off_threshold=LIFT_OFF_THRESHOLD)
-    except InputError:  # the signal shows no way from air to contact
+    except InputError:  # the signal has no transition from air to contact
         return False
     s.probe.calibrate(found.contact, found.lift_off_axis)
     return bool(abs(compute_components(ec[-1:], found)[0][0]) < LIFT_OFF_THRESHOLD)
 
 
 def _slide(s: Supervisor, table: Table, more: More | None = None) -> float | None:
-    """Follow the scan; returns the time along `table` at which contact was lost for good."""
+    """Follow the scan; returns the time along `table` of a lasting loss of contact, or None."""
     s.begin("scan")
     s.body.track(table)
     start, out_since = s.vehicle.t, None
@@ -188,7 +188,7 @@ def _slide(s: Supervisor, table: Table, more: More | None = None) -> float | Non
 
 
 def _trim(s: Supervisor) -> None:
-    """Let the integral settle at the stand-off, all directions, before touching."""
+    """Hold the stand-off until the integral settles in all directions, before a touch."""
     s.begin("trim")
     s.body.hold()
     start = good_since = s.vehicle.t
@@ -205,9 +205,9 @@ def _trim(s: Supervisor) -> None:
 def _survey(
     s: Supervisor[Scan], survey: SurveyWay, way_back: list[tuple[str, Table]]
 ) -> tuple[tuple[Mapping[str, Table], Cylinder] | None, str]:
-    """Touch the pipe and plan again; returns the new segments and the pipe, or None and why."""
+    """Touch the pipe and plan again; returns the segments and the pipe, or None and the reason."""
 
-    first = 0 if survey.mark is None else 1  # of the touches, among the stops
+    first = 0 if survey.mark is None else 1  # index of the first touch among the stops
 
     def come(i: int, _: list[Touch]) -> None:
         move = s.segments.get(f"survey {first + i + 1}")
@@ -243,7 +243,7 @@ def _survey(
 def _go_home(
     s: Supervisor, segments: Mapping[str, Table], done: float, way_back: list[tuple[str, Table]]
 ) -> None:
-    """Back along the planned way: over the scanned path at the stand-off, then the approach."""
+    """Fly back: over the scanned path at the stand-off, then the approach in reverse."""
     flown = segments["scan"][segments["scan"]["t"] <= done]
     touch = segments["touch"]
     lift = float(np.linalg.norm(touch["p_WT"][0] - touch["p_WT"][-1]))
@@ -253,6 +253,6 @@ def _go_home(
 
 
 def _fly_back(s: Supervisor, way_back: list[tuple[str, Table]]) -> None:
-    """Fly what was flown to here the other way round."""
+    """Fly the recorded segments in reverse."""
     for name, table in reversed(way_back):
         s.follow(f"reverse {name}", reverse_table(table))

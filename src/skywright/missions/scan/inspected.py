@@ -1,4 +1,4 @@
-"""Welds as flaws: what a scan said about each weld that its pattern meets."""
+"""Welds as flaws: the result of a scan for each weld that its pattern meets."""
 
 import numpy as np
 
@@ -15,14 +15,14 @@ from skywright.run.flight import Flown
 from skywright.run.inspected import Inspected, InspectedFlaw
 
 SITE = 2.0 * NEAR
-"""m of path that count as one place without a weld."""
+"""m of path that count as one site without a weld."""
 
 
 def find_inspected(run: Flown[Scan, ScanWay]) -> Inspected:
-    """Return the welds that the pattern meets, found or not, and the clear places of the path.
+    """Return the welds that the pattern meets, found or not, and the sites without a weld.
 
-    All crossings of one weld are one datum. A scan that was never begun found nothing and had no
-    contact; a weld that the pattern does not meet was not asked for.
+    All crossings of one weld are one datum. A scan that never began found nothing and had no
+    contact. A weld that the pattern does not meet is not considered.
     """
     world, true = run.setup.true.world, run.setup.true.cylinder
     pipe = world.pipe
@@ -45,7 +45,7 @@ def judge_flaws(
     coverage: Coverage,
     weld: WeldResult | None,
 ) -> Inspected:
-    """Compare what was found with the welds of the true pipe; `sizes` are theirs, in order."""
+    """Compare the result with the welds of the true pipe; `sizes` are theirs, in order."""
     world, true = run.setup.true.world, run.setup.true.cylinder
     assert true is not None
     curves = [build_weld_curve(w, true.radius) for w in world.list_welds()]
@@ -86,13 +86,13 @@ def _find_near(places: Array, points: Array, radius: float, within: float = NEAR
 
 
 def _measure_nearest(expected: list[Expected], s: Array, c: Array) -> Array:
-    """Distance (n,) m of places from the nearest weld; infinite without one."""
+    """Return the distance (n,) m of places from the nearest weld; infinite without one."""
     each = [np.abs(e.curve.measure_distance(s, c)) for e in expected]
     return np.min(np.stack(each), axis=0) if each else np.full(len(s), np.inf)
 
 
 def _find_signal(weld: WeldResult | None, near: Mask) -> float | None:
-    """Largest weld signal among the samples of the scan that are near the flaw, in contact."""
+    """Return the largest weld signal among the samples near the flaw, in contact."""
     if weld is None or len(weld.weld) != len(near):
         return None
     values = np.abs(weld.weld[near & weld.contact])

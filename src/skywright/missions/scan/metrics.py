@@ -1,7 +1,7 @@
-"""Metrics of the kind "scan": contact, tracking, the weld that was found, coverage.
+"""Metrics of the kind "scan": contact, tracking, estimated weld, coverage.
 
-Truth is used to judge (gap, tilt, tip error, weld position); what the inspection itself uses
-(instrument and motion capture) is the same data that a real flight would record.
+The evaluation uses the truth (gap, tilt, tip error, weld position). The inspection itself uses only
+data that a real flight would record (instrument and motion capture).
 """
 
 import math
@@ -55,7 +55,7 @@ from skywright.run.where import WHOLE, Where
 LIFT_OFF_THRESHOLD = 15.0  # instrument units, Tognon 2018 section VII
 WELD_THRESHOLD = 1.4
 HOP_S = 0.05
-"""s, a shorter time off the surface is a hop: in gusts it is counted, but is no lost contact."""
+"""s, a shorter loss of contact is a hop: it is counted in gusts, but is not a loss of contact."""
 
 MEASURES: Measures = {
     "contact.gap_max_mm": (
@@ -98,7 +98,7 @@ MEASURES: Measures = {
     **DATUM_MEASURES,
     **COVERAGE_MEASURES,
 }
-"""Metric -> unit and meaning, of those that only this kind has."""
+"""Metric -> unit and meaning, for the metrics that only this kind has."""
 
 
 TOUCH = Where(("touch", "settle"))
@@ -113,7 +113,7 @@ WHERE = {
 
 
 def compute_metrics(run: Flown[Scan, ScanWay]) -> dict[str, float]:
-    """Contact, tracking, weld and coverage of a scan."""
+    """Return contact, tracking, weld and coverage of a scan."""
     samples, phases, description = run.samples, run.phases, run.setup.description
     out: dict[str, float] = {}
     surveyed = run.once(find_survey)
@@ -174,7 +174,7 @@ def compute_metrics(run: Flown[Scan, ScanWay]) -> dict[str, float]:
 
 
 class Lift(NamedTuple):
-    """One time off the surface."""
+    """One interval off the surface."""
 
     start: int  # first sample
     end: int  # one past the last sample
@@ -183,9 +183,9 @@ class Lift(NamedTuple):
 
 
 def find_lifts(gap_max: Array, dt: float) -> list[Lift]:
-    """Return the times off the surface in `gap_max` (n,) m, the worst gap since the sample before.
+    """Return the intervals off the surface in `gap_max` (n,) m, the worst gap per sample.
 
-    Off is a gap above OFF_SURFACE; `dt` (s) is the time between samples.
+    A gap above OFF_SURFACE is off the surface; `dt` (s) is the time between samples.
     """
     off = np.concatenate([[False], gap_max > OFF_SURFACE, [False]])
     edges = np.flatnonzero(off[1:] != off[:-1]).tolist()
@@ -196,7 +196,7 @@ def find_lifts(gap_max: Array, dt: float) -> list[Lift]:
 
 
 def find_survey(run: Flown[Scan, ScanWay]) -> Surveyed | None:
-    """Fit the pipe to the recorded touches; None without a survey, or one cut short."""
+    """Fit the pipe to the recorded touches; returns None without a completed survey."""
     touches = read_touches(run.samples, run.phases)
     if run.way.survey is None or not any(not t.reason for t in touches):
         return None
@@ -205,7 +205,7 @@ def find_survey(run: Flown[Scan, ScanWay]) -> Surveyed | None:
 
 
 def find_place_std(run: Flown[Scan, ScanWay]) -> float | None:
-    """Largest deviation (m), each way, of a place of the pattern from the datum; None without."""
+    """Return the largest deviation (m), each way, of the pattern from the datum, or None."""
     surveyed, datum = run.once(find_survey), get_datum(run.setup)
     if surveyed is None or surveyed.mark is None or datum is None:
         return None
@@ -214,13 +214,13 @@ def find_place_std(run: Flown[Scan, ScanWay]) -> float | None:
 
 
 def get_surface(run: Flown[Scan, ScanWay]) -> Cylinder | None:
-    """The pipe as the inspection knows it: as the survey found it, else as the map has it."""
+    """Return the inspection's pipe: the surveyed one, otherwise that of the map."""
     surveyed = run.once(find_survey)
     return run.setup.cylinder if surveyed is None else surveyed.found.cylinder
 
 
 def find_coverage(run: Flown[Scan, ScanWay]) -> Coverage | None:
-    """Compare the scan with the pattern; None where it never came to scanning."""
+    """Compare the scan with the pattern; returns None if it never began."""
     known = get_surface(run)
     if known is None or not np.any(SCAN.select(run.samples, run.phases)):
         return None
@@ -230,7 +230,7 @@ def find_coverage(run: Flown[Scan, ScanWay]) -> Coverage | None:
 def process_weld(run: Flown[Scan, ScanWay]) -> WeldResult | None:
     """Calibrate on the last approach before the scan, then process the scan's own data.
 
-    None where it never came to scanning. Raises InputError where the approach tells too little.
+    Returns None if the scan never began. Raises InputError if the approach is insufficient.
     """
     cylinder = get_surface(run)
     s = run.samples[SCAN.select(run.samples, run.phases)]
@@ -238,7 +238,7 @@ def process_weld(run: Flown[Scan, ScanWay]) -> WeldResult | None:
         return None
     calibration = run.once(calibrate_on_touch)
     result = process_scan(s["t"], s["ec"], s["meas_p_WT"], cylinder, calibration)
-    # all crossings share the calibration error of the probe's markers, so no fit can see it
+    # all crossings share the calibration error of the probe's markers: no fit contains it
     shared = run.setup.world.mocap.calibration_m
     return result._replace(lines=tuple(
         x._replace(std_offset=math.hypot(x.std_offset, shared)) for x in result.lines

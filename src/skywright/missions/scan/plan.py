@@ -1,4 +1,4 @@
-"""A scan: touch the pipe with the probe, slide along a pattern, and come back (Tognon 2018)."""
+"""A scan: touch the pipe with the probe, slide along a pattern, and return (Tognon 2018)."""
 
 import math
 import time
@@ -32,40 +32,41 @@ from skywright.run.planning import MissionPlan, refuse
 from skywright.run.setup import Setup
 
 PRESS = 2.0
-"""Times the depth that makes FELT_N: how far inside the surface a touch goes."""
+"""Depth of a touch inside the surface, relative to the depth that causes FELT_N."""
 
 
 DEEP = 0.1
-"""m, of the desired tip inside the surface, that may itself be why nothing fits: arms that scan
-have about 0.3 m between platform and tip."""
+"""m, of the desired tip inside the surface, from which this depth may be the cause of a failed
+plan: arms that scan have about 0.3 m between platform and tip."""
 
 SHALLOW = 0.02
-"""m, at which what is blocked is planned again, to tell an arm that does not fit from a depth."""
+"""m, depth at which a failed plan is repeated, to distinguish an arm that does not fit from a
+depth."""
 
 
 class SurveyWay(NamedTuple):
-    """What a scan keeps of the plan of its survey."""
+    """Survey part of a scan's plan."""
 
     setup: Setup[Scan]  # to plan again with, once the pipe is known
-    points: Array  # (n, 2) s (m) and phi (rad) by the map
-    frames: list[Array]  # (3, 3) each: of the surface there by the map, z outward
-    travels: Array  # (n,) m, that a touch goes at most, from its stand-off
-    sensed: bool  # whether the probe measures its force
-    mark: Array | None = None  # (2,) s and phi of the datum, which the robot looks at first
+    points: Array  # (n, 2) s (m) and phi (rad) on the map
+    frames: list[Array]  # (3, 3) each: of the map's surface there, z outward
+    travels: Array  # (n,) m, largest travel of a touch from its stand-off
+    sensed: bool  # whether the probe has a force sensor
+    mark: Array | None = None  # (2,) s and phi of the datum, which is measured first
 
 
 class ScanWay(NamedTuple):
-    """What a scan keeps of its plan."""
+    """Parts of a scan's plan that the flight and the evaluation use."""
 
     depth_m: float  # of the desired tip inside the surface
-    push_force_n: float  # that it makes
+    push_force_n: float  # force at that depth
     path_sphi: Array  # (n, 2) s (m) and phi (rad) of the tip on the pipe, with detours
-    corners_sphi: Array  # (k, 2) the same of the pattern that was asked for
+    corners_sphi: Array  # (k, 2) corners of the requested pattern, likewise
     survey: SurveyWay | None = None
 
 
 def plan(setup: Setup[Scan]) -> MissionPlan[ScanWay]:
-    """Plan by the map."""
+    """Plan according to the map."""
     robot, world, cylinder = setup.robot, setup.world, setup.cylinder
     if cylinder is None:
         raise InputError(f"world {world.name!r} has no pipe to scan: add a [world.pipe] table")
@@ -84,7 +85,7 @@ def plan(setup: Setup[Scan]) -> MissionPlan[ScanWay]:
 def plan_found(
     setup: Setup[Scan], found: Cylinder, row: Any, pattern: Pattern | None = None
 ) -> MissionPlan[ScanWay]:
-    """Plan again with the pipe that was found, from the row of REFERENCE that is held.
+    """Plan again with the surveyed pipe, from the present row of REFERENCE.
 
     `pattern` is by default that of the task.
     """
@@ -97,7 +98,7 @@ def plan_found(
 
 
 def _explain_depth(setup: Setup[Scan], depth: float, stiffness: float, blocked: str) -> str:
-    """Say that the depth (m) of the press is the cause of `blocked`, and which keys change it."""
+    """Return a message that the depth (m) of the press causes `blocked`, and the keys to change."""
     if setup.task.depth_m is not None:
         return (
             f"mission.task.depth_m = {depth:g} m is too large, a push of "
@@ -124,7 +125,7 @@ def build_frame(cylinder: Cylinder, phi: float) -> Array:
 def _plan_on(
     setup: Setup[Scan], cylinder: Cylinder, begin: State | None, pattern: Pattern | None = None
 ) -> MissionPlan[ScanWay]:
-    """Plan on a surface: from the start with the survey if one is asked for, or from `begin`."""
+    """Plan on a surface, from the start (with the survey, if required), or from `begin`."""
     d, robot, scan = setup.description, setup.robot, setup.task
     assert robot.probe is not None
     model = setup.model
@@ -194,7 +195,7 @@ def _plan_on(
                 "sector, or set mission.task.datum=false"
             )
     if blocked and depth >= DEEP:
-        through = scan.depth_m is not None and depth >= cylinder.radius  # asked for: no arm can
+        through = scan.depth_m is not None and depth >= cylinder.radius  # no arm can reach it
         light = force if scan.depth_m is None else SHALLOW * stiffness
         anyhow = None if through else attempt(SHALLOW, None, light).blocked_by
         blocked = (

@@ -1,4 +1,4 @@
-"""Which welds a probe cannot tell: too close to another one, or without contrast."""
+"""Welds that a probe cannot resolve: too close to another one, or without contrast."""
 
 import numpy as np
 
@@ -10,12 +10,12 @@ from skywright.inspection.weld import SIGNIFICANCE, WeldResult
 from skywright.models.eddy_current import compute_weld_signal
 
 SURE = 2.0
-"""Standard deviations of the base metal's texture by which a weld that shows at each crossing
-exceeds the threshold."""
+"""Standard deviations of the base metal's texture by which a weld exceeds the threshold to be
+detected at every crossing."""
 
 
 def is_faint(pipe: Pipe, weld: Weld, result: WeldResult) -> bool:
-    """Whether a weld's signal in contact may be lost in the texture of the base metal."""
+    """Return whether a weld's signal in contact may be lost in the texture of the base metal."""
     cal = result.calibration
     noise = robust_std(result.weld[result.contact & (np.abs(result.weld) < cal.weld_threshold)])
     across = abs((compute_weld_signal(pipe, weld) * cal.lift_off_axis.conjugate()).imag)
@@ -23,9 +23,9 @@ def is_faint(pipe: Pipe, weld: Weld, result: WeldResult) -> bool:
 
 
 def is_merged(k: int, welds: list[Weld], crossings: list[Array], radius: float) -> bool:
-    """Whether all `crossings` (n, 2) s, c m of weld `k` are too close to one of another weld.
+    """Return whether all `crossings` (n, 2) s, c m of weld `k` are too close to another weld.
 
-    The signal falls back to base metal between welds further apart than both half-widths and the
+    The signal returns to base metal between welds further apart than both half-widths and the
     coil's footprint.
     """
     free = np.ones(len(crossings[k]), bool)

@@ -1,4 +1,4 @@
-"""What a mission of the kind "scan" may say."""
+"""Keys of a mission of the kind "scan"."""
 
 import math
 from typing import Literal, Self
@@ -31,7 +31,7 @@ class Scan(Task):
     stand_off_m: Positive = 0.05  # distance of the tip from the surface before contact
     # touch the pipe at six places first and plan again; default: if plant.map_error_* is not 0
     survey: bool | None = None
-    datum: bool = True  # look at the world's datum before the survey, and count places from it
+    datum: bool = True  # measure the world's datum before the survey; places are relative to it
     retries: int = Field(default=2, ge=0, le=10)  # how often a lost contact is established again
 
     def get_least_pitch(self, robot: Robot) -> float:

@@ -1,8 +1,8 @@
-"""Judge the welds that a scan found against those that its path met, with truth.
+"""Evaluation of a scan's welds against the true welds on its path.
 
-What is expected follows the request: the pattern that was asked for, as it lies on the true pipe,
-and the true welds. A pipe without a weld, or a pattern beside it, expects nothing; then anything
-that is found is a false alarm.
+The expected welds follow from the request: the requested pattern on the true pipe, and the true
+welds. Without a weld on the pipe, or with a pattern beside it, nothing is expected, and any
+reported weld is a false alarm.
 """
 
 import math
@@ -30,11 +30,11 @@ from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 
 NEAR = 0.015
-"""m: within this a crossing that was found is the weld's, or the crossing that was expected."""
+"""m: a crossing within this distance belongs to the weld, or to the expected crossing."""
 MERGED = 0.015
-"""m: the signal of two welds that are crossed this close to each other may have one peak."""
+"""m: two welds that are crossed this close to each other may have one common peak."""
 APART = 0.02
-"""m: crossings of one weld that tell a line stand further apart."""
+"""m: least distance of two crossings of one weld that define a line."""
 
 WELD_MEASURES: Measures = {
     "weld.contact_fraction": ("", "fraction of the scan in contact, from the instrument's signal"),
@@ -98,11 +98,11 @@ WELD_MEASURES: Measures = {
 }
 """Metrics of `judge_welds`."""
 ERRORS = ("weld.line_error_mm", "weld.offset_error_mm", "weld.angle_error_deg")
-"""Metrics of lines: without a line to be found they say nothing."""
+"""Metrics of lines, which are meaningless if no line is expected."""
 
 
 class Expected(NamedTuple):
-    """What the pattern meets of one weld."""
+    """Expected crossings of one weld."""
 
     curve: WeldCurve  # on the true pipe
     crossings: Array  # (n, 2) s, c m on the true pipe
@@ -111,7 +111,7 @@ class Expected(NamedTuple):
 
 
 def find_expected(curve: WeldCurve, s: Array, c: Array, half_width: float = 0.0) -> Expected:
-    """Return where a path, (n,) `s` and `c` (m) on the true pipe, meets a weld."""
+    """Return where a path, (n,) `s` and `c` (m) on the true pipe, crosses a weld."""
     d = np.abs(curve.measure_distance(s, c))
     side = np.sign(curve.measure_distance(s, c))
     clear = np.flatnonzero(d > CLEAR)
@@ -119,7 +119,7 @@ def find_expected(curve: WeldCurve, s: Array, c: Array, half_width: float = 0.0)
     at = [
         a + int(np.argmin(d[a:b]))
         for a, b in zip(clear[change], clear[change + 1], strict=True)
-        if np.min(d[a:b]) < CLEAR  # the far side of the pipe changes sign, too
+        if np.min(d[a:b]) < CLEAR  # the sign also changes at the far side of the pipe
     ]
     path, places = np.column_stack([s, c]), np.column_stack([s[at], c[at]])
     far = max((math.dist(a, b) for a in places for b in places), default=0.0)
@@ -136,7 +136,7 @@ def find_expected(curve: WeldCurve, s: Array, c: Array, half_width: float = 0.0)
 def judge_welds(
     run: Flown[Scan, ScanWay], weld: WeldResult, path: tuple[Array, Array]
 ) -> dict[str, float]:
-    """Judge what was found; `path` is the pattern (n,) s, c (m) as it lies on the true pipe."""
+    """Evaluate the reported welds; `path` is the pattern (n,) s, c (m) on the true pipe."""
     world, true = run.setup.true.world, run.setup.true.cylinder
     assert true is not None
     welds = world.list_welds()
@@ -195,7 +195,7 @@ def judge_welds(
 
 
 def list_waived(metrics: dict[str, float]) -> dict[str, str]:
-    """Return the requirements that say nothing where nothing was to be found, and why."""
+    """Return the requirements that do not apply if no weld is expected, and the reason."""
     unclear = ("weld.missed", "weld.false_alarms", "weld.unresolved")
     if "weld.lines" not in metrics or any(metrics[name] for name in unclear):
         return {}
@@ -208,7 +208,7 @@ def list_waived(metrics: dict[str, float]) -> dict[str, str]:
 
 
 def _list_due(cylinder: Cylinder, expected: list[Array]) -> list[Array]:
-    """Return what is expected, of what lies within MERGED only one: where welds meet."""
+    """Return the expected crossings, merging those within MERGED: where welds meet."""
     due = list[Array]()
     for x in expected:
         ends = np.concatenate([np.atleast_2d(y)[[0, -1]] for y in due] or [np.zeros((0, 2))])
@@ -225,7 +225,7 @@ def _find_distances(cylinder: Cylinder, places: Array, x: Array) -> Array:
 
 
 def _count_matches(away: list[Array]) -> int:
-    """Return how many of the expected have a crossing found NEAR, none of them counted twice."""
+    """Return the number of expected crossings with a reported one within NEAR, each used once."""
     if not away or not len(away[0]):
         return 0
     cost = np.minimum(np.array(away), 1.0) + (np.array(away) > NEAR)

@@ -21,8 +21,10 @@ class SensorInstallKind(FolderKind[SensorInstall]):
     operated = True
 
     def requirements(self, setup: Setup[SensorInstall], way: Any) -> dict[str, Requirement]:
-        """Ask nothing of checks that are left out, nor, in a pose that is at the singularity, for a
-        distance from it."""
+        """Leave out the requirements of checks that the task omits.
+
+        In a pose at the singularity, leave out the requirement on the distance from it.
+        """
         task, pendulum = setup.task, setup.robot.pendulum
         left_out = {
             "arm.lever": task.pose != "L",
@@ -32,7 +34,7 @@ class SensorInstallKind(FolderKind[SensorInstall]):
         return self.leave_out(super().requirements(setup, way), left_out)
 
     def list_waived(self, metrics: dict[str, float]) -> dict[str, str]:
-        """Ask nothing of the force control where an operator's hand led the force."""
+        """Waive the requirements on the force control if an operator controlled the force."""
         waived = super().list_waived(metrics)
         if "operator.time_s" in metrics:
             why = "an operator led the force"

@@ -1,4 +1,4 @@
-"""What a report shows of the installation of a sensor: force, hand, platform and swing."""
+"""Figures of a report on the installation of a sensor: force, hand, platform and swing."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -25,7 +25,7 @@ FORCE_PHASES = ("approach", "touch", "press", "leave singularity", "force", "ret
 
 
 def draw_force(result: RunResult[SensorInstall, InstallPlan]) -> Figure | None:
-    """True, estimated and desired force; deflections of the pressing arm."""
+    """Draw the true, estimated and desired force and the deflections of the pressing arm."""
     s = result.samples
     used = in_phases(s, result.phases, *FORCE_PHASES)
     if not np.any(used):
@@ -75,11 +75,11 @@ PHASES = {
     "leave singularity": "The platform moves so that the arm is not stretched.",
     "retract": "The hand withdraws; the sensor stays.",
 }
-"""Phase -> what is done in it."""
+"""Phase -> description of what the robot does in it."""
 
 
 def describe(result: RunResult[SensorInstall, InstallPlan]) -> str:
-    """Say what was pressed on what."""
+    """Return a sentence on the force with which the robot pressed."""
     d = result.description
     force = result.metrics.get("force.mean_n")
     did = f"{d.robot.name} in world {d.world.name} "

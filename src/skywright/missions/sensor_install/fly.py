@@ -1,8 +1,8 @@
 """Press a sensor on a pipe from below with one hand (Suarez 2020, section VI-B).
 
 Nine phases as in the paper: take off, arms to the operation pose, navigate, approach, hand to the
-contact, force, retract, return, land; before the approach two checks of the robot itself: how well
-the hand keeps a point in space, and how fast a swing of the passive link decays.
+contact, force, retract, return, land. Two tests precede the approach: how accurately the hand holds
+a point in space, and how fast a swing of the passive link decays.
 """
 
 import math
@@ -31,19 +31,19 @@ from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import ArmModel, HandForce, Hands
 from skywright.vehicle.rest_to_rest import quintic
 
-CONTACT_N = 0.3  # N, estimated force at which the hand counts as touching
-CONTACT_S = 0.1  # s, for which it has to be felt
-SEARCH = 0.1  # m, how far beyond the expected surface the hand looks for it
-RAMP_S, SETTLE_S = 3.0, 4.0  # until the force is judged
-SWING_FORCE, SWING_USUAL = 6.0, math.radians(10.0)  # N, of the push on the link, to this angle
-SWING_WAIT = 6.0  # s, watched from the link's turning back
-CALM = 0.3  # of the limits of speed and acceleration, near the pipe
-SLOW = 0.05  # of them, while the hand presses
-TARE_S = 3.0  # s, over which the force in free air is called zero
-PARK_S = 3.0  # s, of hovering before something is measured
-WATCH_S = 2.0  # s, over which the hand's place is averaged: a period of the link
-CORRECTION_MAX = 0.06  # m, of the platform for a hand that is not where it was planned
-LOST_S = 1.0  # s without contact before pressing is given up
+CONTACT_N = 0.3  # N, estimated force that counts as contact
+CONTACT_S = 0.1  # s, time for which the force must last
+SEARCH = 0.1  # m, distance beyond the expected surface to which the hand moves
+RAMP_S, SETTLE_S = 3.0, 4.0  # s, before the force is evaluated
+SWING_FORCE, SWING_USUAL = 6.0, math.radians(10.0)  # N, rad: push and its swing angle
+SWING_WAIT = 6.0  # s, observed after the link reverses
+CALM = 0.3  # fraction of the speed and acceleration limits, near the pipe
+SLOW = 0.05  # the same fraction while the hand presses
+TARE_S = 3.0  # s, over which the force in free air is tared
+PARK_S = 3.0  # s of hover before a measurement
+WATCH_S = 2.0  # s, over which the hand's position is averaged: a period of the link
+CORRECTION_MAX = 0.06  # m, largest correction of the platform for the hand's position error
+LOST_S = 1.0  # s without contact before the press is aborted
 
 
 def fly(s: Supervisor[SensorInstall], way: InstallPlan) -> Flight:
@@ -79,7 +79,7 @@ def fly(s: Supervisor[SensorInstall], way: InstallPlan) -> Flight:
     s.begin("approach")
     s.body.track(_hold_hand(s, here, task))
     ready = way.contact - task.stand_off_m * way.normal
-    if s.operator is not None:  # beside the place: to find it is part of the work
+    if s.operator is not None:  # offset: the operator has to find the place
         ready = ready + rot_z(way.yaw) @ HAND_OVER
     _move_with_hand(s, way.p_near + correction, ready)
     s.wait(PARK_S)
@@ -100,7 +100,10 @@ def fly(s: Supervisor[SensorInstall], way: InstallPlan) -> Flight:
 
 
 def _survey(s: Supervisor[SensorInstall], way: InstallPlan) -> tuple[InstallPlan, str]:
-    """Find the pipe by touch where its map may be wrong; returns the way to it, or what failed."""
+    """Locate the pipe by touch if its map may be wrong.
+
+    Returns the plan for the pipe found, and the reason of a failure or "".
+    """
     survey = way.survey
     if survey is None:
         return way, ""
@@ -133,7 +136,7 @@ def _survey(s: Supervisor[SensorInstall], way: InstallPlan) -> tuple[InstallPlan
 
 
 def _go_back(s: Supervisor, way: InstallPlan) -> None:
-    """Fly home the way that the robot came."""
+    """Fly home along the path by which the robot came."""
     s.arms.move_to(way.q)
     s.until_arrived()
     s.begin("return")
@@ -145,14 +148,14 @@ def _go_back(s: Supervisor, way: InstallPlan) -> None:
 
 
 def _go_home(s: Supervisor, way: InstallPlan) -> None:
-    """Fly home from the place before the pipe."""
+    """Fly home from the position in front of the pipe."""
     fly_way(s, reverse_way(way.to_far), 1.0)
     s.arms.move_to(way.folded)
     s.until_arrived()
 
 
 def _hold_hand(s: Supervisor, p: Array, task: SensorInstall, hand: int = 0) -> Table:
-    """The platform stays; a hand goes straight to p (3,) m and keeps it."""
+    """Return a row in which the platform stays and a hand moves straight to p (3,) m."""
     row = set_rest(s.vehicle.reference)
     row["task"][hand], row["p_WH"][hand] = TASK_POSITION, p
     row["v_WH"][hand] = [task.hand_speed_mps, 0.0, 0.0]
@@ -160,10 +163,11 @@ def _hold_hand(s: Supervisor, p: Array, task: SensorInstall, hand: int = 0) -> T
 
 
 def _watch_hand(s: Supervisor, hand: int = 0) -> Array:
-    """Where a hand is (3,) m, in the mean over a swing of the link.
+    """Return a hand's position (3,) m, averaged over a period of the link.
 
-    The link hangs, and the springs give way, a little other than planned, and what the hand is off
-    the platform has to move: 20 deg of bend in the elbow of a stretched arm are 8 mm of reach.
+    The angle of the link and the deflection of the springs differ a little from the plan. The
+    platform compensates the resulting error of the hand: a deflection of 20 deg in the elbow of a
+    stretched arm changes its reach by 8 mm.
     """
     seen, end = [], s.vehicle.t + WATCH_S
     while s.vehicle.t < end - 1e-9:
@@ -178,7 +182,7 @@ def _limit(vector: Array, most: float) -> Array:
 
 
 def _move_with_hand(s: Supervisor, p: Array, end: Array, hand: int = 0) -> None:
-    """Move platform to p and a hand to `end` (3,) m at the same time, rest to rest."""
+    """Move the platform to p and a hand to `end`, (3,) m each, at the same time, rest to rest."""
     table = slide_platform(s, p, CALM)
     first = table["p_WH"][0, hand].copy()
     shape, _, _ = quintic(table["t"] / table["t"][-1])
@@ -188,14 +192,14 @@ def _move_with_hand(s: Supervisor, p: Array, end: Array, hand: int = 0) -> None:
 
 
 def _check_swing(s: Supervisor, angle: float, way: InstallPlan) -> bool:
-    """Push the link until it will turn back at `angle` (rad); watch from there.
+    """Push the link until it will swing to `angle` (rad), then observe it.
 
-    Returns whether it got so far. The platform gives way and damps, so that a force turns the link
-    to an angle at most: the push is as much stronger as the angle is larger.
+    Returns whether the link reached that angle. The platform yields and damps, so a given force
+    swings the link to a bounded angle only: the force is proportional to the angle.
 
-    A push of tenths of a second: a slow pull would show how the platform comes back from having
-    leant against it, not how a swing dies out. Of a pendulum, (q - rest)^2 + (q' / w)^2 is the
-    square of the angle at which it will turn back.
+    The push lasts some tenths of a second. After a slow pull the platform would still return from
+    its lean, which would disturb the measured decay. For a pendulum, (q - rest)^2 + (q' / w)^2 is
+    the square of the angle at which it reverses.
     """
     s.begin("push the link")
     swing = int(s.vehicle.read(ArmModel).swing)
@@ -219,14 +223,14 @@ def _check_swing(s: Supervisor, angle: float, way: InstallPlan) -> bool:
 
 
 def _install(s: Supervisor, task: SensorInstall, way: InstallPlan) -> str:
-    """Touch and press; returns what failed, or ""."""
+    """Touch and press; returns the reason of a failure, or ""."""
     if not _touch(s, task, way):
         return "the hand met no surface"
     return "" if _press(s, task, way) else "contact was lost while pressing"
 
 
 def _touch(s: Supervisor, task: SensorInstall, way: InstallPlan) -> bool:
-    """Move the hand up until its force says contact."""
+    """Move the hand up until its estimated force indicates contact."""
     s.begin("touch")
     start = s.vehicle.t
     goal = way.contact + SEARCH * way.normal
@@ -248,10 +252,10 @@ def _touch(s: Supervisor, task: SensorInstall, way: InstallPlan) -> bool:
 
 
 def _press(s: Supervisor, task: SensorInstall, way: InstallPlan) -> bool:
-    """Ramp the force up, settle, hold it; returns whether contact was kept to the end.
+    """Ramp the force up, wait, hold it; returns whether the contact lasted to the end.
 
-    With `leave_singularity` a stretched arm is answered: the platform moves to where the elbow
-    comes to a right angle, while the hand goes on pressing.
+    With `leave_singularity` and a stretched arm, the platform moves until the elbow is at a right
+    angle, while the hand continues to press.
     """
     row = set_rest(s.vehicle.reference)
     row["task"][0], row["p_WH"][0] = TASK_FORCE, s.vehicle.read(Hands).p_WH[0]
@@ -281,7 +285,7 @@ def _press(s: Supervisor, task: SensorInstall, way: InstallPlan) -> bool:
 
 
 def _retract(s: Supervisor, task: SensorInstall, way: InstallPlan) -> None:
-    """Take the hand down from the pipe, and the platform to where the way back begins."""
+    """Lower the hand from the pipe, and move the platform to the start of the return path."""
     s.begin("retract")
     down = -task.approach_below_m * way.normal
     if task.leave_singularity:
@@ -293,14 +297,20 @@ def _retract(s: Supervisor, task: SensorInstall, way: InstallPlan) -> None:
 
 
 def _lower(s: Supervisor, task: SensorInstall, way: InstallPlan) -> None:
-    """Take hand and platform down with the elbow as bent as it is: straight, it feels too much."""
+    """Lower hand and platform with the present bend of the elbow.
+
+    Stretched, the arm would overestimate the force.
+    """
     down, here = -task.approach_below_m * way.normal, np.array(s.vehicle.read(Hands).p_WH[0])
     s.body.track(_hold_hand(s, here, task))
     _move_with_hand(s, np.array(s.vehicle.reference["p_WB"]) + down, here + down)
 
 
 def _tare(s: Supervisor) -> None:
-    """Call the force in free air zero, in a good pose: stretched, little torque is much force."""
+    """Tare the force in free air, in the L pose.
+
+    In a stretched arm a small torque corresponds to a large force.
+    """
     s.wait(1.0)
     s.arms.tare()
     s.wait(TARE_S)
@@ -308,7 +318,7 @@ def _tare(s: Supervisor) -> None:
 
 
 def _keep(s: Supervisor, seconds: float, way: InstallPlan) -> bool:
-    """Tick for a time; False when the estimated force was gone for too long."""
+    """Tick for a time (s); returns False if the estimated force was absent for too long."""
     felt = s.vehicle.t
     for t, *_ in s.orders.passes(seconds):
         if float(s.vehicle.read(HandForce).f_WH[0] @ way.normal) > 0.1:

@@ -1,4 +1,4 @@
-"""Metrics of the kind "sensor-install": force, hand, swing, platform, and what the tape did."""
+"""Metrics of the kind "sensor-install": force, hand, swing, platform and bond of the tape."""
 
 import math
 from collections.abc import Sequence
@@ -56,9 +56,9 @@ MEASURES: Measures = {
     ),
     "sensor.installed": ("", "1 if the sensor stays at the requested place, otherwise 0"),
 }
-"""Metric -> unit and meaning, of those that only this kind has."""
+"""Metric -> unit and meaning, for the metrics that only this kind has."""
 
-BEFORE_S = 2.0  # s before the touch: where the platform stood
+BEFORE_S = 2.0  # s before the touch, over which the platform's position is averaged
 HOLD, HOVER, SWING = Where(("force",)), Where(("hover check",)), Where(("swing check",))
 PRESSED = Where(("press", "leave singularity", "force"))
 FELT, TOUCHED = Where(("touch", *PRESSED.phases)), Where((PHASE,))
@@ -79,17 +79,18 @@ WHERE = {
 }
 PRESSING = 0.02  # N
 AROUND_M, ALONG_M = 0.02, 0.03
-"""How far from its place a sensor may be; along the pipe the map's error comes on top."""
+"""Largest distance of an installed sensor from its place; along the pipe the map's error is added.
+"""
 LEVER_EVERY = 5  # samples, in which joints turn by a degree
 
 
 def compute_metrics(run: Flown[SensorInstall, InstallPlan]) -> dict[str, float]:
-    """Judge the phases that were flown; what was not reached has no metric."""
+    """Evaluate the phases that were flown; phases that were not reached yield no metric."""
     out: dict[str, float] = {}
     samples, phases, task, way = run.samples, run.phases, run.task, run.way
     true = run.setup.true.cylinder
     assert true is not None
-    up = level_axes(true.R_WP)[:, 2]  # not as the map has it
+    up = level_axes(true.R_WP)[:, 2]  # of the true pipe, not of the map
     normal = samples["left_f_W"] @ up
     surveyed = run.once(find_survey)
     if surveyed is not None and way.survey is not None:
@@ -150,10 +151,10 @@ def compute_metrics(run: Flown[SensorInstall, InstallPlan]) -> dict[str, float]:
 
 
 def find_balls(setup: Setup[SensorInstall], samples: NDArray[Any]) -> Array:
-    """Return the centres (n, 3) m in W of the left hand's ball, which lies behind its end.
+    """Return the centres (n, 3) m in W of the left hand's ball, which lies behind the hand's end.
 
-    The ball touches the pipe on the line from its centre to the pipe's axis; the end of a hand that
-    leans is up to a radius of the ball beside that.
+    The ball touches the pipe on the line from its centre to the pipe's axis. If the hand leans, its
+    end is beside that line by up to a radius of the ball.
     """
     arm = setup.robot.arm
     assert arm is not None
@@ -162,9 +163,10 @@ def find_balls(setup: Setup[SensorInstall], samples: NDArray[Any]) -> Array:
 
 
 def find_place(p_W: Array, pipe: Cylinder) -> tuple[float, float]:
-    """Return how far (m) points (n, 3) are at most around the pipe from below, and along it.
+    """Return the largest distances (m) of points (n, 3) m from the pipe's lowest line and middle.
 
-    Below is where gravity has it, whatever the pipe's turn about its axis.
+    The first is measured around the pipe, the second along it. The lowest line is defined by
+    gravity, independent of the pipe's roll.
     """
     local = (p_W - pipe.p_WP) @ level_axes(pipe.R_WP)
     around = pipe.radius * np.abs(np.arctan2(local[:, 0], -local[:, 2]))
@@ -172,7 +174,7 @@ def find_place(p_W: Array, pipe: Cylinder) -> tuple[float, float]:
 
 
 def find_survey(run: Flown[SensorInstall, InstallPlan]) -> Surveyed | None:
-    """Fit the pipe to the recorded touches; None without any."""
+    """Fit the pipe to the recorded touches; returns None if there are none."""
     survey = run.way.survey
     if survey is None:
         return None
@@ -185,12 +187,12 @@ def find_survey(run: Flown[SensorInstall, InstallPlan]) -> Surveyed | None:
 def _find_least_lever(
     setup: Setup[SensorInstall], q: Array, hands: Sequence[int] | None = None
 ) -> float:
-    """Least singular value of an arm's Jacobian over its reach, of joints q (n, n_joints) rad.
+    """Return the least singular value of an arm's Jacobian over its reach, q (n, n_joints) rad.
 
-    `hands` are those that count, both by default.
+    `hands` are the indices of the arms considered; None means both.
 
-    Zero where the arm is stretched: no motion of its joints moves the hand along it, and no torque
-    of theirs shows a force there (vehicle/arms/singularity.py).
+    The value is zero for a stretched arm: no joint motion moves the hand along the arm, and a force
+    along it causes no joint torque (vehicle/arms/singularity.py).
     """
     joints, least = list_joints(setup.robot), math.inf
     sides = sorted({limb.side for limb in joints if limb.side >= 0})
@@ -205,7 +207,7 @@ def _find_least_lever(
 
 
 def _judge_swing(t: Array, q: Array) -> dict[str, float]:
-    """Time until the link stays within 1 deg of where it comes to rest."""
+    """Return the initial angle and the time until the link stays within 1 deg of its rest angle."""
     rest = float(np.mean(q[t > t[-1] - 1.0]))
     out = {"swing.start_deg": math.degrees(abs(float(q[0]) - rest))}
     outside = np.flatnonzero(np.abs(q - rest) > SWING_DECAYED)
@@ -214,7 +216,8 @@ def _judge_swing(t: Array, q: Array) -> dict[str, float]:
 
 
 def _judge_tape(samples: NDArray[Any], normal: Array, up: Array, world: World) -> dict[str, float]:
-    """Bond from the pressing that was recorded, and whether the hand then came off without it."""
+    """Return the bond from the recorded press, and whether the sensor stayed when the hand
+    withdrew."""
     tape = find_first(world.things, Tape)
     if tape is None or not len(samples):
         return {}
@@ -224,7 +227,7 @@ def _judge_tape(samples: NDArray[Any], normal: Array, up: Array, world: World) -
     bond = tape.strength_n * (1.0 - math.exp(-impulse / tape.press_n_s))
     last = np.flatnonzero(normal > PRESSING)
     left = False
-    if len(last):  # farther than the tape stretches
+    if len(last):  # the hand withdrew farther than the tape stretches
         height = samples["left_p_WH"][last[-1] :] @ up
         left = height[0] - float(np.min(height)) > tape.strength_n / tape.stiffness_n_per_m
     return {
@@ -239,5 +242,5 @@ def _duration(samples: NDArray[Any], mask: Mask) -> float:
 
 
 def _rms(error: Array) -> float:
-    """Root of the mean square of vectors (n, 3)."""
+    """Return the root mean square of the norms of vectors (n, 3)."""
     return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))

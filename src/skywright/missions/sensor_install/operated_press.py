@@ -1,14 +1,15 @@
 """An operator presses the sensor onto the pipe with the left hand: law (24), then a force.
 
-The robot brings the hand to the stand-off, beside the place by `HAND_OVER`, and hands over. The
-platform stands; the stick moves the hand, led in W. With `control = "position"` it does so in
-contact, too, where the springs of the arm turn the way beyond the surface into a force. With
-`control = "force"` the stick raises and lowers the force that the hand exerts along the normal,
-from the first touch on; pulled back to nothing the hand is moved again.
+The robot moves the hand to the stand-off, offset by `HAND_OVER` from the place, and hands over. The
+platform hovers; the stick moves the hand. With `control = "position"` it does so in contact as
+well; the springs of the arm turn the motion beyond the surface into a force. With `control =
+"force"` the stick raises and lowers the force along the normal from the first touch on. If it
+lowers the force to zero, it moves the hand again.
 
-In free air the hand is led in W: the arm makes up for the platform's motion. In contact it is led
-by its shafts, relative to what carries the arms. A hand that friction holds and that makes up for
-the platform's motion pushes the platform away by its servos' lag, and the platform swings.
+In free air the hand's goal is fixed in W: the arm compensates the platform's motion. In contact the
+goal is given as joint angles, relative to the platform. A hand held by friction whose arm
+compensates the platform's motion would push the platform away with the lag of the servos, and the
+platform would swing.
 """
 
 import numpy as np
@@ -26,23 +27,23 @@ from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import ArmModel, HandForce, Hands, HandState
 from skywright.vehicle.plant import MISSION_TICK
 
-HAND_OVER = np.array([-0.02, 0.02, 0.0])  # m, ahead, left, up, beside the place below the pipe
+HAND_OVER = np.array([-0.02, 0.02, 0.0])  # m, ahead, left, up, from the place below the pipe
 FENCE = np.array([[-0.06, -0.06, -0.1], [0.06, 0.06, 0.08]])
-"""m, from the place on the pipe: lowest and highest place that the stick can ask for."""
+"""m, relative to the place on the pipe: lowest and highest position that the stick can command."""
 UP = (0.0, 0.0, 1.0)
 CONTACT_N, CONTACT_S = 0.3, 0.1  # N, s: a touch
-RIGHT = 0.4  # of the force that is asked for, within which the phase "force" begins
-LOST_S = 1.0  # s without contact, after which the hand is moved to the pipe again
-RATE = 0.5  # 1/s, of the force that is asked for, at full deflection
-MOST = 2.0  # of it, that the stick can ask for
-DAMPING = 0.03  # m, of the inverse Jacobian near a singularity
-LEAST_N = 0.1  # N: pulled back below it the hand is moved again
+RIGHT = 0.4  # relative force error below which the phase "force" begins
+LOST_S = 1.0  # s without contact, after which the hand moves to the pipe again
+RATE = 0.5  # 1/s, rate of the force at full deflection, relative to the requested force
+MOST = 2.0  # largest force that the stick can command, relative to the requested force
+DAMPING = 0.03  # m, damping of the inverse Jacobian near a singularity
+LEAST_N = 0.1  # N; below it the stick moves the hand again
 
 
 def press_by_operator(s: Supervisor[SensorInstall], lead: Lead, way: InstallPlan) -> str:
-    """Fly "touch", "press" and "force" with the operator; returns why it was not done, or "".
+    """Fly "touch", "press" and "force" with the operator; returns the reason of a failure, or "".
 
-    It is done when the operator presses the button in contact.
+    The press ends when the operator presses the button in contact.
     """
     press = _Press(s, lead, way)
     s.begin("touch")
@@ -59,7 +60,7 @@ def press_by_operator(s: Supervisor[SensorInstall], lead: Lead, way: InstallPlan
 
 
 class _Press:
-    """The state of an operated press; each step is one tick."""
+    """State of an operated press; each step is one tick."""
 
     def __init__(self, s: Supervisor[SensorInstall], lead: Lead, way: InstallPlan) -> None:
         self.s, self.task, self.lead = s, s.task, lead
@@ -68,11 +69,11 @@ class _Press:
         self.contact = way.contact
         self.help = Assistance(s.task.assistance, s.task.force_n)
         self.goal, self.force = self._measure(), 0.0
-        self.exerts = 0.0  # N, that the stick asks for in force control; 0: the hand is moved
+        self.exerts = 0.0  # N, commanded in force control; 0: the stick moves the hand
         self._phase, self._felt, self._free = "touch", 0.0, 0.0
 
     def step(self) -> bool:
-        """Read the stick and fly a tick; returns whether the operator says that it is done."""
+        """Read the stick and fly a tick; returns whether the operator reports the end."""
         s, task = self.s, self.task
         off = self._measure()
         self.force = float(s.vehicle.read(HandForce).f_WH[0] @ self.R[:, 2])
@@ -96,7 +97,8 @@ class _Press:
         return False
 
     def _lead_joints(self, v: Array) -> None:
-        """Lead the hand's shafts so that a free hand would move at v (3,) m/s to the platform."""
+        """Command joint angles with which a free hand would move at v (3,) m/s relative to the
+        platform."""
         vehicle = self.s.vehicle
         arm, state, row = (
             vehicle.read(ArmModel),
@@ -113,12 +115,12 @@ class _Press:
         self.s.body.track(row[None])
 
     def _measure(self) -> Array:
-        """Where the hand is from its place on the pipe, (3,) m: ahead, left, up."""
+        """Return the hand's position relative to its place on the pipe, (3,) m: ahead, left, up."""
         p: Array = self.s.vehicle.read(Hands).p_WH[0]
         return self.R.T @ (p - self.contact)
 
     def _watch(self) -> bool:
-        """Follow the contact by the phases; returns whether there is one."""
+        """Begin the phase that matches the contact; returns whether there is contact."""
         touch = self.force > CONTACT_N
         self._felt = self._felt + MISSION_TICK if touch else 0.0
         self._free = 0.0 if touch else self._free + MISSION_TICK
@@ -137,7 +139,7 @@ class _Press:
         self.s.begin(phase)
 
     def _exert(self, up: float) -> bool:
-        """Lead the force by the stick for a tick; returns whether the hand exerts one."""
+        """Change the force by the stick for a tick; returns whether the hand exerts one."""
         s, asked = self.s, self.task.force_n
         if self.exerts == 0.0:
             self.exerts = max(self.force, CONTACT_N)

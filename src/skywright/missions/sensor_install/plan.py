@@ -1,8 +1,8 @@
 """Press a sensor on a pipe from below with one hand (Suarez 2020, section VI-B).
 
 Nine phases as in the paper: take off, arms to the operation pose, navigate, approach, hand to the
-contact, force, retract, return, land; before the approach two checks of the robot itself: how well
-the hand keeps a point in space, and how fast a swing of the passive link decays.
+contact, force, retract, return, land. Two tests precede the approach: how accurately the hand holds
+a point in space, and how fast a swing of the passive link decays.
 """
 
 import math
@@ -40,36 +40,36 @@ from skywright.run.gust_limits import find_exceeded_motion
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 
-BEHIND = 0.17  # m, from the pipe's surface to the axis of what carries the arms
-RISE = math.radians(15.0)  # of the forearm towards the hand: it must not touch beside the hand
+BEHIND = 0.17  # m, from the pipe's surface to the axis of the body that carries the arms
+RISE = math.radians(15.0)  # slope of the forearm: only the hand may touch
 SWING_DECAYED = math.radians(1.0)  # from rest
-IDLE_DEG = (0.0, 15.0, 30.0, 45.0)  # that the forearm which does not press is turned down, at most
+IDLE_DEG = (0.0, 15.0, 30.0, 45.0)  # angles by which the idle forearm may be lowered
 STRETCHED_DEG = (-80.0, 0.0, 0.0, -20.0)  # shoulder pitch, roll, yaw, elbow: near the singularity
 
 
 class InstallPlan(NamedTuple):
-    """Where the robot will be; platform poses are those of the working pose of the arms."""
+    """Poses and paths of the robot; platform poses are those for the arms' operation pose."""
 
     contact: Array  # (3,) m, on the pipe
     yaw: float
     normal: Array  # (3,) direction of pressing
     q: Array  # (n_joints,) rad, operation pose, swing in equilibrium
     q_good: Array  # the same in the L pose
-    q_survey: Array  # and while the other hand finds the pipe
+    q_survey: Array  # while the other hand touches the pipe in the survey
     p_far: Array  # (3,) m, platform behind and below
     p_below: Array  # below the pipe
     p_near: Array  # hand at the stand-off
     hover_hand: Array  # (3,) m, the left hand in the good pose at p_far
     home: Array  # (3,) m, hover
     folded: Array  # (n_joints,) rad
-    swing_rad_s: float  # frequency of the link under a platform at rest, 0 without one
+    swing_rad_s: float  # frequency of the link under a platform at rest; 0 without a link
     to_far: Way  # from home
     to_below: Way  # from p_far
     survey: InstallSurvey | None = None
 
 
 def plan(setup: Setup[SensorInstall]) -> MissionPlan[InstallPlan]:
-    """Place the robot for the contact and find the ways there and back."""
+    """Compute the robot's poses for the contact and the paths there and back."""
     d, robot, world = setup.description, setup.robot, setup.world
     task = setup.task
     if setup.cylinder is None:
@@ -148,7 +148,7 @@ def plan(setup: Setup[SensorInstall]) -> MissionPlan[InstallPlan]:
 
 
 def _find_gusts(setup: Setup[SensorInstall], yaw: float) -> str | None:
-    """Say that gusts move platform or link by more than the mission asks for, or None."""
+    """Return why gusts move platform or link by more than the requirements allow, or None."""
     asked = setup.description.mission.requirements
     place, decay = asked.get("platform.excursion_m"), asked.get("swing.decay_s")
     told = find_exceeded_motion(
@@ -182,7 +182,7 @@ def _choose_pose(
 ) -> Array:  # fmt: skip
     """Return the operation pose (n_joints,) rad whose idle hand stays clear of the pipe.
 
-    Below a pipe that slopes, or is thick, the hand that does not press has to be held lower.
+    Below an inclined or thick pipe the idle hand must be lower.
     """
     task, q = setup.task, np.empty(0)
     for lower in np.radians(IDLE_DEG):
@@ -197,9 +197,9 @@ def _choose_pose(
 def _choose_survey(
     setup: Setup[SensorInstall], query: ClearanceQuery, yaw: float
 ) -> tuple[Array, InstallSurvey]:
-    """Return the pose (n_joints,) rad in which the right hand touches the pipe, and how it does.
+    """Return the pose (n_joints,) rad in which the right hand touches the pipe, and the survey.
 
-    The left hand is the idle one: where the pipe may come down to it, it is held lower.
+    The left hand is idle. It is lowered if the pipe, within its map error, could reach it.
     """
     cylinder, R = setup.cylinder, rot_z(yaw)
     assert cylinder is not None
@@ -215,12 +215,12 @@ def _choose_survey(
 
 
 def build_pose(robot: Robot, pose: str, radius: float, lower: float = 0.0, idle: int = 1) -> Array:
-    """Return q (n_joints,) rad of the operation pose, both arms held alike.
+    """Return q (n_joints,) rad of the operation pose, equal for both arms.
 
-    `lower` (rad) turns the forearm of the arm `idle` (0 left, 1 right) down from there.
+    `lower` (rad) rotates the forearm of the arm `idle` (0 left, 1 right) down from there.
 
-    L: the forearm rises a little towards the hand. The upper arm hangs, or leans forward as far as
-    the pipe's radius asks, so that what carries the arms stays clear of the pipe.
+    L: the forearm rises a little towards the hand. The upper arm points down, or leans forward as
+    far as the pipe's radius requires to keep the body that carries the arms clear of the pipe.
     """
     assert robot.arm is not None
     joints = list_joints(robot)

@@ -1,10 +1,10 @@
-"""Where the pipe is, found with the hand that carries no sensor, before the other one presses.
+"""Survey of the pipe with the hand that carries no sensor, before the other hand presses.
 
-The sensor's tape would stick at the first touch. The hand touches from below at four places, and
-each is aimed at by what the touches before it say: below the middle that the map has, a little
-towards the robot, then wide on either side of the middle that is believed by then. The wide ones
-tell where the middle is; before it is known they could meet the flank, where a push from below
-slides off and pushes back the link that the arms hang on.
+The sensor's tape would stick at the first touch. The hand touches from below at four places. The
+target of each touch follows from the touches before it: first below the middle according to the
+map, then a little towards the robot, then wide on either side of the estimated middle. The wide
+touches locate the middle. If they came first they could meet the flank, where an upward push slides
+off and pushes back the link that carries the arms.
 """
 
 import math
@@ -31,29 +31,33 @@ from skywright.run.setup import Setup
 from skywright.run.supervisor import Supervisor
 
 PLACES = np.array([[-0.1, 0.0], [-0.1, 0.15], [0.1, 0.35], [0.1, -0.3]])
-"""Along the pipe (m), and towards the robot in radii."""
+"""Position along the pipe (m), and towards the robot in radii."""
 BOTTOM = -0.5 * math.pi  # rad, around the pipe
-ROOM = 0.04  # m, that springs give way while they are pressed, and errors of the arm
+ROOM = 0.04  # m, for the deflection of the springs under load and errors of the arm
 TOUCH_STD, BIAS = 2e-3, 5e-3
-"""m, of a hand's place by its joints: from touch to touch, and common to all (zeros, lengths)."""
+"""m, deviations of a hand's position by its joints: from touch to touch, and common to all touches
+(joint zeros, lengths)."""
 SETTLE_S = 2.0
 
 
 class InstallSurvey(NamedTuple):
-    """How the pipe is touched."""
+    """Parameters of the touches."""
 
     setup: Setup[SensorInstall]
     hand: int
     ball: Ball
     p_BH: Array  # (n_hands, 3) m, in the pose of the survey
-    axis: Array  # (3,) in W, out of the hand
+    axis: Array  # (3,) in W, pointing out of the hand
     yaw: float
     stand_off: float  # m, of the hand below the map's pipe
     travels: list[float]  # m, each
-    error: float  # m, by which the pipe may be nearer at the idle hand
+    error: float  # m, by which the pipe may be nearer to the idle hand than on the map
 
     def start(self, i: int, cylinder: Cylinder | None = None) -> tuple[Array, Array]:
-        """Where platform and hand (3,) m are before touch `i`; the pipe is the map's or given."""
+        """Return the positions of platform and hand, (3,) m each, before touch `i`.
+
+        The pipe is `cylinder`, or by default that of the map.
+        """
         known = self.setup.cylinder
         assert known is not None
         R_WS = np.empty((3, 3))
@@ -63,7 +67,7 @@ class InstallSurvey(NamedTuple):
 
 
 def plan_survey(setup: Setup[SensorInstall], q: Array, yaw: float) -> InstallSurvey:
-    """Plan touches with arms at q (n_joints,) rad and a platform heading `yaw` (rad)."""
+    """Plan touches with the arms at q (n_joints,) rad and the platform's heading `yaw` (rad)."""
     cylinder, error, model = setup.cylinder, get_map_error(setup), setup.model
     assert cylinder is not None
     hands = compute_kinematics(model, q)
@@ -85,7 +89,7 @@ def plan_survey(setup: Setup[SensorInstall], q: Array, yaw: float) -> InstallSur
 
 
 def lead_to(survey: InstallSurvey, cylinder: Cylinder, along: float, share: float) -> Array:
-    """Return where a hand's end (3,) m is when its ball touches the pipe, pushed straight up."""
+    """Return the end (3,) m of a hand whose ball touches the pipe from below."""
     ahead, axis, up = level_axes(cylinder.R_WP).T
     r, ball = cylinder.radius, survey.ball.radius
     down = math.sqrt((r + ball) ** 2 - (share * r) ** 2)
@@ -94,14 +98,14 @@ def lead_to(survey: InstallSurvey, cylinder: Cylinder, along: float, share: floa
 
 
 def place_platform(survey: InstallSurvey, end: Array, hand: int) -> Array:
-    """Return p_WB (3,) m from which hand `hand` has its end at `end` (3,) m."""
+    """Return p_WB (3,) m at which the end of hand `hand` is at `end` (3,) m."""
     return np.asarray(end - rot_z(survey.yaw) @ survey.p_BH[hand])
 
 
 def find_pipe(
     s: Supervisor[SensorInstall], survey: InstallSurvey, move: Callable[[Array, Array], None]
 ) -> Surveyed:
-    """Touch the pipe; `move` leads platform and hand, (3,) m each, at the same time."""
+    """Touch the pipe; `move` moves platform and hand to (3,) m each, at the same time."""
     setup, known = survey.setup, survey.setup.cylinder
     assert known is not None
     R_WS = np.empty((3, 3))

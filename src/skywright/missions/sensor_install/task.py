@@ -1,4 +1,4 @@
-"""What a mission of the kind "sensor-install" may say."""
+"""Keys of a mission of the kind "sensor-install"."""
 
 from typing import Literal
 
@@ -18,12 +18,12 @@ class SensorInstall(OperatedTask, Clearances):
     force_n: float = Field(default=2.0, gt=0, le=10)  # pressing force
     hold_s: float = Field(default=5.0, gt=0, le=600)  # time for which the force is held
     pose: Literal["L", "stretched"] = "L"  # pose of the pressing arm
-    # what an operator's stick leads in contact: the hand, or the force that it exerts
+    # what an operator's stick commands in contact: the hand's position, or its force
     control: Literal["position", "force"] = "position"
     leave_singularity: bool = False  # the platform moves so that the arm leaves a singular pose
     # distance of the hand below the pipe before contact
     stand_off_m: float = Field(default=0.05, gt=0, le=0.3)
-    # distance of the hand below the pipe on the way in
+    # distance of the hand below the pipe on the approach path
     approach_below_m: float = Field(default=0.25, gt=0, le=1)
     hand_speed_mps: float = Field(default=0.05, gt=0, le=0.5)  # speed of the hand
     hover_s: float = Field(
@@ -32,5 +32,5 @@ class SensorInstall(OperatedTask, Clearances):
     survey: bool | None = None  # touch the pipe first; default: if plant.map_error_* is not 0
     # initial angle of the released link in the swing test; 0: no test
     swing_deg: float = Field(default=10.0, ge=0, le=30)
-    # room left for the decaying swing, in standard deviations of the link's motion in gusts
+    # margin of the decaying swing, in standard deviations of the link's motion in gusts
     swing_sigmas: float = Field(default=2.0, ge=0, le=6)

@@ -1,13 +1,13 @@
-"""Help for an operator who leads something into contact, along the axis of the contact only.
+"""Assistance for an operator who moves a tool or hand into contact, along the contact's axis only.
 
-The robot applies it to the speed that the stick asks for. Levels, each with what it needs to know:
+The robot applies it to the speed that the stick commands. Levels:
 
-- `none`: the stick's speed as it is, equation (24);
-- `slow`: near the place of the contact the speed into it is limited (the gap as surveyed);
-- `guard`: the speed into the contact falls with the felt force and is zero at LIMIT of what is
-  asked for; a force above it is backed off from;
-- `hold`: from the first touch the robot leads the force to what is asked for. Pulling the stick
-  back ends that.
+- `none`: the stick's speed, unchanged, equation (24);
+- `slow`: the speed into the contact is limited near the contact; requires the surveyed gap;
+- `guard`: the speed into the contact falls with the measured force and is zero at LIMIT times the
+  requested force; above that the robot backs off;
+- `hold`: from the first touch on the robot controls the force to the requested value. Pulling the
+  stick back ends this.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from skywright.vehicle.plant import MISSION_TICK
 
 Level = Literal["none", "slow", "guard", "hold"]
 
-SLOW_MPS = 0.006  # m/s, into the contact at its place and beyond
-SLOW_RATE = 0.4  # 1/s: so much faster with each metre of the gap
-LIMIT = 1.25  # of the force that is asked for, at which the guard stops
-BACK_MPS = 0.02  # m/s, of the guard for a force that is twice its limit
-TOUCH = 0.15  # of the force that is asked for: from there on it is held
+SLOW_MPS = 0.006  # m/s, into the contact, at its surveyed place and beyond
+SLOW_RATE = 0.4  # 1/s, increase of the speed limit with the gap
+LIMIT = 1.25  # force at which the guard stops the motion, relative to the requested force
+BACK_MPS = 0.02  # m/s, backwards, at a force of twice the guard's limit
+TOUCH = 0.15  # force from which on it is held, relative to the requested force
 HOLD_MPS_PER_N, HOLD_MPS = 0.006, 0.01
-"""m/s for each N that the force is off, and at most: 0.9 rad/s on a contact of 150 N/m."""
-PULL, PULL_S = 0.5, 0.3  # of the stick, and for so long (s): the operator takes the contact back
-FREE_S = 1.0  # s without force, after which nothing is held any more
+"""m/s per newton of force error, and its limit: 0.9 rad/s on a contact of 150 N/m."""
+PULL, PULL_S = 0.5, 0.3  # deflection, and time (s), after which the operator has control again
+FREE_S = 1.0  # s without force, after which holding ends
 
 
 class Assistance:
-    """One level of help during one contact."""
+    """One level of assistance during one contact."""
 
     def __init__(self, level: Level, asked: float) -> None:
-        """`asked` (N) is the force that is to be reached."""
+        """`asked` (N) is the requested force."""
         self.level, self.asked = level, asked
         self.holding = False
         self._pulled = self._free = 0.0
@@ -41,8 +41,8 @@ class Assistance:
     def step(self, axis: float, v_max: float, gap: float, force: float) -> float:
         """Return the speed (m/s) into the contact for one tick.
 
-        `axis` (1) is the stick's part into it, `v_max` (m/s) that of a full stick, `gap` (m) how
-        far the contact is away as surveyed, `force` (N) what is felt.
+        `axis` is the stick's deflection into the contact (-1 to 1), `v_max` (m/s) the speed at full
+        deflection, `gap` (m) the surveyed distance to the contact, `force` (N) the measured force.
         """
         v = v_max * axis
         if self.level == "slow":
@@ -55,7 +55,7 @@ class Assistance:
         return v
 
     def _holds(self, axis: float, force: float) -> bool:
-        """Whether the robot holds the force now."""
+        """Return whether the robot controls the force in this tick."""
         self._pulled = self._pulled + MISSION_TICK if axis < -PULL else 0.0
         self._free = self._free + MISSION_TICK if force < TOUCH * self.asked else 0.0
         if self._pulled > PULL_S or self._free > FREE_S:

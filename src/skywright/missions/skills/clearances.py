@@ -1,4 +1,4 @@
-"""Clearances that missions keep whose hands or probe touch something."""
+"""Clearances of missions in which hands or a probe touch something."""
 
 from pydantic import Field
 
@@ -6,10 +6,11 @@ from skywright.description.mission.spec import Task
 
 
 class Clearances(Task):
-    """Keys of a task with ways through free air, and with work close to things."""
+    """Keys of a task with paths through free air and work close to obstacles."""
 
-    # kept from everything on the ways: in gusts (Dryden, 1.5 m/s) the platform of sensor-install
-    # strays by up to 0.05 m from its way, and 0.09 m while its link swings
+    # clearance on the paths: in gusts (Dryden, 1.5 m/s) the platform of sensor-install deviates by
+    # up to 0.05 m from its path, and by 0.09 m while its link swings
     way_clearance_m: float = Field(default=0.1, ge=0.01, le=1)
-    # kept near the work by all that does not touch: a hand strays by up to 0.012 m in hover
+    # clearance near the work of all parts that do not touch: a hand deviates by up to 0.012 m in
+    # hover
     near_clearance_m: float = Field(default=0.02, ge=0.002, le=0.3)

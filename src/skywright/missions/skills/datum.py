@@ -1,8 +1,8 @@
-"""Registration by a datum: the robot looks at a mark of known place before it works from it.
+"""Registration by a datum: a camera measures a mark of known position before the work.
 
-A survey by touch leaves open where the robot is along a pipe and around it, or along a wall. The
-mark closes that: what was found is shifted along itself, and turned about a pipe's axis, so that
-the mark has the place that the asset gives it.
+A survey by touch leaves the robot's position along and around a pipe, or along a wall,
+undetermined. The mark determines it: the fitted surface is shifted along itself, and turned about a
+pipe's axis, until the mark is at its place on the asset.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 PHASE = "look"
 LOOK_S = 2.0
-"""s that the robot looks at the mark, at rest."""
+"""s, for which the robot measures the mark at rest."""
 LEAST_IMAGES = 10
 COLOUR = (0, 114, 178)
 
@@ -49,12 +49,12 @@ DATUM_MEASURES: Measures = {
         "stated",
     ),
 }
-"""Metrics of a flight that looked at a datum."""
+"""Metrics of a flight that measured a datum."""
 DATUM_WHERE = {"datum.": Where((PHASE,))}
 
 
 class SeenMark(NamedTuple):
-    """Where the datum mark was seen."""
+    """Measured position of the datum mark."""
 
     p_WM: Array  # (3,) m, in W, as the robot measures its tip
     std: float  # m, along the surface, each way
@@ -62,15 +62,16 @@ class SeenMark(NamedTuple):
 
 
 def get_datum(setup: Setup[Any]) -> DatumThing | None:
-    """Return the datum that the mission refers to: None without a mark or a camera that sees it."""
-    asked = getattr(setup.task, "datum", False)  # tasks without the key do not look
+    """Return the datum that the mission uses; None without a mark or a camera that sees it."""
+    asked = getattr(setup.task, "datum", False)  # tasks without the key use no datum
     return find_seen_datum(setup.robot, setup.world) if asked else None
 
 
 def explain_view(setup: Setup[Any], stand_off: float, reach: float, aside: float) -> str:
-    """Say why the camera may miss the mark from `stand_off` (m) over its place by the map, or "".
+    """Return why the camera may not see the mark from `stand_off` (m) over its mapped place, or "".
 
-    The true surface may be `reach` (m) nearer or farther, the mark `aside` (m) along it.
+    The true surface may be `reach` (m) nearer or farther, and the mark shifted by `aside` (m) along
+    it.
     """
     probe, plant = setup.robot.probe, setup.description.plant
     assert probe is not None and probe.camera is not None
@@ -104,9 +105,9 @@ def explain_view(setup: Setup[Any], stand_off: float, reach: float, aside: float
 
 
 def look_at_datum(s: Supervisor[Any], setup: Setup[Any]) -> SeenMark | str:
-    """Look at the mark from where the robot rests; returns where it is, or what failed.
+    """Measure the mark from the present pose, at rest; return its position, or why it failed.
 
-    A look that a pilot's take-over interrupted is made anew.
+    A measurement that a pilot's take-over interrupted is repeated.
     """
     mark = s.vehicle.look(DatumMark)
     while True:
@@ -129,7 +130,7 @@ def look_at_datum(s: Supervisor[Any], setup: Setup[Any]) -> SeenMark | str:
 def read_datum(
     setup: Setup[Any], samples: Samples, phases: Sequence[PhaseRecord]
 ) -> SeenMark | None:
-    """Return where a recorded flight saw the mark; None where it did not."""
+    """Return the measured mark of a recorded flight; None without one."""
     looked = [i for i, p in enumerate(phases) if p.name == PHASE and p.outcome == "done"]
     if not looked or not has_columns(samples, "datum_images"):
         return None
@@ -148,7 +149,7 @@ def _build_seen(
     setup: Setup[Any], before: tuple[float, Array], after: tuple[float, Array], p_WT: Array,
     pose_std: float,
 ) -> SeenMark | str:  # fmt: skip
-    """Return the mean of the images in between; p_WT (3,) m is the tip at the end."""
+    """Return the mean of the images between two samples; p_WT (3,) m is the tip at the end."""
     images = after[0] - before[0]
     if images < LEAST_IMAGES:
         return (
@@ -162,10 +163,11 @@ def _build_seen(
 
 
 def _compute_std(setup: Setup[Any], images: float, away: float, pose_std: float) -> float:
-    """Return the deviation (m) of the mark's place along the surface, each way.
+    """Return the standard deviation (m) of the mark's position along the surface, each way.
 
-    `away` (m) is the tip from the mark. `pose_std` (m; NaN: motion capture of the tip) is what the
-    estimator says of the platform's place, which is off by as much again when the robot works.
+    `away` (m) is the distance of the mark from the tip. `pose_std` (m) is the estimator's standard
+    deviation of the platform's position (NaN: motion capture measures the tip). It enters twice, at
+    the measurement and at the work.
     """
     probe, plant = setup.robot.probe, setup.description.plant
     assert probe is not None and probe.camera is not None
@@ -181,9 +183,9 @@ def spread_over_pipe(
 ) -> float:
     """Return the largest deviation (m), each way, of `places` (n, 2) (s m, phi rad) from the datum.
 
-    The mark pins one place. What touches leave open of the pipe's direction, axis and radius moves
-    the others: `found` is the registered pipe with the covariance of its fit. The error of the
-    tip's markers cancels as far as the tip is directed as it was at the mark.
+    The mark determines one place. The uncertainty of the pipe's direction, axis and radius after
+    the touches moves the others: `found` is the registered pipe with the covariance of its fit. The
+    error of the tip's markers cancels as far as the tip's direction equals that at the mark.
     """
     cylinder, P = found.cylinder, found.fit.covariance
     s, phi = datum.get_place()
@@ -202,7 +204,7 @@ def spread_over_pipe(
         )  # fmt: skip
         again = register_cylinder(moved, datum, SeenMark(p_M[0], 0.0, 0))
         at, c, _ = unroll_points(again, p, near=near)
-        # an angle on the asset: its arc by the nominal radius
+        # the asset defines an angle; its arc follows from the nominal radius
         arc = c / again.radius * cylinder.radius
         shifts.append(np.column_stack([at - places[:, 0], arc - near]) / step)
     J = np.array(shifts)  # (5, n, 2)
@@ -217,8 +219,8 @@ def spread_over_structure(
 ) -> float:
     """Return the largest deviation (m), each way, of `places` (n, 2) m in S from the datum.
 
-    The heading of a surface that faces down may be off by what the map states; that of one that
-    faces to the side is touched, and none is turned about its normal.
+    The heading of a surface that faces down is uncertain by the stated map error. That of a surface
+    that faces to the side is measured by the touches. The map has no error about the normal.
     """
     structure = setup.world.structure
     assert structure is not None
@@ -230,7 +232,7 @@ def spread_over_structure(
 
 
 def register_cylinder(found: Cylinder, datum: DatumThing, mark: SeenMark) -> Cylinder:
-    """Return the pipe shifted along its axis and turned about it until the mark is at its place."""
+    """Return the pipe, shifted along its axis and turned about it to have the mark at its place."""
     s, phi = datum.get_place()
     at, c, _ = unroll_points(found, mark.p_WM[None], near=found.radius * phi)
     turn = rot_y(float(c[0]) / found.radius - phi)
@@ -241,7 +243,7 @@ def register_cylinder(found: Cylinder, datum: DatumThing, mark: SeenMark) -> Cyl
 
 
 def register_surface(found: Surface, datum: DatumThing, mark: SeenMark) -> tuple[Array, Array]:
-    """Return S (3,) m and its normal (3,) for the mark to be at its place on the structure."""
+    """Return S (3,) m and its normal (3,) with the mark at its place on the structure."""
     off = find_place(found, mark.p_WM)[:2] - np.array(datum.get_place())
     p, R = locate_point(found, off)
     return p, R[:, 2]
@@ -250,12 +252,12 @@ def register_surface(found: Surface, datum: DatumThing, mark: SeenMark) -> tuple
 def judge_datum(
     setup: Setup[Any], mark: SeenMark, samples: Samples, work: Mask, spread: float
 ) -> dict[str, float]:
-    """Compare the mark's place with the truth, along the surface.
+    """Compare the mark's measured position with the truth, along the surface.
 
-    `spread` (m) is the stated deviation of the place of the work that is farthest from it.
+    `spread` (m) is the stated deviation of the place of the work that is farthest from the mark.
 
-    What the measured tip is off by at `work` (n,) as well shifts mark and work alike, and is taken
-    out; before any work, what it is off by throughout is left in.
+    The mean error of the measured tip at `work` (n,) shifts mark and work alike and is subtracted.
+    Without any work it is not subtracted.
     """
     p = mark.p_WM
     if np.any(work):
@@ -279,7 +281,7 @@ def judge_datum(
 
 
 def describe_datum(metrics: Mapping[str, float], where: str) -> list[str]:
-    """Say how well the datum was seen; `where` is what it tells. [] without one."""
+    """Return sentences on the datum's accuracy; `where` names what refers to it. [] without one."""
     if "datum.std_mm" not in metrics:
         return []
     return [
@@ -292,7 +294,7 @@ def describe_datum(metrics: Mapping[str, float], where: str) -> list[str]:
 
 
 def list_datum_marks(result: Any) -> list[Mark]:
-    """Where the mark was seen, for 3-D views; [] without one."""
+    """Return the measured position of the mark for 3-D views; [] without one."""
     setup = Setup(result.description)
     seen = read_datum(setup, result.samples, result.phases) if get_datum(setup) else None
     if seen is None:

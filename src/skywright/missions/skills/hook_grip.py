@@ -1,4 +1,4 @@
-"""How two arms with hooks hold a handle, and which robots can."""
+"""Posture in which two arms with hooks hold a handle, and the check of the robots that can."""
 
 import math
 
@@ -14,13 +14,13 @@ from skywright.models.rigid_body import build_body_model, posture
 from skywright.models.things._handled import Handled
 
 FORE = math.radians(65.0)
-"""Of the forearm from straight down, handle in the cradle: forearm and hook both slope towards it,
-by 30 and 60 deg, and stay so while the springs yield by up to 20 deg."""
+"""Angle of the forearm from straight down, handle in the cradle: forearm and hook both slope
+towards the handle, by 30 and 60 deg, even while the springs deflect by up to 20 deg."""
 CLEAR = 0.09  # m, from the landing gear to the handle's axis
 
 
 def check_hooks(robot: Robot, mission: str) -> None:
-    """Raise InputError where a robot has no two compliant arms with hooks at its platform."""
+    """Raise InputError if a robot does not have two compliant arms with hooks on its platform."""
     if not is_compliant(robot) or not has_arm_chain(robot) or robot.arm is None:
         raise InputError(
             f"robot {robot.name!r} has no compliant arms of pitch, roll, yaw and elbow: "
@@ -40,7 +40,7 @@ def check_hooks(robot: Robot, mission: str) -> None:
 
 
 def build_grip(robot: Robot, tool: Handled, gravity: float) -> Grip:
-    """Return how the arms hold the handle of a tool or a bar: it just clears the landing gear."""
+    """Return the grip of the handle of a tool or a bar, which just clears the landing gear."""
     assert robot.arm is not None
     model = build_body_model(robot, gravity)
     chain = build_arm_chain(robot)
@@ -52,7 +52,7 @@ def build_grip(robot: Robot, tool: Handled, gravity: float) -> Grip:
         first = build_arm_chain(robot, side).first
         q[first : first + 4] = [-lean, 0.0, 0.0, lean - FORE]
     hands = find_hands(model, q)
-    R = rot_y(-FORE)  # of the forearm: it hangs along -z
+    R = rot_y(-FORE)  # of the forearm, which points along -z at zero angles
     hook, back = R[:, 0], R[:, 2]
     reach = 0.5 * tool.handle_diameter_m + robot.arm.hand.radius_m
     mouth = (hook + back) / math.sqrt(2.0)
@@ -69,10 +69,10 @@ def build_grip(robot: Robot, tool: Handled, gravity: float) -> Grip:
 
 
 def compute_entry(robot: Robot, grip: Grip) -> tuple[float, float]:
-    """Return where hooks may pass beside the handle of a grip, both in m.
+    """Return the limits (m) between which hooks can pass beside the handle of a grip.
 
-    First how far beside the handle they may be to go round it on their way up, then how far below
-    their place (negative) their tips do not reach it yet.
+    First the largest offset beside the handle with which they pass around it on their way up, then
+    the height relative to their place (negative) below which their tips do not reach it.
     """
     assert robot.arm is not None
     reach = float(np.linalg.norm(grip.cradle)) / math.sqrt(2.0)  # radii of handle and hook

@@ -1,4 +1,4 @@
-"""The instrument that a robot carries, as its data sheet says and as it is."""
+"""The instrument that a robot carries, according to its data sheet and as it truly is."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ class Carried(NamedTuple, Generic[T]):
     """An instrument with a table of the class T."""
 
     name: str  # of its table [robot.sensors.NAME]
-    table: T  # as its data sheet says
-    true: T  # as it is
+    table: T  # according to its data sheet
+    true: T  # with its true deviations
 
 
 def find_instrument(setup: Setup[Any], kind: type[Sensor], what: str) -> Carried[Any]:
     """Return the robot's first sensor of a class; `what` names it in messages.
 
-    Raises InputError for a robot without one.
+    Raises InputError if the robot has none.
     """
     d = setup.description
     for part in build_named(d):

@@ -18,12 +18,13 @@ JOINT_SPEED, JOINT_ACCELERATION = 0.8, 2.0  # rad/s, rad/s^2
 STILL = (
     "t", "v_WB", "a_WB", "w_WB_B", "wd_WB_B", "qd", "v_WT", "track_tip", "dead_zone", "tare",
 )  # fmt: skip
-"""What is zero in a row at rest. The hands keep their tasks, `v_WH` among them: how fast."""
+"""Fields that are zero in a row at rest. The hands keep their tasks, including `v_WH`, their speed.
+"""
 LEVEL = np.eye(3)
 
 
 def set_rest(row: Any) -> Any:
-    """Return a copy of a REFERENCE row that stands still, its time 0."""
+    """Return a copy of a REFERENCE row at rest, with time 0."""
     row = copy_row(row)
     for field in STILL:
         row[field] = 0.0
@@ -43,9 +44,9 @@ def build_move(
 ) -> Table:
     """Move from one REFERENCE row to another in at least `least` s.
 
-    Position on a straight line at up to `speed` (m/s), attitude about one axis, joints in step.
-    Forces (`force`, `f_feet_B`, `t_feet_B`) follow linearly in time. Flags (press, docked, mode)
-    are those of `end` from the beginning. `model` is the robot's `BodyModel`.
+    The position moves on a straight line at up to `speed` (m/s), the attitude about one axis, and
+    the joints in synchrony. Forces (`force`, `f_feet_B`, `t_feet_B`) change linearly in time. Flags
+    (press, docked, mode) are those of `end` from the beginning. `model` is the robot's `BodyModel`.
     """
     start, end = set_rest(start), set_rest(end)
     delta = end["p_WB"] - start["p_WB"]

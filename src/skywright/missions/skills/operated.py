@@ -1,4 +1,4 @@
-"""What missions share in which an operator leads a hand, a bar or the platform with a stick."""
+"""Code shared by missions in which an operator moves a hand, a bar or the platform with a stick."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from skywright.run.operator import Operator, Recording, Sight, Stick, find_recor
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.plant import MISSION_TICK
 
-GRACE_S = 3.0  # s, that a button held at a recording's end stays held: contact is felt late
-LONGEST_S = 180.0  # s, that an operator is given for one stretch of work
+GRACE_S = 3.0  # s, for which a button held at a recording's end stays held
+LONGEST_S = 180.0  # s, longest duration of one stretch of operated work
 
 
 class OperatedTask(Task):
-    """Keys of a task in which somebody may be at the stick."""
+    """Keys of a task that an operator may control."""
 
     # recorded operator: a packaged name or a CSV file
     operator: str | None = None
     # speed at full deflection of the stick, v_max of (24)
     stick_speed_mps: float = Field(default=0.03, gt=0, le=0.2)
-    # help for the operator along the contact's axis: none, slow (speed limit near the contact),
-    # guard (no further once the force is there), hold (the robot holds the force)
+    # assistance of the operator along the contact's axis: none, slow (speed limit near the
+    # contact), guard (no further motion at the requested force), hold (the robot holds the force)
     assistance: Level = "none"
 
     def find_files(self, folder: Path) -> Self:
-        """Name the operator's recording by its path."""
+        """Replace the name of the operator's recording by its path."""
         if self.operator is None:
             return self
         packaged = Path(str(sys.modules[type(self).__module__].__file__)).parent
@@ -43,7 +43,7 @@ class OperatedTask(Task):
 
 
 def load_operator(task: OperatedTask) -> Recording | None:
-    """Read the operator's recording; it must have been made at the task's speed."""
+    """Load the operator's recording; its speed must equal that of the task."""
     if task.operator is None:
         return None
     recording = load_recording(Path(task.operator))
@@ -57,13 +57,13 @@ def load_operator(task: OperatedTask) -> Recording | None:
 
 
 class OperatorGone(Exception):
-    """Nobody is at the stick any more, or nobody came to an end in LONGEST_S."""
+    """The operator's input ended, or a stretch took longer than LONGEST_S."""
 
 
 class Lead:
     """An operator during a flight: reads the stick and records it, tick by tick.
 
-    Time runs while the operator leads, over several stretches of a flight.
+    Its time runs only while the operator has control, over several stretches of a flight.
     """
 
     def __init__(self, s: Supervisor, operator: Operator) -> None:
@@ -73,7 +73,7 @@ class Lead:
         self._ended = 0.0  # s since the recording's end
 
     def begin(self) -> None:
-        """Begin a stretch: its time counts anew, and a recording plays its rows."""
+        """Begin a stretch: its time starts at zero, and a recording replays its rows."""
         self._began, self._piece = self._ticks, self._piece + 1
         self._last, self._ended = None, 0.0
         t = self._ticks * MISSION_TICK
@@ -105,10 +105,10 @@ class Lead:
 
 
 def compute_velocity(axes: Array, v_max: float, goal: Array, fence: Array) -> Array:
-    """Return the velocity (3,) m/s of (24), v_max [dx, dy, dz], inside the fence.
+    """Return the velocity (3,) m/s of (24), v_max [dx, dy, dz], limited by the fence.
 
-    `goal` (3,) m is where it has been led so far, `fence` (2, 3) m the lowest and highest place. An
-    axis that would lead it out of the fence is left out.
+    `goal` (3,) m is the present goal, `fence` (2, 3) m its lower and upper bounds. A component that
+    would move the goal out of the fence is set to zero.
     """
     v = v_max * axes
     ahead = goal + MISSION_TICK * v
@@ -117,9 +117,9 @@ def compute_velocity(axes: Array, v_max: float, goal: Array, fence: Array) -> Ar
 
 
 def measure_operated(samples: Samples, force: Array) -> dict[str, float]:
-    """Return for how long somebody was at the stick in `samples`, and the largest `force` (n,) N.
+    """Return the duration of `samples` under operator control and the largest `force` (n,) N.
 
-    Nothing where nobody moved it.
+    Returns {} if the stick did not move.
     """
     if not has_columns(samples, "operator_stick") or not np.any(samples["operator_stick"]):
         return {}

@@ -1,4 +1,4 @@
-"""Missions that fly a plan file: loading one, and what is checked before it is flown."""
+"""Missions that fly a plan file: loading of the file and checks before the flight."""
 
 import math
 import os
@@ -15,8 +15,8 @@ from skywright.models.geometry import ClearanceQuery, compute_clearance
 from skywright.models.rigid_body import joint_names
 from skywright.planning.motion.plan_file import PlanFile, load_plan_file
 
-TOLERANCE = 0.05  # share by which a plan may exceed a robot's limit
-NEAR_M, NEAR_RAD = 0.05, 0.05  # from a mission's start to a plan's
+TOLERANCE = 0.05  # fraction by which a plan may exceed a robot's limit
+NEAR_M, NEAR_RAD = 0.05, 0.05  # largest distance of the plan's start from the mission's
 
 
 def load_plan_description(
@@ -27,10 +27,10 @@ def load_plan_description(
     sets: Sets = (),
     seed: int | None = None,
 ) -> Description:
-    """Load the mission that flies a plan file: `mission`, or by default one that only does that.
+    """Load the mission that flies a plan file: `mission`, or by default "follow-plan".
 
-    Without a mission, robot, world and start are those of the plan where nothing else is said.
-    Raises InputError on a file that is no plan or another robot's.
+    Without a mission, robot, world and start default to those of the plan. Raises InputError if the
+    file is no plan or belongs to another robot.
     """
     plan = load_plan_file(file)
     given = split_assignments(sets)
@@ -53,7 +53,7 @@ def load_plan_description(
 def load_checked_plan(file: str, d: Description) -> PlanFile:
     """Load a plan file for a mission's robot and check it against limits and start.
 
-    Raises InputError that names what is wrong.
+    Raises InputError that states the violation.
     """
     robot = d.robot
     plan = load_plan_file(file, robot.name, joint_names(robot))
@@ -92,9 +92,9 @@ def _check_limits(file: str, plan: PlanFile, robot: Robot) -> None:
 
 
 def find_closest(plan: PlanFile, query: ClearanceQuery) -> tuple[float, str]:
-    """Return the smallest distance (m) of the planned poses to the world, and what comes so near.
+    """Return the smallest distance (m) of the planned poses to the world, and between what.
 
-    Every row is looked at; rows of a plan lie millimetres apart.
+    Every row is checked; rows of a plan lie millimetres apart.
     """
     least, what = math.inf, ""
     for t, pose, q in zip(plan.t, plan.pose, plan.q, strict=True):

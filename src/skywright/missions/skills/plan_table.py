@@ -1,4 +1,4 @@
-"""From a plan file to the reference table that a vehicle tracks."""
+"""Conversion of a plan file into the reference table that a vehicle tracks."""
 
 import math
 from typing import Any
@@ -14,16 +14,16 @@ from skywright.models.rigid_body import compute_tip
 from skywright.planning.motion.plan_file import PlanFile
 from skywright.vehicle.rest_to_rest import ROW_PERIOD
 
-LEAD_S = 1.0  # s, over which an acceleration is rounded
+LEAD_S = 1.0  # s, width of the window that smooths the acceleration
 
 
 def build_plan_table(plan: PlanFile, model: NDArray[Any]) -> Table:
     """Return REFERENCE rows of a plan for the robot of `model` (1,) `BodyModel`.
 
-    The position loop is closed at the tip (`track_tip`): what wind makes the tip hang away from
-    the plan, the platform gives way to. With a passive joint what hangs on it lags z a / g behind
-    an acceleration a, and the platform leans by as much: `p_WB` leads the plan by that, and the
-    table is longer by LEAD_S, half of it at rest at either end.
+    The position loop is closed at the tip (`track_tip`): the platform compensates the wind's
+    displacement of the tip. With a passive joint the suspended arms lag z a / g behind an
+    acceleration a, and the platform leans by as much. `p_WB` is therefore ahead of the plan by this
+    lag. The table is then LEAD_S longer than the plan, with half of it at rest at either end.
     """
     swings = len(plan.joints) > 0 and find_swing(model, np.ones(len(plan.joints)))[0] != 1.0
     if swings:
@@ -49,7 +49,7 @@ def build_plan_table(plan: PlanFile, model: NDArray[Any]) -> Table:
 
 
 def _extend(plan: PlanFile) -> PlanFile:
-    """Rows every ROW_PERIOD, at rest for half of LEAD_S before and after the plan."""
+    """Resample a plan every ROW_PERIOD, with half of LEAD_S at rest before and after it."""
     half = round(0.5 * LEAD_S / ROW_PERIOD)
     n = math.ceil(plan.t[-1] / ROW_PERIOD - 1e-9) + 2 * half + 1
     t = ROW_PERIOD * (np.arange(n) - half)
@@ -65,7 +65,7 @@ def _extend(plan: PlanFile) -> PlanFile:
 
 
 def _lead(table: Table, gravity: float) -> None:
-    """Move the platform ahead by what the tip will lag; the acceleration is rounded for that."""
+    """Move the platform ahead by the lag of the tip, computed from the smoothed acceleration."""
     half = round(0.5 * LEAD_S / ROW_PERIOD)
     kernel = np.hanning(2 * half + 1)
     kernel /= kernel.sum()

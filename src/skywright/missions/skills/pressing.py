@@ -1,4 +1,4 @@
-"""Touch with the probe, hold each force of a profile, measure, release: what missions share."""
+"""Touch with the probe, hold each force of a profile, measure and release."""
 
 import math
 from collections.abc import Callable
@@ -18,15 +18,15 @@ from skywright.run.records import Measurement
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.rest_to_rest import ROW_PERIOD
 
-TIP_GAP = 0.008  # m, of the tip to the surface before the force loop takes over
+TIP_GAP = 0.008  # m, distance of the tip from the surface before the force loop takes over
 TOUCH_TIMEOUT_S = 15.0
-FELT = 0.5  # of the first force: the tip touches
-STOP_NEAR = math.radians(1.0)  # of a joint to its stop: two errors of an encoder's zero
-FORCE_OFF = 1.0  # N, and half of what is asked for, that a press in flight may be off at a stop
-OFF_S = 1.0  # s, for so long: three time constants of the force loop
-SATURATED_S = 0.1  # s, where the rotors are at their limits as well
+FELT = 0.5  # fraction of the first force that counts as contact
+STOP_NEAR = math.radians(1.0)  # distance of a joint from its stop: two errors of an encoder's zero
+FORCE_OFF = 1.0  # N; a press in flight at a stop may be off by this or half its force
+OFF_S = 1.0  # s, for which it may be off: three time constants of the force loop
+SATURATED_S = 0.1  # s, if the rotors are at their limits as well
 SERVO_LAG_S = 0.08  # s, two time constants of velocity servos
-LAGS = 3.0  # lags for which a load of feet goes on to follow
+LAGS = 3.0  # lags for which the load of the feet continues to follow
 RETREAT = 0.15  # m, away from the surface along the probe
 
 
@@ -35,7 +35,7 @@ class ArmStopped(Exception):
 
 
 class Profile(Protocol):
-    """How long each force of a profile takes."""
+    """Durations of each force of a profile."""
 
     ramp_s: float
     settle_s: float
@@ -43,11 +43,11 @@ class Profile(Protocol):
 
 
 def check_can_press(robot: Robot, mission: Mission) -> None:
-    """Raise InputError when robot or law cannot control the force of a probe with the arm.
+    """Raise InputError if the robot or the law cannot control the force of a probe with the arm.
 
-    A press holds the platform (in flight, on its feet, on the bench) and names a force in the block
-    Press; no row of it lies inside the surface. A law that presses with the platform, by a tip
-    reference behind the surface, has nothing to push on there.
+    A press holds the platform (in flight, on its feet, on the bench) and sets a force in the block
+    Press; no row of the reference lies inside the surface. A law that presses with the platform, by
+    a tip reference behind the surface, would exert no force.
     """
     if robot.probe is None or robot.force_sensor is None:
         raise InputError(
@@ -67,7 +67,7 @@ def check_can_press(robot: Robot, mission: Mission) -> None:
 
 
 class Presser:
-    """Moves of platform, arm and force; every one starts where the reference is."""
+    """Moves of platform, arm and force; each starts at the present reference."""
 
     def __init__(self, supervisor: Supervisor, profile: Profile) -> None:
         self.s, self.profile = supervisor, profile
@@ -75,16 +75,16 @@ class Presser:
         self.model, self.n = vehicle.model, vehicle.n_joints
         assert vehicle.world.structure is not None
         self.structure: Structure = vehicle.world.structure
-        self._stopped = math.inf  # s, mission time since which an arm at its stop controls nothing
+        self._stopped = math.inf  # s, mission time since which an arm at its stop has no control
 
     def go(
         self, phase: str | None, *, p: Array | None = None, R: Array | None = None,
         q: Array | None = None, speed: float = 0.6, least: float = 0.0, lag: float = 0.0,
         **fields: Any,
     ) -> None:  # fmt: skip
-        """Move to a pose with other fields of the reference changed, and wait for its end.
+        """Move to a pose, change other fields of the reference, and wait for the end of the move.
 
-        The load of feet follows with a first-order `lag` (s).
+        The load of the feet follows with a first-order `lag` (s).
         """
         start = set_rest(self.s.vehicle.reference)
         end = np.array(start)
@@ -113,10 +113,10 @@ class Presser:
         load: Callable[[float], dict[str, Any]] | None = None,
         then: Callable[[], None] | None = None,
     ) -> str:
-        """Touch, hold each force, do `then`, release; returns what went wrong, or "".
+        """Touch, hold each force, call `then`, release; returns the reason of a failure, or "".
 
-        `load` gives the fields of the reference that belong to a force (load of docking feet). In
-        flight an arm that meets its stop is drawn back from the surface.
+        `load` returns the fields of the reference that belong to a force (load of the docking
+        feet). In flight the robot retreats from the surface if the arm reaches a stop.
         """
         s = self.s
         reason = self._touch(spot, forces[0], prefix, load)
@@ -142,9 +142,9 @@ class Presser:
     def _touch(
         self, spot: str, force: float, prefix: str, load: Callable[[float], dict[str, Any]] | None
     ) -> str:
-        """Move the tip on until it feels half of the force (N); returns what went wrong, or "".
+        """Move the tip until it measures half of the force (N); returns why it failed, or "".
 
-        In flight an arm that has reached its stop waits for the platform, which follows it.
+        In flight, an arm at its stop waits until the platform has followed.
         """
         s = self.s
         self.set_force(f"{prefix}touch", force, 0.02, load)
@@ -156,9 +156,10 @@ class Presser:
         return ""
 
     def _watch_stops(self) -> None:
-        """Raise ArmStopped where a joint is at its stop and force or rotors have got away.
+        """Raise ArmStopped if a joint is at its stop and the force is off or the rotors saturate.
 
-        With the rotors at their limits, too, nothing is left that controls the press: at once.
+        If the rotors are at their limits as well, nothing controls the press: it is aborted at
+        once.
         """
         vehicle, body = self.s.vehicle, self.model[0]
         q, n = vehicle.estimate["q"], self.n
@@ -178,14 +179,14 @@ class Presser:
             )
 
     def _retreat(self, prefix: str) -> None:
-        """Draw the tip back along the probe, the arm as it is: its own way back may be barred.
+        """Retreat along the probe with the arm's present posture: its own path back may be blocked.
 
-        Joints leave their stops first. A servo that is told to stay there may push against one by
-        the error of its encoder's zero, at its stall torque.
+        Joints leave their stops first. A servo commanded to stay at a stop may push against it, by
+        the error of its encoder's zero, with its stall torque.
         """
         vehicle, row = self.s.vehicle, set_rest(self.s.vehicle.reference)
         away = np.array(row["p_WB"]) - RETREAT * vehicle.estimate["R_WT"][:, 2]
-        # the reference's joints are those before the force moved the arm: begin where it is
+        # the force moved the arm away from the reference's joints: begin at the estimate
         body, q = self.model[0], vehicle.estimate["q"][: self.n]
         low, high = body["q_min"][: self.n] + STOP_NEAR, body["q_max"][: self.n] - STOP_NEAR
         row["q"][: self.n] = np.clip(q, low, high)
@@ -196,10 +197,10 @@ class Presser:
         self, phase: str, force: float, seconds: float,
         load: Callable[[float], dict[str, Any]] | None = None,
     ) -> None:  # fmt: skip
-        """Lead the force to a value (N) in `seconds`.
+        """Ramp the force to a value (N) in `seconds`.
 
-        The force loop answers with its lag. A load of feet that ran ahead of the press would leave
-        the difference to the rotors: 3 N and 0.4 N m when 7 N are released in 1.5 s.
+        The force loop responds with a lag. If the load of the feet led the press, the rotors would
+        have to supply the difference: 3 N and 0.4 N m when 7 N are released in 1.5 s.
         """
         fields, lag = {} if load is None else load(force), 0.0
         if load is not None and seconds > 0.1:
@@ -207,7 +208,7 @@ class Presser:
         self.go(phase, least=seconds, lag=lag, press=1.0, force=force, **fields)
 
     def measure_force(self, spot: str, force: float, how: str) -> None:
-        """Hold, and hand over what was measured."""
+        """Hold the force and report its measurement."""
         s = self.s
         start, read, tips = s.vehicle.t, [], []
         for _ in s.orders.passes(self.profile.hold_s):
@@ -227,7 +228,7 @@ class Presser:
 
 
 def lag_feet(table: Table, lag: float) -> Table:
-    """Return a table of the reference whose load of feet follows with a first-order lag (s)."""
+    """Return a table of the reference whose load of the feet follows with a first-order lag (s)."""
     more = math.ceil(LAGS * lag / ROW_PERIOD)
     out = np.concatenate([table, np.repeat(table[-1:], more)])
     out["t"][len(table) :] = table["t"][-1] + ROW_PERIOD * np.arange(1, more + 1)

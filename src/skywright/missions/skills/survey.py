@@ -1,10 +1,9 @@
-"""Finding out where a surface is by touching it: slowly along the normal until it is felt.
+"""Locating a surface by touch: motion along the normal at low speed until contact is detected.
 
-A touch is felt by what the robot has: the probe's force sensor, the external force that its
-estimator tells, or the force of a hand; each is compared with what it said at rest in the air.
-Where the tip came to rest is told by its estimate, springs and bending included, not by the
-reference. What touches is a `Feeler`: the probe's tip, led with the platform, or a hand, led by its
-arm.
+The contact force is measured by the probe's force sensor, the external force of the estimator, or
+the estimated force of a hand. Each is compared with its value at rest in the air. The position of
+the tip is its estimate, including the deflection of springs and links, not the reference. A
+`Feeler` is either the probe's tip, moved by the platform, or a hand, moved by its arm.
 """
 
 from __future__ import annotations
@@ -27,15 +26,15 @@ if TYPE_CHECKING:
     from skywright.run.supervisor import Supervisor
 
 
-SPEED = 0.02  # m/s towards the surface: a touch is felt within 0.1 s, 2 mm further
+SPEED = 0.02  # m/s, towards the surface: contact is detected within 0.1 s, 2 mm further
 BACK_SPEED = 0.05  # m/s, away from it
 ACCELERATION = 0.1  # m/s^2
-FELT_N = 1.0  # of a probe's tip
+FELT_N = 1.0  # contact threshold of a probe's tip
 FELT_SIGMAS = 5.0
-"""As many deviations of what is felt in the air count, where that is more (gusts)."""
-TARE_S = 1.0  # s in the air before each touch: what is felt there is zero
-HOLD_S = 1.0  # s that the tip rests on the surface
-AVERAGE_S = 0.5  # s, the last of them: their mean is where it touched
+"""Contact threshold in deviations of the force in the air, if that is larger (gusts)."""
+TARE_S = 1.0  # s in the air before each touch, over which the force is tared
+HOLD_S = 1.0  # s, for which the tip rests on the surface
+AVERAGE_S = 0.5  # s, at the end of the rest: the mean over them is the point of contact
 TRIES = 2  # at each place
 REST = 2.0
 ROW = 0.02  # s
@@ -43,47 +42,47 @@ PHASE = "survey_touch"
 
 
 class Touch(NamedTuple):
-    """One touch, or why there was none."""
+    """One touch, or the reason why there was none."""
 
     p_WT: Array  # (3,) m, the tip's end, estimated; NaN without a touch
-    axis_W: Array  # (3,) the tip's axis, out of the robot
+    axis_W: Array  # (3,) the tip's axis, pointing out of the robot
     reason: str  # "" for a touch
-    met: bool = True  # whether anything was felt
+    met: bool = True  # whether contact was detected
 
     def centre(self, tip_radius: float) -> Array:
-        """Middle (3,) m of the tip's sphere."""
+        """Return the centre (3,) m of the tip's sphere."""
         return np.asarray(self.p_WT - tip_radius * self.axis_W)
 
 
 class Feeler(Protocol):
-    """What touches a surface: how it is led, what it feels, where it is."""
+    """The part that touches a surface: how it moves, what it measures, where it is."""
 
     felt: float
-    """N, along the normal, that count as a touch; half of it must last while the tip rests."""
+    """Contact threshold (N) along the normal; half of it must last while the tip rests."""
     columns: tuple[str, str]
-    """Recorded place and attitude, of which `locate` is the mean."""
+    """Recorded position and attitude, of which `locate` returns the mean."""
 
     def start(self, R_WS: Array) -> Any:
-        """Return the row of REFERENCE to begin with: here, towards a surface with frame R_WS."""
+        """Return the first row of REFERENCE: the present pose, with the surface frame R_WS."""
 
     def lead(self, row: Any, normal: Array, distance: float, speed: float, travel: float) -> Table:
-        """Move from `row` along `normal` (3,) by `distance` (m, outward); `travel` is the most."""
+        """Move from `row` along `normal` (3,) by `distance` (m, outward); `travel` is the limit."""
 
     def place(self, row: Any) -> Array:
-        """Where `row` leads it (3,) m."""
+        """Return the position (3,) m that `row` commands."""
 
     def rest(self, s: Supervisor[Any]) -> None:
-        """Stay on what was met."""
+        """Stay in contact with the surface."""
 
     def feel(self, normal: Array) -> float:
-        """Return the force (N) along the outward `normal` (3,) that the surface makes now."""
+        """Return the measured force (N) of the surface along the outward `normal` (3,)."""
 
     def locate(self) -> tuple[Array, Array]:
-        """Return place (3,) m and outward axis (3,) of its end, estimated."""
+        """Return the estimated position (3,) m and outward axis (3,) of its end."""
 
 
 class Tip:
-    """The probe's tip. `sensed`: by the probe's own sensor; otherwise as the estimator tells."""
+    """The probe's tip. `sensed`: the force is the probe's, otherwise the estimator's."""
 
     columns = ("est_p_WT", "ref_q_WT")
 
@@ -115,10 +114,10 @@ class Tip:
 
 
 class PressingTip(Tip):
-    """A tip whose law controls the force: what it met is kept pressed with REST times `felt`.
+    """A tip whose law controls the force: in contact it presses with REST times `felt`.
 
-    Position alone would not keep it there: a stiff spring throws the robot back at less force than
-    the robot's place is held with.
+    Position control alone would lose the contact: a stiff spring throws the robot back with less
+    force than the position controller holds.
     """
 
     def rest(self, s: Supervisor[Any]) -> None:
@@ -132,16 +131,16 @@ class PressingTip(Tip):
 
 
 def get_hand_columns(index: int) -> tuple[str, str]:
-    """Recorded place and attitude of hand `index`."""
+    """Return the recorded position and attitude of hand `index`."""
     side = ("left", "right")[index]
     return f"{side}_est_p_WH", f"{side}_q_WH"
 
 
 class Hand:
-    """Hand `index` of compliant arms, led by its arm while the platform stays.
+    """Hand `index` of compliant arms, moved by its arm while the platform stays.
 
-    `speed` (m/s) is the most that the arm may take to follow. It feels less than a tip: on a slope
-    a push pushes aside, and an arm on a swinging link has nothing to hold against that.
+    `speed` (m/s) limits the motion of the arm. Its contact threshold is lower than that of a tip:
+    on a slope a push deflects sideways, and an arm on a swinging link cannot resist that.
     """
 
     felt = 0.5
@@ -166,10 +165,11 @@ class Hand:
         return np.array(row["p_WH"][self.index])
 
     def rest(self, s: Supervisor[Any]) -> None:
-        """Press with the force that is felt, and with none across: no place is asked for.
+        """Press with the threshold force along the normal, without force or position across it.
 
-        A hand that friction holds does not follow its reference. The arm would lead its shoulder
-        away instead, by as much again in each lag of the servos, as far as the link swings.
+        A hand held by friction does not follow a position reference. The arm would move its
+        shoulder away instead, by the same amount in each lag of the servos, as far as the link
+        swings.
         """
         row, hand = set_rest(self.vehicle.reference), self.index
         row["task"][hand], row["v_WH"][hand] = TASK_FORCE, 0.0
@@ -187,11 +187,11 @@ class Hand:
 
 
 def touch_surface(s: Supervisor[Any], feeler: Feeler, R_WS: Array, travel: float) -> Touch:
-    """Go from the present place, over the surface, up to `travel` (m) inward until it is felt.
+    """Move from the present position over the surface up to `travel` (m) inward until contact.
 
-    R_WS (3, 3) is the surface's frame there, as believed, z outward.
+    R_WS (3, 3) is the estimated frame of the surface there, z outward.
 
-    The robot is back where it began afterwards; phases "survey_touch" and "survey_back".
+    Afterwards the robot is back at its initial position; phases "survey_touch" and "survey_back".
     """
     row, normal = feeler.start(R_WS), R_WS[:, 2]
     s.begin(PHASE)
@@ -236,8 +236,9 @@ def survey_surface(
 ) -> list[Touch]:
     """Touch at each place, `travels` (m) deep at most.
 
-    `come` leads to place i, given the touches so far; `settle` lets the controller come to rest
-    before each touch. `frames` (3, 3) are the surface's there, as believed, z outward.
+    `come` moves to place i, given the touches so far; `settle` waits until the controller is at
+    rest before each touch. `frames` (3, 3) are the estimated frames of the surface there, z
+    outward.
     """
     found: list[Touch] = []
     for i, (R_WS, travel) in enumerate(zip(frames, travels, strict=True)):
@@ -254,10 +255,10 @@ def survey_surface(
 def read_touches(
     samples: NDArray[Any], phases: Sequence[PhaseRecord], columns: tuple[str, str] = Tip.columns
 ) -> list[Touch]:
-    """Return the touches of a recorded flight, by a feeler's columns; misses have a reason.
+    """Return the touches of a recorded flight, by a feeler's columns; failed ones have a reason.
 
-    Samples come at other instants than mission ticks, so places differ from those that the robot
-    worked with by the noise of a mean: less than 0.1 mm.
+    Samples are recorded at other instants than mission ticks, so positions differ from those in
+    flight by the noise of a mean: less than 0.1 mm.
     """
     found = []
     for i, phase in enumerate(phases):
@@ -276,7 +277,7 @@ def read_touches(
 def build_travel(row: Any, distance: float, speed: float, dead_zone: float) -> Table:
     """Move from `row` along its surface normal by `distance` (m, outward), rest to rest.
 
-    `dead_zone` (m) holds throughout: the integral does not press on what is touched.
+    `dead_zone` (m) applies throughout, so that the integral does not build up a force in contact.
     """
     t, way = _march(distance, speed)
     table = np.repeat(np.array(row)[None], len(t))
@@ -293,7 +294,7 @@ def build_travel(row: Any, distance: float, speed: float, dead_zone: float) -> T
 
 
 def _march(distance: float, speed: float) -> tuple[Array, Array]:
-    """Times (n,) s and (n, 3) m, m/s, m/s^2 along a straight line, rest to rest."""
+    """Return times (n,) s and (n, 3) m, m/s, m/s^2 along a straight line, rest to rest."""
     law = build_time_law(abs(distance), speed, ACCELERATION)
     t = np.array(ROW * np.arange(round(law.duration / ROW) + 1), dtype=np.float64)
     way: Array = np.array([eval_time_law(law, x) for x in t]) * np.sign(distance)

@@ -1,7 +1,8 @@
-"""A pipe as touches of a survey show it, in flight and from a recording.
+"""Fit of a pipe to the touches of a survey, in flight and from a recording.
 
-All places are as the robot measures its tip: the markers' calibration error shifts map, touches and
-work alike and does not disturb the work. It counts where the pipe's place in W is told.
+All positions are those of the tip as the robot measures it. The calibration error of the markers
+shifts map, touches and work alike and does not affect the work. It matters only where the pipe's
+position in W is reported.
 """
 
 import math
@@ -33,11 +34,12 @@ from skywright.run.setup import Setup
 from skywright.run.where import Where
 
 TIP_STD = 0.5e-3
-"""m, of a touch beside the localisation's noise: the surface's roughness, the tip's last motion."""
+"""m, deviation of a touch in addition to the localisation's noise: roughness of the surface,
+residual motion of the tip."""
 LEAST_TOUCHES = 3
-"""Fewer say too little: depth and both turns of the surface are three numbers."""
+"""Depth and both rotations of the surface are three unknowns."""
 CLEAR = 0.02
-"""m, from the nearest place that the pipe may have to the tip at its stand-off."""
+"""m, from the nearest position that the pipe may have to the tip at its stand-off."""
 
 
 TOUCH_MEASURES: Measures = {
@@ -96,7 +98,7 @@ SURVEY_MEASURES: Measures = {
 
 
 class Ball(NamedTuple):
-    """What touches: a sphere, and how well the robot knows where it is."""
+    """The sphere that touches, and the accuracy of its measured position."""
 
     radius: float  # m
     bias: float  # m, deviation common to all touches, each axis
@@ -104,27 +106,27 @@ class Ball(NamedTuple):
 
 
 class Surveyed(NamedTuple):
-    """What a survey found; `reason` says why it cannot be worked with, or is ""."""
+    """Result of a survey; `reason` states why the result is not usable, or is ""."""
 
-    found: FoundCylinder  # registered by the datum, where one was seen
+    found: FoundCylinder  # registered by the datum, if one was measured
     touches: list[Touch]
     reason: str
     mark: SeenMark | None = None
 
     @property
     def touched(self) -> list[int]:
-        """Indices of the touches that were made, in the order of the fit's residuals."""
+        """Return the indices of the successful touches, in the order of the fit's residuals."""
         return [i for i, touch in enumerate(self.touches) if not touch.reason]
 
 
 def get_map_error(setup: Setup[Any]) -> MapError:
-    """Return the stated bounds of the map."""
+    """Return the stated bounds of the map's error."""
     p = setup.description.plant
     return MapError(p.map_error_m, math.radians(p.map_error_deg), p.map_error_size_m)
 
 
 def is_surveyed(setup: Setup[Any]) -> bool:
-    """Whether the task's surface is touched before the work: as told, or where its map may err."""
+    """Return whether the surface is surveyed: `task.survey`, by default if the map has an error."""
     told: bool | None = setup.task.survey
     return max(get_map_error(setup)) > 0.0 if told is None else told
 
@@ -138,7 +140,10 @@ def get_tip(setup: Setup[Any]) -> Ball:
 
 
 def compute_reach(cylinder: Cylinder, error: MapError, point: Array) -> float:
-    """How far (m) along its normal the true surface may be from the map at (s, phi)."""
+    """Return the largest distance (m) along the normal of the true surface from the map.
+
+    The place is (s, phi).
+    """
     p, n = np.empty(3), np.empty(3)
     surface_point(cylinder, float(point[0]), float(point[1]), p, n)
     place = error.place * float(np.sum(np.abs(n)))
@@ -146,7 +151,7 @@ def compute_reach(cylinder: Cylinder, error: MapError, point: Array) -> float:
 
 
 def compute_aside(cylinder: Cylinder, error: MapError, point: Array) -> float:
-    """How far (m) along the true surface the place (s, phi) may be from where the map has it."""
+    """Return the largest shift (m) along the true surface of the place (s, phi) from the map's."""
     lever = abs(float(point[0])) + cylinder.radius
     return math.sqrt(2.0) * (error.place + math.tan(error.turn) * lever)
 
@@ -154,11 +159,11 @@ def compute_aside(cylinder: Cylinder, error: MapError, point: Array) -> float:
 def fit_touches(
     setup: Setup[Any], touches: Sequence[Touch], ball: Ball, mark: SeenMark | None = None
 ) -> Surveyed:
-    """Fit the pipe to touches; the map is the prior. A `mark` tells where s and phi count from."""
+    """Fit the pipe to touches, with the map as the prior; a `mark` sets the origin of s and phi."""
     known, error = setup.cylinder, get_map_error(setup)
     assert known is not None
     made = [t.centre(ball.radius) for t in touches if not t.reason]
-    # an even spread of +-b has the variance b^2 / 3
+    # a uniform distribution over +-b has the variance b^2 / 3
     seen = error._replace(place=math.hypot(error.place, math.sqrt(3.0) * ball.bias))
     found = fit_cylinder_touches(known, seen, np.array(made), ball.radius, ball.std)
     datum = get_datum(setup)
@@ -168,7 +173,7 @@ def fit_touches(
 
 
 def explain_touches(touches: Sequence[Touch], fit: TouchFit, what: str) -> str:
-    """Say why what was fitted to touches, a `what`, cannot be worked with, or return ""."""
+    """Return why a fit of `what` to touches is not usable, or ""."""
     made = sum(not t.reason for t in touches)
     if made < LEAST_TOUCHES:
         why = next((t.reason for t in touches if t.reason), "")
@@ -183,9 +188,9 @@ def explain_touches(touches: Sequence[Touch], fit: TouchFit, what: str) -> str:
 
 
 def move_pipe(pipe: Pipe, found: Cylinder) -> Pipe:
-    """Return the pipe's table with the place, direction and size that were found."""
+    """Return the pipe's table with the fitted position, direction and size."""
     axis, level = found.R_WP[:, 1], math.hypot(found.R_WP[0, 1], found.R_WP[1, 1])
-    # the heading of an upright pipe is its turn about itself: its roll stays
+    # the heading of an upright pipe is the rotation about its axis; its roll is kept
     ahead = found.R_WP @ rot_y(math.radians(-pipe.roll_deg))[:, 0]
     yaw = math.atan2(-axis[0], axis[1]) if level > 1e-3 else math.atan2(ahead[1], ahead[0])
     inclination = math.atan2(axis[2], level)
@@ -202,7 +207,7 @@ def move_pipe(pipe: Pipe, found: Cylinder) -> Pipe:
 def judge_survey(
     setup: Setup[Any], surveyed: Surveyed, corners: Array, ball: Ball
 ) -> dict[str, float]:
-    """Compare what was found with the map and the truth, over the pattern (n, 2) of (s, phi)."""
+    """Compare the fitted pipe with the map and the truth, over the pattern (n, 2) of (s, phi)."""
     found, known, true = surveyed.found, setup.cylinder, setup.true.cylinder
     assert known is not None and true is not None
     cylinder, fit = found.cylinder, found.fit

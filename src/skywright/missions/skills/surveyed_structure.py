@@ -1,7 +1,7 @@
-"""A structure (deck, wall, pillar, tunnel) as touches of a survey show it.
+"""Fit of a structure (deck, wall, pillar, tunnel) to the touches of a survey.
 
-What touches cannot show stays as the map has it, told through the localisation: the place along a
-plane, along the axis of a pillar or tunnel, and around it.
+Quantities that touches do not determine keep their values on the map, which refer to the
+localisation: the position along a plane, along the axis of a pillar or tunnel, and around it.
 """
 
 import math
@@ -54,7 +54,7 @@ STRUCTURE_MEASURES: Measures = {
 
 
 class FoundStructure(NamedTuple):
-    """What a survey found; `reason` says why it cannot be worked with, or is ""."""
+    """Result of a survey; `reason` states why the result is not usable, or is ""."""
 
     structure: Structure
     found: FoundPlane | FoundCylinder
@@ -64,14 +64,17 @@ class FoundStructure(NamedTuple):
 
 
 def compute_structure_reach(structure: Structure, error: MapError, place: Array) -> float:
-    """How far (m) along the map's normal the true surface may be from it at `place` (2,) m in S."""
+    """Return the largest distance (m) along the map's normal of the true surface at a place.
+
+    `place` (2,) m is in S.
+    """
     surface = build_surface(structure)
     normal = locate_point(surface, place)[1][:, 2]
     turn, far = math.tan(error.turn), math.hypot(*place)
     reach = error.place * float(np.sum(np.abs(normal))) + turn * far * math.sqrt(2.0)
     if surface.shape == PLANE:
         return reach
-    # a round surface that lies aside is met where it slopes
+    # a tip touches a laterally shifted curved surface where it slopes
     aside, off = error.place + turn * surface.radius, abs(float(place[1 - surface.along]))
     return reach + error.size + (off + 0.5 * aside) * aside / surface.radius
 
@@ -89,11 +92,11 @@ def build_axis(surface: Surface, half_length: float) -> Cylinder:
 def fit_structure(
     setup: Setup[Any], touches: Sequence[Touch], ball: Ball, mark: SeenMark | None = None
 ) -> FoundStructure:
-    """Fit the world's structure to touches; the map is the prior; a `mark` shows S."""
+    """Fit the world's structure to touches, with the map as the prior; a `mark` determines S."""
     structure, surface, error = setup.world.structure, setup.surface, get_map_error(setup)
     assert structure is not None and surface is not None
     made = np.array([t.centre(ball.radius) for t in touches if not t.reason]).reshape(-1, 3)
-    # an even spread of +-b has the variance b^2 / 3; a turn about S moves the axis aside
+    # a uniform distribution over +-b has the variance b^2 / 3; a rotation about S shifts the axis
     aside = surface.radius * error.turn
     seen = error._replace(place=math.hypot(error.place, math.sqrt(3.0) * ball.bias, aside))
     found: FoundPlane | FoundCylinder
@@ -117,9 +120,9 @@ def fit_structure(
 
 
 def move_structure(structure: Structure, p_WS: Array, normal: Array, along: Array) -> Structure:
-    """Return its table with S at p_WS (3,) m, z_S = `normal` (3,); x_S `along` where it faces down.
+    """Return its table with S at p_WS (3,) m, z_S = `normal` (3,), x_S `along` if it faces down.
 
-    A surface that faces to the side has its x_S level, an axis cannot lean across it: the map's
+    A surface that faces to the side has a level x_S, and its axis cannot lean across x_S: the map's
     error has no such part (description/map_error.py).
     """
     new = {f"{name}_m": float(x) for name, x in zip("xyz", p_WS, strict=True)}
@@ -127,7 +130,7 @@ def move_structure(structure: Structure, p_WS: Array, normal: Array, along: Arra
         new["yaw_deg"] = math.degrees(math.atan2(-normal[1], -normal[0]))
         new["slope_deg"] = math.degrees(math.atan2(-normal[2], math.hypot(normal[0], normal[1])))
     else:
-        heading = along - along[2] / normal[2] * normal  # level, and x_S its part across the normal
+        heading = along - along[2] / normal[2] * normal  # level; its component normal to z_S is x_S
         new["yaw_deg"] = math.degrees(math.atan2(heading[1], heading[0]))
         new["slope_deg"] = math.degrees(math.acos(min(max(-float(normal[2]), -1.0), 1.0)))
         new["slope_toward_deg"] = math.degrees(math.atan2(normal[1], normal[0]))
@@ -137,7 +140,7 @@ def move_structure(structure: Structure, p_WS: Array, normal: Array, along: Arra
 def judge_structure(
     setup: Setup[Any], found: FoundStructure, place: Array, ball: Ball
 ) -> dict[str, float]:
-    """Compare what was found with map and truth at `place` (2,) m in S."""
+    """Compare the fitted structure with map and truth at `place` (2,) m in S."""
     true, known = setup.true.surface, setup.surface
     assert true is not None and known is not None
     fit, here = found.found.fit, build_surface(found.structure)
@@ -165,7 +168,7 @@ def judge_structure(
 def _compute_std(
     found: FoundPlane | FoundCylinder, known: Surface, place: Array
 ) -> tuple[float, float]:
-    """Deviation (m) of the surface across itself at a place, and (rad) of its normal."""
+    """Return the standard deviations of the surface (m), across it, and of its normal (rad)."""
     P = found.fit.covariance
     if isinstance(found, FoundPlane):
         gradient = np.array([float(place[1]), -float(place[0]), 1.0])
@@ -177,7 +180,7 @@ def _compute_std(
 
 
 def _find_foot(cylinder: Cylinder, surface: Surface) -> tuple[Array, Array]:
-    """Return the point of a cylinder next to the map's S, (3,) m, and its normal there."""
+    """Return the point of a cylinder nearest to the map's S, (3,) m, and its normal there."""
     axis = cylinder.R_WP[:, 1]
     d = surface.p_WS - cylinder.p_WP
     d = d - (d @ axis) * axis
@@ -187,5 +190,5 @@ def _find_foot(cylinder: Cylinder, surface: Surface) -> tuple[Array, Array]:
 
 
 def _get_side(surface: Surface) -> float:
-    """1 where the robot is outside of a curved surface, -1 inside."""
+    """Return 1 if the robot is outside of a curved surface, -1 if it is inside."""
     return 1.0 if surface.shape == CYLINDER else -1.0

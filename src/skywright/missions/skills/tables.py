@@ -1,4 +1,4 @@
-"""Small operations on reference tables that the supervisor needs when things go wrong."""
+"""Operations on reference tables for the supervisor's responses to faults."""
 
 from typing import Any
 
@@ -13,8 +13,8 @@ ROW_PERIOD = 0.02  # s
 def build_retreat(row: Any, distance: float, total: float, *, back: bool = False) -> Table:
     """Move from `row` along the surface normal by `distance` (m) in `total` s, rest to rest.
 
-    The dead zone (so: "in contact") holds only where `row`'s own place is left by less than half
-    of its dead zone; the force falls to zero on that way. `back` reverses the motion: from the
+    The dead zone, which indicates contact, is kept only within half of its size from the position
+    of `row`; the force falls to zero over the same distance. `back` reverses the motion: from the
     distance to `row`.
     """
     n = max(round(total / ROW_PERIOD), 2)

@@ -9,11 +9,11 @@ from skywright.run.run import RunResult
 
 
 def name_flight(result: RunResult[Any, Any]) -> str:
-    """Return "ROBOT in world W", as a sentence begins."""
+    """Return "ROBOT in world W" as the subject of a sentence."""
     d = result.description
     return f"{d.robot.name} in world {d.world.name}"
 
 
 def tell_block(reasons: Sequence[str]) -> str:
-    """Say what the block showed after the flight; without `reasons` the set-up holds."""
+    """Return a sentence on the check on the block after the flight; no `reasons`: it passed."""
     return f"On the block after the flight: {'; '.join(reasons) or 'the set-up holds'}."

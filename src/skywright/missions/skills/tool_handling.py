@@ -1,9 +1,9 @@
-"""Two hooks and a tool with a handle: take it up, put it down (Suarez 2020, section VI-A).
+"""Lifting and setting down a tool by its handle with two hooks (Suarez 2020, section VI-A).
 
-A hook and the forearm behind it make a V, the cradle, that is open upward. The hands come from
-below, and the platform lifts while the springs of the arms yield. As the weight passes to the hands
-it shows in the platform's external force; that is fed forward to the springs and to the platform,
-so that the hands rise again to where they were.
+A hook and the forearm behind it form a V that is open upward, the cradle. The hands approach from
+below, and the platform lifts while the springs of the arms deflect. As the weight passes to the
+hands, it appears in the platform's external force. This force is fed forward to the springs and to
+the platform, so that the hands return to their height.
 """
 
 import math
@@ -21,59 +21,59 @@ from skywright.vehicle.arms.ports import HandForce, Hands, HandState
 from skywright.vehicle.bus import Estimate
 from skywright.vehicle.plant import MISSION_TICK
 
-LOW = 0.08  # m, from the cradle, along its mouth, to where the hands wait for the handle
-DROP = 0.06  # m, by which the platform is lower meanwhile, so that the arms need not stretch
-PRESS = 0.015  # m, that the hands aim beyond the handle, so that they touch it
-TOUCH_N = 0.4  # N, upward, at which a hand counts as touching
-TOUCH_S = 0.06  # s, for which it has to be felt
-LIFT = 0.10  # m, from which a tool counts as lifted
-FEEL_S = 0.4  # s, lag of the felt weight; the estimate's own is about as long
+LOW = 0.08  # m, from the cradle, along its mouth, to the hands' waiting position
+DROP = 0.06  # m, by which the platform is lower meanwhile, so that the arms stay bent
+PRESS = 0.015  # m, from the handle to the hands' goal beyond it, so that they touch it
+TOUCH_N = 0.4  # N, upward force of a hand that counts as contact
+TOUCH_S = 0.06  # s, for which it has to last
+LIFT = 0.10  # m, height from which a tool counts as lifted
+FEEL_S = 0.4  # s, lag of the estimated weight; the lag of the estimate is about equal
 ACCELERATION = 0.3  # m/s^2, of the platform
-NEAR_SPEED = 0.15  # m/s, of the platform beside the tool and what it stands on
+NEAR_SPEED = 0.15  # m/s, of the platform near the tool and its support
 STEADY_S = 2.0  # s, to come to rest
-LIGHT_N = 0.3  # N, under which a load counts as put down
-DEEP = 0.04  # m, below its place: a tool that is lowered further has missed it
-ALIGN_RATE = 0.5  # 1/s, at which the platform makes up for where the tool hangs
-ALIGN_M = 0.004  # m, to which it does
+LIGHT_N = 0.3  # N, below which a load counts as set down
+DEEP = 0.04  # m, below its place: a tool lowered further has missed its place
+ALIGN_RATE = 0.5  # 1/s, rate at which the platform corrects the position of the suspended tool
+ALIGN_M = 0.004  # m, remaining position error
 ALIGN_SPEED = 0.05  # m/s
-READY_M = 0.012  # m, above its place, where a tool waits until it will meet it
-LOWER_RATE = 1.0  # 1/s, at which it comes there: that of the platform's loop, which lags by
-LAG_S = 0.35  # s
-WAITS_S = 60.0  # s, for the way down
-MEETS_M = 0.005  # m, from its place that a tool may stand: half of what is allowed
-LATEST = 10  # ticks, over which its drift is measured: an eighth of a swing
+READY_M = 0.012  # m, above its place, where a tool waits until its predicted error is small
+LOWER_RATE = 1.0  # 1/s, rate of approach to that height: that of the platform's loop
+LAG_S = 0.35  # s, lag of that loop
+WAITS_S = 60.0  # s, time limit of the descent
+MEETS_M = 0.005  # m, largest error of the tool's place: half of the requirement
+LATEST = 10  # ticks, over which its drift is measured: an eighth of a period
 TILT_MAX = math.radians(12.0)  # of a handle that hangs in both hooks
 LEFT_OUT = "it was not put down"
-"""Why a tool stays on the hooks that an operator's order left there."""
-STRAY = 0.2  # m, from the hands: a tool further away, or tilted more, has fallen
+"""Reason why a tool stays on the hooks after an operator's order."""
+STRAY = 0.2  # m, from the hands: a tool farther away, or tilted more, has fallen
 
 
 class Place(NamedTuple):
-    """Where a tool stands: its frame O."""
+    """Position of a standing tool: its frame O."""
 
     p_WO: Array  # (3,) m
     yaw: float
 
 
 class Grip(NamedTuple):
-    """How the arms hold the handle; vectors in a level frame with the robot's heading."""
+    """Posture that holds the handle; vectors in a level frame with the robot's heading."""
 
     q: Array  # (n_joints,) rad, handle in the cradle
     q_low: Array  # (n_joints,) rad, hands LOW below
     hands: Array  # (2, 3) m, in B at q
     cradle: Array  # (3,) m, from the hand's point to the axis of a handle that lies in the cradle
-    mouth: Array  # (3,) unit, out of the cradle
+    mouth: Array  # (3,) unit vector, out of the cradle
     handle: Array  # (3,) m, middle of the handle in O
 
 
 def find_platform(grip: Grip, place: Place) -> Array:
-    """Return p_WB (3,) m from which the hands hold a tool that stands at `place`."""
+    """Return p_WB (3,) m at which the hands hold a tool that stands at `place`."""
     middle = 0.5 * (grip.hands[0] + grip.hands[1]) + grip.cradle
     return np.asarray(place.p_WO + rot_z(place.yaw) @ (grip.handle - middle))
 
 
 def find_tool(s: Supervisor, seconds: float = 0.6) -> Place:
-    """Watch the tool for a time; return its mean place."""
+    """Measure the tool for a time (s); return its mean place."""
     places, ahead = [], np.zeros(3)
     for _ in range(max(round(seconds / MISSION_TICK), 1)):
         s.tick()
@@ -86,7 +86,7 @@ def find_tool(s: Supervisor, seconds: float = 0.6) -> Place:
 def move_platform(
     s: Supervisor, p: Array, yaw: float, speed: float, acceleration: float = ACCELERATION
 ) -> None:
-    """Move the platform rest to rest; hands and load keep what they were told."""
+    """Move the platform rest to rest; hands and load keep their references."""
     s.body.track(_build_move(s, p, yaw, speed, acceleration))
     s.until_arrived()
 
@@ -103,9 +103,9 @@ def _build_move(s: Supervisor, p: Array, yaw: float, speed: float, acceleration:
 def lead_hands(
     s: Supervisor, grip: Grip, along: float, speed: float, beside: Array | None = None
 ) -> None:
-    """Lead both hands on straight lines (23) to `along` (m) of the mouth from where they hold.
+    """Move both hands on straight lines (23) to `along` (m) the mouth from their holding positions.
 
-    `beside` (3,) m, in O, is added. The goal is fixed to the tool, which is tracked all the time.
+    `beside` (3,) m, in O, is added. The goal is fixed to the tool, which is tracked continuously.
     """
     marker, goals = find_marker(s.vehicle.world), {}
     for name, hand in zip(("left", "right"), grip.hands, strict=True):
@@ -117,9 +117,9 @@ def lead_hands(
 
 
 def compute_miss(s: Supervisor, grip: Grip, shift: Array | None = None) -> float:
-    """Return how far (m) the worse hand is, across the handle, from where it holds it.
+    """Return the larger distance (m) of a hand from its holding position at the handle.
 
-    `shift` (3,) m: from the estimate to where the robot is taken to be.
+    `shift` (3,) m is the assumed offset of the true position from the estimate.
     """
     p, R = measure_tool(s)
     p, worst = p if shift is None else p - shift, 0.0
@@ -130,15 +130,15 @@ def compute_miss(s: Supervisor, grip: Grip, shift: Array | None = None) -> float
 
 
 def is_at_hand(s: Supervisor, grip: Grip) -> bool:
-    """Whether the tool is upright and near the hands; one that is not must not be followed."""
+    """Return whether the tool is upright and near the hands; otherwise they must not follow it."""
     return compute_miss(s, grip) < STRAY and measure_tool(s)[1][2, 2] > math.cos(TILT_MAX)
 
 
 class Weight:
-    """The weight on the hands as the platform feels it: slow, and against a known beginning."""
+    """Filtered estimate of the weight on the hands, from the platform's external force."""
 
     def __init__(self, s: Supervisor, carried: float) -> None:
-        """`carried` (N) hangs on the hands now."""
+        """`carried` (N) is the initial weight on the hands."""
         self.carried = carried
         ups = []
         for _ in range(50):
@@ -147,12 +147,12 @@ class Weight:
         self._zero = float(np.mean(ups)) + carried
 
     def feel(self, s: Supervisor, most: float) -> None:
-        """Take in what is felt in this tick: no less than nothing, no more than `most` (N)."""
+        """Update the estimate with the force of this tick, limited to 0 to `most` (N)."""
         felt = self._zero - float(s.vehicle.look(Estimate).f_ext_W[2])
         self.carried += MISSION_TICK / FEEL_S * (min(max(felt, 0.0), most) - self.carried)
 
     def step(self, s: Supervisor, v: Array, most: float) -> None:
-        """Fly one tick at v (3,) m/s with the load that is felt, no more than `most` (N)."""
+        """Fly one tick at v (3,) m/s with the estimated load, limited to `most` (N)."""
         self.feel(s, most)
         row = set_rest(s.vehicle.reference)
         row["p_WB"] += MISSION_TICK * v
@@ -163,7 +163,7 @@ class Weight:
 
 
 def hold_joints(s: Supervisor) -> None:
-    """Let the arms hang on their springs from where the servos lead them now."""
+    """Hold the arms at the present commands of the servos; the springs may deflect."""
     s.arms.move_to(np.array(s.vehicle.read(HandState).q_goal[: s.vehicle.n_joints]))
     s.until_arrived()
 
@@ -171,13 +171,13 @@ def hold_joints(s: Supervisor) -> None:
 def take_up_again(
     s: Supervisor, grip: Grip, most: float, retries: int, speeds: tuple[float, float]
 ) -> float | None:
-    """Grasp the handle and lift it; returns the tool's weight (N), or None where it was missed.
+    """Grasp the handle and lift it; returns the tool's weight (N), or None if the grasp failed.
 
-    `speeds` (m/s) are those of hands and platform; `most` (N) is what may be lifted. The platform
-    stands DROP below where `find_platform` says. After a miss the hands wait below the handle, and
-    grasp up to `retries` times again, where the tool is then. A tool that is not at hand any more,
-    as one that was knocked over, is not followed. An operator's order to draw back sets the tool
-    down and draws the hooks out.
+    `speeds` (m/s) are those of hands and platform; `most` (N) is the largest weight to lift. The
+    platform starts DROP below the result of `find_platform`. After a failure the hands wait below
+    the handle and grasp up to `retries` times again, at the tool's measured place. They do not
+    follow a tool that is not at hand any more, such as one that was knocked over. An operator's
+    order to draw back sets the tool down and draws the hooks out.
     """
     work = _TakeUp(s, grip, most, speeds)
     detour = Detour(work.lower, lambda: None)
@@ -185,15 +185,15 @@ def take_up_again(
 
 
 class _TakeUp:
-    """The state of a grasp, in which an operator's order may end it."""
+    """State of a grasp, which an operator's order may interrupt."""
 
     def __init__(self, s: Supervisor, grip: Grip, most: float, speeds: tuple[float, float]) -> None:
         self.s, self.grip, self.most, self.speeds = s, grip, most, speeds
         self.weight: Weight | None = None
-        self.height = math.inf  # m, of the platform from which it lifts; inf: it does not
+        self.height = math.inf  # m, height of the platform where the lift begins; inf: no lift
 
     def fly(self, retries: int) -> float | None:
-        """Grasp until the tool hangs."""
+        """Grasp until the tool is suspended."""
         s, grip = self.s, self.grip
         for k in range(retries + 1):
             if k > 0:
@@ -212,7 +212,7 @@ class _TakeUp:
         return None
 
     def _take_up(self) -> float | None:
-        """Grasp once; returns the weight (N) on the hooks, None for a miss."""
+        """Grasp once; returns the weight (N) on the hooks, None after a failure."""
         s = self.s
         s.begin("grasp")
         weight = self.weight = Weight(s, 0.0)
@@ -237,7 +237,8 @@ class _TakeUp:
     def lower(self) -> None:
         """Set a lifted load down, and withdraw the hooks.
 
-        The feedforward of its weight raises the load, so the platform descends until it stands.
+        The feedforward of its weight raises the load, so the platform descends until the load
+        stands.
         """
         s, weight, down = self.s, self.weight, np.array([0.0, 0.0, -self.speeds[1]])
         while weight is not None and (above := self._find_height() - self.height) > -LOW:
@@ -252,9 +253,9 @@ class _TakeUp:
 
 
 def _touch(s: Supervisor, grip: Grip, speed: float) -> bool:
-    """Raise platform and hands until both hands feel the handle; stop there.
+    """Raise platform and hands until both hands detect the handle; stop there.
 
-    The goals hang on the tool: hands that went on would follow a tool that they lift.
+    The goals are fixed to the tool: hands that continued would follow a tool that they lift.
     """
     place = find_tool(s, MISSION_TICK)
     lead_hands(s, grip, PRESS, speed)
@@ -271,10 +272,10 @@ def put_down(
     s: Supervisor, grip: Grip, place: Place, weight_n: float, speeds: tuple[float, float],
     phase: str, must: str = "",
 ) -> str:  # fmt: skip
-    """Bring the hanging tool over `place`, lower it (`phase`), and draw the hooks out.
+    """Move the suspended tool over `place`, lower it (`phase`), and draw the hooks out.
 
-    An operator's order to draw back lifts it again; `must` says why it cannot be left out. Returns
-    "", or why the tool was lifted again and stays on the hooks.
+    An operator's order to draw back lifts it again; `must` states why this step cannot be skipped.
+    Returns "", or the reason why the tool was lifted again and stays on the hooks.
     """
     work = _PutDown(s, place, weight_n, speeds[1], phase)
     p, yaw = np.array(s.vehicle.reference["p_WB"]), place.yaw
@@ -286,11 +287,11 @@ def put_down(
 
 
 class _PutDown:
-    """The state of a tool that is lowered, in which an operator's order may end it.
+    """State of a tool that is lowered, which an operator's order may interrupt.
 
-    The platform makes up for where the tool hangs until it stands. Gusts move both by more than
-    that in the seconds of the way down, so the tool waits READY_M above its place until it will
-    meet it.
+    The platform corrects the position of the suspended tool until it stands. During the descent
+    gusts move both by more than the tolerance, so the tool waits READY_M above its place until its
+    predicted error is small.
     """
 
     def __init__(
@@ -301,7 +302,7 @@ class _PutDown:
         self.height = float(s.vehicle.reference["p_WB"][2])
 
     def fly(self) -> str:
-        """Lower it until it stands; returns "", or why it was lifted again."""
+        """Lower the tool until it stands; returns "", or the reason why it was lifted again."""
         s, place, weight, speed = self.s, self.place, self.weight, self.speed
         align_tool(s, weight, place, self.most)
         s.begin(self.phase)
@@ -330,13 +331,13 @@ class _PutDown:
         return ""
 
     def lift(self) -> None:
-        """Lift it again to where it hung."""
+        """Lift the tool again to its initial height."""
         while float(self.s.vehicle.reference["p_WB"][2]) < self.height:
             self.weight.step(self.s, np.array([0.0, 0.0, self.speed]), self.most)
 
 
 def align_tool(s: Supervisor, weight: Weight, place: Place, most: float) -> None:
-    """Bring the hanging tool over `place`, its height kept; `most` (N) as in `Weight.step`."""
+    """Move the suspended tool over `place` at constant height; `most` (N) as in `Weight.step`."""
     ends, calm = s.vehicle.t + 20.0, 0
     above = float(measure_tool(s)[0][2])
     while s.vehicle.t < ends and calm < 50:
@@ -347,15 +348,15 @@ def align_tool(s: Supervisor, weight: Weight, place: Place, most: float) -> None
 
 
 def _correct(error: Array) -> Array:
-    """Speed (3,) m/s of the platform for an error (3,) m of the tool."""
+    """Return the velocity (3,) m/s of the platform for a position error (3,) m of the tool."""
     v = ALIGN_RATE * error
     return np.asarray(v * min(1.0, ALIGN_SPEED / max(float(np.linalg.norm(v)), 1e-9)))
 
 
 def let_go(s: Supervisor, grip: Grip, speed: float) -> None:
-    """Draw the hooks out of the handle, along the mouth, and let the arms hang there.
+    """Draw the hooks out of the handle, along the mouth, and hold the arms there.
 
-    Where there is no handle any more, the arms go low and the platform stays.
+    If the handle is not at hand, the arms move to their low posture and the platform stays.
     """
     s.begin("release")
     row = set_rest(s.vehicle.reference)

@@ -1,4 +1,4 @@
-"""Where a tool is, by the marker on it that motion capture tracks."""
+"""Pose of a tool, measured by motion capture with the marker on it."""
 
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -12,7 +12,7 @@ from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import Marker
 
 _MARKERS = WeakKeyDictionary[Any, Frame]()
-"""By vehicle: where the marker is on the tool. A mission asks in each tick."""
+"""Vehicle -> frame of the marker on the tool; cached because missions read it every tick."""
 
 
 def measure_tool(s: Supervisor) -> tuple[Array, Array]:
@@ -25,9 +25,9 @@ def measure_tool(s: Supervisor) -> tuple[Array, Array]:
 
 
 def find_marker(world: World, tool: str | None = None) -> Frame:
-    """Return where the marker is on the thing that carries it, which is `tool` where it is named.
+    """Return the frame of the marker on the thing that carries it; `tool` names this thing.
 
-    Raises InputError where there is no such marker.
+    Raises InputError if there is no such marker.
     """
     for name, thing in world.things.items():
         carrier = find_carrier(world.things, name)

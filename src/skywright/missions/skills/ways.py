@@ -1,4 +1,4 @@
-"""Ways of platform and arms together: straight where that is free, else the planner's."""
+"""Paths of platform and arms together: straight if collision-free, otherwise from the planner."""
 
 import math
 from typing import Any, NamedTuple
@@ -29,7 +29,7 @@ SAME = 1e-6  # rad, below which an angle need not move
 
 
 class Way(NamedTuple):
-    """Way-points of platform and arms, start and goal included, straight in between."""
+    """Waypoints of platform and arms, start and goal included, connected by straight lines."""
 
     p_WB: Array  # (m, 3) m
     yaw: Array  # (m,) rad
@@ -37,20 +37,20 @@ class Way(NamedTuple):
 
 
 class Surroundings(NamedTuple):
-    """What ways are planned in."""
+    """Inputs for planning a path."""
 
     query: ClearanceQuery
     scene: PlanningScene
     model: NDArray[Any]  # (1,) of `BodyModel`
     passive: str | None  # joint without a motor
     low_z: float  # m, lowest height of the platform's origin
-    margin: float  # m, kept from everything
-    key: str  # that sets it
-    margin_self: float  # m, between parts of the robot
+    margin: float  # m, clearance from all obstacles
+    key: str  # key that sets the margin
+    margin_self: float  # m, clearance between parts of the robot
 
 
 def build_surroundings(setup: Setup[Any], margin: float, key: str) -> Surroundings:
-    """Read the nominal scene; `key` sets the `margin` (m)."""
+    """Build the inputs from the nominal scene; `key` is the key that sets the `margin` (m)."""
     passive = "pendulum" if setup.robot.pendulum is not None else None
     return Surroundings(
         setup.clearance,
@@ -67,10 +67,10 @@ def build_surroundings(setup: Setup[Any], margin: float, key: str) -> Surroundin
 def plan_way(
     around: Surroundings, start: Configuration, goal: Configuration, rng: np.random.Generator
 ) -> tuple[Way, float, str | None]:
-    """Return a way from start to goal, its clearance (m), and what blocks it.
+    """Return a path from start to goal, its clearance (m), and what blocks it.
 
-    A straight flight with the goal's heading and posture is taken where it is free, and returned
-    where there is no way. `rng` is drawn from only where it is not free.
+    The path is a straight flight with the goal's heading and posture if that is collision-free; it
+    is also returned if no path was found. `rng` is used only if the straight flight is not free.
     """
     a, b = start.p_WB, goal.p_WB
     straight = Way(np.array([a, b]), np.full(2, goal.yaw), np.array([goal.q, goal.q]))
@@ -89,7 +89,7 @@ def plan_way(
 
 
 def check_line(query: ClearanceQuery, a: Array, b: Array, R: Array, q: Array) -> tuple[float, str]:
-    """Least distance (m) along a straight flight, and between what."""
+    """Return the least distance (m) along a straight flight, and the pair of geometries."""
     least, what = math.inf, ""
     for u in np.linspace(0.0, 1.0, max(math.ceil(float(np.linalg.norm(b - a)) / STEP), 1) + 1):
         found = compute_clearance(query, a + u * (b - a), R, q)
@@ -100,17 +100,18 @@ def check_line(query: ClearanceQuery, a: Array, b: Array, R: Array, q: Array) ->
 
 
 def reverse_way(way: Way) -> Way:
-    """The same way back."""
+    """Return the path in reverse."""
     return Way(*(x[::-1] for x in way))
 
 
 def differs(s: Supervisor, q: Array) -> bool:
-    """Whether the arms are led to another posture than q (n_joints,) rad."""
+    """Return whether the arms' reference differs from q (n_joints,) rad."""
     return float(np.max(np.abs(q - s.vehicle.reference["q"][: len(q)]))) > SAME
 
 
 def fly_way(s: Supervisor, way: Way, share: float) -> None:
-    """Fly a way with a share of the limits, a rest at each way-point, the arms in step."""
+    """Fly a path with a fraction of the limits, at rest at each waypoint, with the arms in
+    synchrony."""
     for p, yaw, q in zip(way.p_WB[1:], way.yaw[1:], way.q[1:], strict=True):
         if share == 1.0 and not differs(s, q):
             s.uav.go_to(p, yaw)
@@ -122,9 +123,9 @@ def fly_way(s: Supervisor, way: Way, share: float) -> None:
 def slide_platform(
     s: Supervisor, p: Array, share: float, yaw: float | None = None, q: Array | None = None
 ) -> Table:
-    """Move the platform to p (3,) m with a share of its limits; the hands keep their task.
+    """Move the platform to p (3,) m with a fraction of its limits; the hands keep their task.
 
-    With `yaw` (rad) it turns, with `q` (n_joints,) rad the joints move, in step.
+    With `yaw` (rad) it turns, with `q` (n_joints,) rad the joints move, in synchrony.
     """
     start = set_rest(s.vehicle.reference)
     delta = p - start["p_WB"]

@@ -1,4 +1,4 @@
-"""What a thickness survey adds to the database: readings with A-scans, calibrations, coverage."""
+"""Entries of a thickness survey in the database: readings with A-scans, calibrations, coverage."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ from skywright.run.flight import Flown
 from skywright.run.setup import Setup
 
 KEYS = ("rate_hz", "frequency_mhz", "face_radius_m", "separation_m", "gain", "viscosity_pa_s")
-"""Of the instrument's table: what an inspector chooses."""
+"""Keys of the instrument's table that an inspector chooses."""
 STEP = 0.001
-"""m, distance of neighbours that .nde requires of its one place."""
+"""m, spacing that .nde requires even for a single place."""
 
 
 def build_procedure(setup: Setup[ThicknessSurvey]) -> Procedure:
@@ -56,7 +56,7 @@ def build_procedure(setup: Setup[ThicknessSurvey]) -> Procedure:
 
 
 def build_entries(run: Flown[ThicknessSurvey, ThicknessWay]) -> Entries:
-    """Return what the flight knows: the last reading of each touch, at its place in S."""
+    """Return the flight's entries: the last reading of each touch, at its place in S."""
     procedure, gauge = run.task.procedure, run.way.gauge
     probe = find_probe(run.setup)
     model = f"simulated contact probe, {probe.table.frequency_mhz:g} MHz"
@@ -90,7 +90,7 @@ def build_entries(run: Flown[ThicknessSurvey, ThicknessWay]) -> Entries:
 
 
 def find_surface(run: Flown[ThicknessSurvey, ThicknessWay]) -> Surface:
-    """The structure's surface as the survey found it; without a survey as the map has it."""
+    """Return the surveyed surface of the structure; without a survey that of the map."""
     structure, survey = run.setup.world.structure, run.way.contact.survey
     assert structure is not None
     if survey is not None:
@@ -106,7 +106,7 @@ def _name_wall(setup: Setup[Any]) -> str:
 
 
 def _find_place(run: Flown[Any, Any], surface: Surface, t: float) -> tuple[Any, float | None]:
-    """Estimated place (3,) m of the tip in S at a time, and its u95 (m)."""
+    """Return the estimated place (3,) m of the tip in S at a time, and its u95 (m)."""
     samples, mocap = run.samples, run.setup.world.mocap
     i = min(int(np.searchsorted(samples["t"], t)), len(samples) - 1)
     std = math.nan
@@ -133,7 +133,7 @@ def _build_reading(one: SpotReading, place: Any, u95: float | None, data: str) -
 def _build_scan(
     run: Flown[ThicknessSurvey, ThicknessWay], one: SpotReading, place: Any, model: str
 ) -> UltrasonicScan:
-    """The A-scan of one reading at its place; its gated time is that of the first echo."""
+    """Return the A-scan of one reading at its place; its gated time is that of the first echo."""
     gauge, table = run.way.gauge, find_probe(run.setup).table
     echoes = find_echoes(one.ascan, gauge.pulse, Rules().threshold_fsh)
     time = echoes.times[0] if echoes.times else math.nan
@@ -146,7 +146,7 @@ def _build_scan(
 
 
 def _build_coverage(task: ThicknessSurvey, found: list[SpotReading]) -> Coverage:
-    """Spots with an accepted reading, and of the others why there is none."""
+    """Return the spots with an accepted reading, and the reasons for the others."""
     good = {r.spot for r in found if r.reading.accepted}
     why = {r.spot: r.reading.reason for r in found}
     missed = [

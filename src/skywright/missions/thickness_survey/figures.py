@@ -1,4 +1,4 @@
-"""What a report shows of a thickness survey: readings with their intervals, and A-scans."""
+"""Figures of a report on a thickness survey: readings with their intervals, and A-scans."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from skywright.run.kind import Chart, Figures, Mark
 from skywright.run.run import RunResult
 
 THIN, REFUSED = 0.6, (230, 159, 0)
-"""Share of the nominal wall that is drawn darkest; the colour of a reading that was refused."""
+"""Fraction of the nominal wall that is drawn darkest; colour of a rejected reading."""
 
 
 def draw_readings(result: RunResult[ThicknessSurvey, ThicknessWay]) -> Figure | None:
-    """Thickness at each spot with its 95 % interval, and the true wall."""
+    """Draw the thickness at each spot with its 95 % interval, and the true wall."""
     found = result.details or []
     good = [r for r in found if r.reading.accepted]
     if not good:
@@ -45,7 +45,7 @@ def draw_readings(result: RunResult[ThicknessSurvey, ThicknessWay]) -> Figure | 
 
 
 def draw_ascans(result: RunResult[ThicknessSurvey, ThicknessWay]) -> Figure | None:
-    """The A-scan of the last reading at each of up to six spots."""
+    """Draw the A-scan of the last reading at each of up to six spots."""
     found = (result.details or [])[-6:]
     if not found:
         return None
@@ -68,7 +68,7 @@ def draw_ascans(result: RunResult[ThicknessSurvey, ThicknessWay]) -> Figure | No
 
 
 def describe(result: RunResult[ThicknessSurvey, ThicknessWay]) -> str:
-    """Say what was measured, and how well."""
+    """Return a sentence on the readings and their accuracy."""
     m = result.metrics
     if "thickness.error_p95_mm" not in m:
         return f"{name_flight(result)} accepted no reading"
@@ -79,7 +79,7 @@ def describe(result: RunResult[ThicknessSurvey, ThicknessWay]) -> str:
 
 
 def list_notes(result: RunResult[ThicknessSurvey, ThicknessWay]) -> list[str]:
-    """Procedure, block, refused readings and survey."""
+    """Return notes on procedure, block, rejected readings and survey."""
     p = result.description.mission.task.procedure
     out = [
         f"Procedure: {p.name}, revision {p.revision}. Reference block with steps of "
@@ -97,7 +97,7 @@ def list_notes(result: RunResult[ThicknessSurvey, ThicknessWay]) -> list[str]:
 
 
 def list_marks(result: RunResult[ThicknessSurvey, ThicknessWay]) -> list[Mark]:
-    """Each reading at its place: from dark (thin) to bright (nominal); refused ones orange."""
+    """Return each reading at its place: dark (thin) to bright (nominal); rejected ones orange."""
     samples, found = result.samples, result.details or []
     nominal = result.description.mission.task.procedure.nominal_m
     marks = list_datum_marks(result)

@@ -1,4 +1,4 @@
-"""A thickness survey: approach, press, let the film settle, accept or repeat with the reason."""
+"""A thickness survey: approach, press, wait for a thin film, accept or repeat with a reason."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from skywright.vehicle.sensors.ultrasonic import Ultrasonic
 
 
 def fly(s: Supervisor[ThicknessSurvey], way: ThicknessWay) -> Flight:
-    """Find the wall by touch, then measure at every spot."""
+    """Locate the wall by touch, then measure at every spot."""
     pilot = SurveyPilot(s, way)
     home = np.array(s.vehicle.reference)
     reason = ""
@@ -46,7 +46,7 @@ class SurveyPilot(Pilot):
         self._newest: Reading | None = None
 
     def measure(self, at: Station) -> str:
-        """Touch a spot until a reading is accepted; returns what ended the flight, or ""."""
+        """Touch a spot until a reading is accepted; returns the reason for an abort, or ""."""
         for _ in range(self.survey.tries):
             self._newest = None
             if self.contact.dock:
@@ -61,12 +61,12 @@ class SurveyPilot(Pilot):
         return reason
 
     def measure_force(self, spot: str, force: float, how: str) -> None:
-        """Hold until the gauge accepts a reading, `hold_s` at most."""
+        """Hold until the gauge accepts a reading, for `hold_s` at most."""
         s, seen = self.s, float(self._reading.scan)
         start = s.vehicle.t
         self.gauge.restart()
         for _ in s.orders.passes(self.profile.hold_s):
-            # one that was taken before the phase is left out, as the evaluation does
+            # readings before the phase are ignored, as in the evaluation
             if self._reading.scan > seen and self._reading.t > start:
                 seen = float(self._reading.scan)
                 row = np.array(self._reading.ascan)

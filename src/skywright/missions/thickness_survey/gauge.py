@@ -1,4 +1,4 @@
-"""The probe and the gauge of a survey: set up on the block before, checked on it after."""
+"""Probe and gauge of a survey: set up on the block before the flight, checked on it after."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ from skywright.vehicle.sensors.ultrasonic import Ultrasonic, find_wall
 
 Probe = Carried[Ultrasonic.Table]
 SAME_MATERIAL = 0.02
-"""Largest relative difference of the velocities of block and wall: of one steel to another."""
+"""Largest relative difference of the velocities of block and wall: that between steels."""
 
 
 def find_probe(setup: Setup[Any]) -> Probe:
-    """Return the robot's ultrasonic probe; raises InputError where it has none."""
+    """Return the robot's ultrasonic probe; raises InputError if it has none."""
     return find_instrument(setup, Ultrasonic, "ultrasonic probe")
 
 
 def set_up(setup: Setup[Any], probe: Probe, procedure: ThicknessProcedure) -> GaugeSetup:
-    """Set the gauge up on the procedure's block, before the flight.
+    """Set up the gauge on the procedure's block, before the flight.
 
-    Raises InputError for a block that does not show its steps, or of another material.
+    Raises InputError for a block whose steps are not resolved, or of another material.
     """
     wall, velocity = find_wall(setup.world, probe.name)[0], procedure.velocity_m_per_s
     if not abs(wall.velocity_m_per_s / velocity - 1.0) <= SAME_MATERIAL:
@@ -67,12 +67,12 @@ def set_up(setup: Setup[Any], probe: Probe, procedure: ThicknessProcedure) -> Ga
 def check(
     setup: Setup[Any], probe: Probe, procedure: ThicknessProcedure, done: GaugeSetup
 ) -> GaugeCheck:
-    """Read the block once more, after the flight."""
+    """Measure the block once more, after the flight."""
     return check_gauge(done, _visit(setup, probe, procedure, "block after"))
 
 
 def build_gauge(procedure: ThicknessProcedure, done: GaugeSetup) -> ThicknessGauge:
-    """Return a gauge with the procedure's rules; raises InputError where it cannot measure that."""
+    """Return a gauge with the procedure's rules; raises InputError if it cannot measure this."""
     rules = Rules(
         snr_db=procedure.snr_db, least_fsh=procedure.least_height_fraction,
         steady_m=procedure.steady_m, steady_count=procedure.steady_count,
@@ -87,7 +87,7 @@ def build_gauge(procedure: ThicknessProcedure, done: GaugeSetup) -> ThicknessGau
 def _visit(
     setup: Setup[Any], probe: Probe, procedure: ThicknessProcedure, when: str
 ) -> tuple[Array, Array]:
-    """A-scans on both steps, by hand on the ground: coupled well, upright, bare."""
+    """Return A-scans on both steps, taken by hand on the ground: well coupled, normal, uncoated."""
     rng = build_stream(setup.description.mission.seed, "block", when)
     transducer: Transducer = probe.true.build_transducer()
     coupling = Coupling(velocity=procedure.velocity_m_per_s)

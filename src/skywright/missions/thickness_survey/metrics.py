@@ -25,7 +25,7 @@ from skywright.run.where import WHOLE, Where
 from skywright.vehicle.sensors.ultrasonic import find_wall, rebuild_ascans
 
 SKIP = 0.25e-3
-"""m, of an error from which it is a skipped cycle or a doubling."""
+"""m, error from which a reading counts as a skipped cycle or a doubling."""
 
 MEASURES: Measures = {
     "thickness.spots": ("", "number of requested spots"),
@@ -66,7 +66,7 @@ MEASURES: Measures = {
     ),
     **STRUCTURE_MEASURES,
 }
-"""Metric -> unit and meaning, of those that only this kind has."""
+"""Metric -> unit and meaning, for the metrics that only this kind has."""
 HELD = Where(("hold *", "free hold *"))
 WHERE = {
     **SURVEY_WHERE,
@@ -79,7 +79,7 @@ WHERE = {
 
 
 class SpotReading(NamedTuple):
-    """What was read at one touch of a spot."""
+    """Reading of one touch of a spot."""
 
     spot: str
     u: float  # m, place on the true surface
@@ -91,7 +91,7 @@ class SpotReading(NamedTuple):
 
 
 def find_readings(run: Flown[ThicknessSurvey, ThicknessWay]) -> list[SpotReading]:
-    """Read the recorded A-scans of each touch as the flight did."""
+    """Process the recorded A-scans of each touch as the flight did."""
     if not has_columns(run.samples, "ut_scan"):
         return []
     d, task = run.setup.description, run.task
@@ -125,7 +125,7 @@ def find_readings(run: Flown[ThicknessSurvey, ThicknessWay]) -> list[SpotReading
 
 
 def find_check(run: Flown[ThicknessSurvey, ThicknessWay]) -> GaugeCheck:
-    """Read the block after the flight."""
+    """Check the gauge on the block after the flight."""
     return check(run.setup, find_probe(run.setup), run.task.procedure, run.way.gauge)
 
 
@@ -135,7 +135,7 @@ def list_spot_names(task: ThicknessSurvey) -> list[str]:
 
 
 def compute_metrics(run: Flown[ThicknessSurvey, ThicknessWay]) -> dict[str, float]:
-    """Judge what was read; what was not reached has no metric."""
+    """Evaluate the readings; phases that were not reached yield no metric."""
     pressed: Any = Flown(
         cast(Any, run.setup), run.plan._replace(way=cast(Any, run.way.contact)), run.samples,
         run.phases,
@@ -155,7 +155,7 @@ def compute_metrics(run: Flown[ThicknessSurvey, ThicknessWay]) -> dict[str, floa
 
 
 def judge_readings(found: list[SpotReading], spots: int) -> dict[str, float]:
-    """Compare the accepted readings with the true wall; errors only where there are any."""
+    """Compare the accepted readings with the true wall; without readings there are no errors."""
     good = [r for r in found if r.reading.accepted]
     out = {
         "thickness.accepted_fraction": len({r.spot for r in good}) / spots,
@@ -174,10 +174,10 @@ def judge_readings(found: list[SpotReading], spots: int) -> dict[str, float]:
 
 
 def _find_place_error(run: Flown[ThicknessSurvey, ThicknessWay], found: list[SpotReading]) -> float:
-    """Farthest (m) of the probe from the spot that it reads, less the error of the map."""
+    """Return the largest distance (m) of the probe from its spot, less the error of the map."""
     spots = dict(zip(list_spot_names(run.task), run.task.spots, strict=True))
     off = [math.hypot(r.u - spots[r.spot].x_m, r.v - spots[r.spot].y_m) for r in found]
-    seen = read_datum(run.setup, run.samples, run.phases) is not None  # then the map does not count
+    seen = read_datum(run.setup, run.samples, run.phases) is not None  # then the map is not used
     return max(max(off) - (0.0 if seen else run.setup.description.plant.map_error_m), 0.0)
 
 

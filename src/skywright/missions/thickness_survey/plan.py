@@ -1,4 +1,4 @@
-"""Plan a thickness survey: as contact inspection, with a gauge that can measure the wall."""
+"""Plan of a thickness survey: a contact inspection with a gauge that can measure the wall."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from skywright.vehicle.sensors.ultrasonic import find_wall
 
 
 class ThicknessWay(NamedTuple):
-    """What the mission will do."""
+    """Gauge and contact plan of the survey."""
 
     contact: ContactPlan
-    gauge: GaugeSetup  # on the block, before the flight
+    gauge: GaugeSetup  # set up on the block before the flight
 
 
 def plan(setup: Setup[ThicknessSurvey]) -> MissionPlan[ThicknessWay]:
     """Check probe, block and wall, and place the robot at the spots.
 
-    Raises InputError where probe, wall or block are missing or do not fit each other.
+    Raises InputError if probe, wall or block are missing or do not fit each other.
     """
     task = setup.task
     probe = find_probe(setup)

@@ -1,4 +1,4 @@
-"""The task of the kind "thickness-survey"."""
+"""Keys of a mission of the kind "thickness-survey"."""
 
 from __future__ import annotations
 
@@ -21,5 +21,5 @@ class ThicknessSurvey(Contact):
     forces_n: PressForces = [3.0]  # force of the probe on the wall
     settle_s: NonNegative = 0.5  # wait before the first reading: the couplant thins
     hold_s: float = Field(default=4.0, ge=0.2, le=600)  # longest time for a reading
-    tries: int = Field(default=3, ge=1, le=20)  # touches at each spot, at most
+    tries: int = Field(default=3, ge=1, le=20)  # largest number of touches at each spot
     procedure: ThicknessProcedure = ThicknessProcedure()

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class ToolInstallKind(FolderKind[ToolInstall]):
-    """Put an inspection tool onto a pipe and take it back."""
+    """Install an inspection tool on a pipe and retrieve it."""
 
     task = ToolInstall
     needs = frozenset({"uav", "hands"})
@@ -21,6 +21,6 @@ class ToolInstallKind(FolderKind[ToolInstall]):
     operated = True
 
     def requirements(self, setup: Setup[ToolInstall], way: Any) -> dict[str, Requirement]:
-        """Ask nothing of the tracking of grasp points where it is left out."""
+        """Leave out the requirements on the tracking of grasp points if the task omits it."""
         left_out = {"tip.hover": setup.task.hover_s == 0.0}
         return self.leave_out(super().requirements(setup, way), left_out)

@@ -1,4 +1,4 @@
-"""What a report shows of a tool's installation: the phases, the load, the hands at the handle."""
+"""Figures of a report on a tool's installation: phases, load, hands at the handle."""
 
 from functools import partial
 
@@ -35,13 +35,13 @@ from skywright.run.where import Where
 
 
 def _find_index(result: RunResult[ToolInstall, ToolPlan]) -> int:
-    """Number of the tool among the things that move."""
+    """Return the index of the tool among the moving things."""
     d = result.description
     return list_movers(d.world.things).index(d.mission.task.tool)
 
 
 def draw_phases(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
-    """Tool and platform over the whole flight, and the weight that the hands carry."""
+    """Draw tool and platform over the whole flight, and the weight on the hands."""
     s = result.samples
     if not len(s):
         return None
@@ -71,7 +71,8 @@ def draw_phases(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
 
 
 def draw_tracking(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
-    """Error of both tips at the grasp points, and the platform's way: figures 23 and 24."""
+    """Draw the error of both tips at the grasp points, and the platform's motion: figures 23 and
+    24."""
     s = result.samples
     hover = HOVER.select(s, result.phases)
     if not np.any(hover):
@@ -102,7 +103,7 @@ def draw_tracking(result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
 
 
 def draw_operator(where: Where, result: RunResult[ToolInstall, ToolPlan]) -> Figure | None:
-    """What the operator's stick asked for, and what hands and tool made of it."""
+    """Draw the operator's stick, and the resulting motion of hands and tool."""
     s = result.samples[where.select(result.samples, result.phases)]
     if not len(s) or not has_columns(s, "operator_stick") or not np.any(s["operator_stick"]):
         return None
@@ -164,11 +165,11 @@ PHASES = {
     "lower": "The tool is lowered until the bench carries its weight.",
     "lift arms": "The arms move above the landing gear.",
 }
-"""Phase -> what is done in it."""
+"""Phase -> description of what the robot does in it."""
 
 
 def describe(result: RunResult[ToolInstall, ToolPlan]) -> str:
-    """Say where the tool came to stand."""
+    """Return a sentence on the final position of the tool."""
     d = result.description
     seat, back = result.metrics.get("tool.seat_error_mm"), result.metrics.get("tool.returned")
     did = f"{d.robot.name} in world {d.world.name} "

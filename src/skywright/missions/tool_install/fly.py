@@ -1,9 +1,9 @@
-"""Put an inspection tool onto a pipe and take it back (Suarez 2020, section VI-A), on its own.
+"""Install an inspection tool on a pipe and retrieve it (Suarez 2020, section VI-A), autonomously.
 
-The paper's twelve phases; what the paper leaves to a human operator, the installation, is done by
-tracking the tool where nobody is at the stick. All places follow from tool, bench, pipe and robot:
-the pose of the arms from the landing gear, which the handle has to clear, the platform's places
-from the tool's.
+The twelve phases of the paper. A human operator performs the installation in the paper; without an
+operator, it is done here by tracking the tool. All poses follow from tool, bench, pipe and robot:
+the posture of the arms from the landing gear, which the handle has to clear, and the platform's
+positions from the tool's.
 """
 
 import math
@@ -54,14 +54,14 @@ BACKS_OFF = 0.45
 The arms are 3.6 cm below the handle."""
 
 UNPLANNED = 0.008
-"""m, that a robot may come nearer to the tool than its plan: the arm's length is wrong by 4 mm, and
-20 % more drag leans the robot by as much (plant)."""
+"""m, by which a robot may come nearer to the tool than planned: the arm's length has an error of 4
+mm, and 20 % more drag leans the robot by as much (plant)."""
 
 BECAME = {
     True: "it was carried back to the bench",
     False: "it was lost on the way back, or could not be put down",
 }
-"""Of a tool that the operator did not bring to its place."""
+"""Outcome for a tool that the operator did not install."""
 
 
 def fly(s: Supervisor[ToolInstall], way: ToolPlan) -> Flight:
@@ -130,10 +130,10 @@ def fly(s: Supervisor[ToolInstall], way: ToolPlan) -> Flight:
 
 
 def withdraw(s: Supervisor[ToolInstall], way: ToolPlan) -> None:
-    """Draw the hooks down out of a handle and back off; what hangs on them stays there.
+    """Draw the hooks down out of a handle and back off; a suspended load stays on the hooks.
 
-    Hands that wait below the handle go with the platform: they came so, and arms that moved beside
-    the tool would meet it.
+    Hands that wait below the handle keep their posture while the platform backs off, in reverse of
+    the approach: arms that moved beside the tool would hit it.
     """
     if float(np.max(s.vehicle.reference["load"])) > 0.0:
         return
@@ -151,7 +151,7 @@ def withdraw(s: Supervisor[ToolInstall], way: ToolPlan) -> None:
 def _carry_back(
     s: Supervisor, way: ToolPlan, place: Place, weight: float, speeds: tuple[float, float]
 ) -> bool:
-    """Bring the tool back to `place` on the bench, fly home; returns whether it stands there."""
+    """Carry the tool back to `place` on the bench, fly home; returns whether it stands there."""
     s.begin("carry back")
     move_platform(s, way.to_pipe[-1, :3], way.seat.yaw, NEAR_SPEED)
     _follow(s, way.to_pipe[::-1], CALM_SPEED)
@@ -170,9 +170,9 @@ def _carry_back(
 def _give_up(
     s: Supervisor, way: ToolPlan, place: Place, weight: float, speeds: tuple[float, float]
 ) -> str:
-    """After an installation that failed: bring the tool back if it hangs on the hooks, fly home.
+    """Carry the tool back if it is on the hooks after a failed installation, and fly home.
 
-    `place` is the bench's. Returns what became of the tool.
+    `place` is the bench's. Returns the outcome for the tool.
     """
     if _is_held(s, way.grip):
         returned = _carry_back(s, way, place, weight, speeds)
@@ -184,16 +184,16 @@ def _give_up(
 
 
 def _measure_seat(s: Supervisor, task: ToolInstall) -> Place:
-    """Where the tool shall stand, on the pipe as motion capture sees it."""
+    """Return the goal of the tool on the pipe that motion capture measures."""
     return find_seat(s.vehicle.world, task, *s.devices.surveyor.survey(PIPE))
 
 
 def _come(
     s: Supervisor[ToolInstall], way: ToolPlan, place: Place, beside: Array | None = None
 ) -> None:
-    """Come up to a tool that stands at `place`, hands low; then they wait below its handle.
+    """Approach a tool that stands at `place`, hands low; then move the hands below its handle.
 
-    `beside` (3,) m, ahead, left, up, is how far beside that they wait.
+    `beside` (3,) m, ahead, left, up, is an offset of their waiting position.
     """
     p = find_platform(way.grip, place)
     move_platform(s, behind(p, place.yaw), place.yaw, NEAR_SPEED)
@@ -206,10 +206,10 @@ def _come(
 def _build_room(
     s: Supervisor[ToolInstall], way: ToolPlan, place: Place
 ) -> Callable[[], float] | None:
-    """Return what tells by how much (m) a tool at `place` is farther than its limit.
+    """Return a function that measures by how much (m) a tool at `place` is farther than its limit.
 
     The limit is the least distance of the plan, in its wind, less UNPLANNED. The map has the tool
-    on the bench: it is met alike at both.
+    on the bench; the geometry is the same at both places.
     """
     if s.surroundings is None:
         return None
@@ -227,33 +227,35 @@ def _build_room(
 
 
 def _leave(s: Supervisor, way: ToolPlan, place: Place) -> None:
-    """Draw back from a tool that stands, hands low."""
+    """Draw back from a standing tool, hands low."""
     s.arms.move_to(way.grip.q_low)
     s.until_arrived()
-    here = s.vehicle.reference["p_WB"] + [0.0, 0.0, DROP]  # where the hands would hold
+    here = s.vehicle.reference["p_WB"] + [0.0, 0.0, DROP]  # for hands at the handle
     move_platform(s, behind(here, place.yaw), place.yaw, NEAR_SPEED)
 
 
 def _is_elsewhere(s: Supervisor, place: Place, wanted: Place) -> bool:
-    """Whether the tool has fallen, or stands too far from where the way was looked at."""
+    """Return whether the tool has fallen, or is too far from the place for which the path was
+    checked."""
     far = float(np.linalg.norm(place.p_WO - wanted.p_WO)) > s.task.way_clearance_m
     return far or measure_tool(s)[1][2, 2] < math.cos(TILT_MAX)
 
 
 def _is_hooked(s: Supervisor, grip: Grip) -> bool:
-    """Whether the handle may be in the cradles, wherever the robot may be."""
+    """Return whether the handle may be in the cradles, within the uncertainty of the robot's
+    position."""
     return min(compute_miss(s, grip, d) for d in (np.zeros(3), s.senses.doubt)) < 0.5 * LOW
 
 
 def _is_held(s: Supervisor, grip: Grip) -> bool:
-    """Whether the tool hangs where the hands are."""
+    """Return whether the tool is in the hands."""
     p, R = measure_tool(s)
     middle = np.mean(s.vehicle.read(Hands).p_WH[:2], axis=0)
     return float(np.linalg.norm(p + R @ grip.handle - middle)) < LOW
 
 
 def _follow(s: Supervisor, points: Array, speed: float) -> None:
-    """Fly along way-points (n, 4) m, rad, at rest in each."""
+    """Fly along waypoints (n, 4) m, rad, at rest in each."""
     for point in points:
         here = s.vehicle.reference["p_WB"]
         if float(np.linalg.norm(point[:3] - here)) > 1e-3:
@@ -261,7 +263,7 @@ def _follow(s: Supervisor, points: Array, speed: float) -> None:
 
 
 def _go_home(s: Supervisor, way: ToolPlan, from_pipe: bool = False) -> None:
-    """Fly back over the take-off place and lift the arms above the landing gear."""
+    """Fly back over the take-off point and lift the arms above the landing gear."""
     if from_pipe:
         here = s.vehicle.reference["p_WB"]
         high = np.array([here[0], here[1], way.to_pipe[-1, 2]])

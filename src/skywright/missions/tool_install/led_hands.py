@@ -1,8 +1,8 @@
-"""Both hands led by the stick, law (24), with the platform behind them.
+"""Control of both hands by the stick, law (24), while the platform follows them.
 
-The hands are led in W, so that they make up for the platform's drift. The arms alone reach 7 cm
-down before their elbows are straight; so the platform follows the hands' goal slowly, and they
-work where the handle lies well in the hooks.
+The hands' goals are fixed in W, so that the arms compensate the platform's drift. The arms alone
+reach down by 7 cm until their elbows are straight. The platform therefore follows the hands' goal
+slowly, and the hands work in the posture in which the handle lies well in the hooks.
 """
 
 import math
@@ -21,24 +21,24 @@ from skywright.missions.skills.tool_handling import (
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.plant import MISSION_TICK
 
-FOLLOW_RATE = 1.0  # 1/s, of the platform: it is 3 cm behind hands that move at 3 cm/s
+FOLLOW_RATE = 1.0  # 1/s, of the platform: it lags 3 cm behind hands that move at 3 cm/s
 SEATED_M = 0.015  # m, in height, within which a tool counts as standing on the pipe
-MOST = 1.5  # of the tool's weight, that is fed forward
-NEAR_M = 1e-4  # m, to which the goal is led back
+MOST = 1.5  # largest weight that is fed forward, relative to the tool's
+NEAR_M = 1e-4  # m, remaining distance when the goal returns
 UP = np.array([0.0, 0.0, 1.0])
-FREE = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])  # m, of a goal that no stick leads
+FREE = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])  # m, fence of a goal without an operator
 
 
 class LedHands:
-    """The hands' goal, and what the stick makes of it; each step is one tick."""
+    """Goal of both hands, moved by the stick; each step is one tick."""
 
     def __init__(
         self, s: Supervisor, weight: Weight, weight_n: float, yaw: float, goal: Array,
         platform: Array,
     ) -> None:  # fmt: skip
-        """`weight_n` (N) is the tool's, `goal` (3,) m where the work begins, in a frame of `yaw`.
+        """`weight_n` (N) is the tool's, `goal` (3,) m the initial goal, in a frame turned by `yaw`.
 
-        `platform` (3,) m is where it shall be for the hands to be there.
+        `platform` (3,) m is the platform's position for hands at that goal.
         """
         self.s, self.weight, self.most = s, weight, MOST * weight_n
         self.R, self.start, self.goal = rot_z(yaw), np.array(goal), np.array(goal)
@@ -54,7 +54,7 @@ class LedHands:
         self.weight.step(s, FOLLOW_RATE * behind, self.most)
 
     def go_back(self, v_max: float) -> None:
-        """Lead the hands back to where the work began: first up, then across."""
+        """Move the hands back to the initial goal: first up, then across."""
         for part in (UP, np.ones(3)):
             while float(np.linalg.norm(way := part * (self.start - self.goal))) > NEAR_M:
                 self.step(way / max(float(np.linalg.norm(way)), MISSION_TICK * v_max), v_max, FREE)
@@ -64,7 +64,7 @@ class LedHands:
 
 
 def explain_loss(R_WO: Array) -> str:
-    """Say why a tool at R_WO (3, 3) is not led any further: tilted, or away from the hands."""
+    """Return why the control of a tool at R_WO (3, 3) ends: tilted, or away from the hands."""
     if R_WO[2, 2] > math.cos(TILT_MAX):
         return "the tool fell off the hooks"
     tilt = math.degrees(math.acos(max(R_WO[2, 2], -1.0)))
@@ -72,5 +72,5 @@ def explain_loss(R_WO: Array) -> str:
 
 
 def describe_way(off: Array) -> str:
-    """Say in mm where something is from its place, off (3,) m."""
+    """Return an offset (3,) m from a place as text, in mm."""
     return ", ".join(f"{1e3 * x:.0f}" for x in off) + " mm (ahead, left, up)"

@@ -1,4 +1,4 @@
-"""Metrics of the kind "tool-install": where the tool came to stand, how the hands tracked it."""
+"""Metrics of the kind "tool-install": final pose of the tool, tracking by the hands."""
 
 import math
 from typing import NamedTuple
@@ -52,7 +52,7 @@ MEASURES: Measures = {
         "largest displacement of the platform since the start of the tracking of grasp points",
     ),
 }
-"""Metric -> unit and meaning, of those that only this kind has."""
+"""Metric -> unit and meaning, for the metrics that only this kind has."""
 
 WAIT, RETURN, INSTALL, HOVER, RETRIEVAL = (
     Where(("wait",), "at its end"), Where(("return",), "at its end"), Where(("install",)),
@@ -69,30 +69,30 @@ WHERE = {
 }
 
 RETURNED_M = 0.05
-"""m, from where it stood at first: so near, and turned less, a tool counts as back on the bench."""
+"""m, from its initial position, within which a tool with a smaller angle counts as returned."""
 RETURNED_ANGLE = math.radians(9.0)
 
 
 class Stance(NamedTuple):
-    """How a tool stands against where it should."""
+    """Pose error of a standing tool."""
 
-    error: Array  # (3,) m, in the place's frame: ahead, along the pipe, up
-    angle: float  # rad, between its attitude and the one wanted
+    error: Array  # (3,) m, in the goal's frame: ahead, along the pipe, up
+    angle: float  # rad, between its attitude and that of the goal
 
 
 def compute_stance(samples: Samples, at: int, index: int, p_WO: Array, wanted: Array) -> Stance:
-    """Return how thing `index` stands in sample `at` against p_WO (3,) m and attitude (3, 3)."""
+    """Return the pose error of thing `index` in sample `at`; the goal is p_WO (3,) m, `wanted`."""
     p, R = samples[f"object{index}_p_WO"][at], rot_from_quat(samples[f"object{index}_q_WO"][at])
     cosine = 0.5 * (float(np.trace(wanted.T @ R)) - 1.0)
     return Stance(wanted.T @ (p - p_WO), math.acos(min(max(cosine, -1.0), 1.0)))
 
 
 def compute_metrics(run: Flown[ToolInstall, ToolPlan]) -> dict[str, float]:
-    """Judge the phases that were flown; what was not reached has no metric."""
+    """Evaluate the phases that were flown; phases that were not reached yield no metric."""
     out: dict[str, float] = {}
     samples, phases, way, world = run.samples, run.phases, run.way, run.setup.true.world
     i = list_movers(world.things).index(run.task.tool)
-    bench, seat = find_places(world, run.task)  # not as the map has it
+    bench, seat = find_places(world, run.task)  # of the true world, not of the map
     pipe = run.setup.true.cylinder
     assert pipe is not None
     wait = np.flatnonzero(WAIT.select(samples, phases))
@@ -118,10 +118,10 @@ def compute_metrics(run: Flown[ToolInstall, ToolPlan]) -> dict[str, float]:
 
 
 def compute_operated(samples: Samples, index: int, seat: Place) -> dict[str, Array]:
-    """Return what the stick did to the hands, ahead, left and up in the seat's frame, (n, 3) m.
+    """Return the motion under operator control in the seat's frame: ahead, left and up, (n, 3) m.
 
-    `goal`: where (24) led the middle between both hands, from where it began; `hands`: where they
-    were; `tool`: where thing `index` was, from its seat.
+    `goal`: displacement of the midpoint of both hands' goals by (24); `hands`: displacement of the
+    hands' midpoint; `tool`: position of thing `index` relative to its seat.
     """
     R = rot_z(seat.yaw)
     goal = 0.5 * (samples["left_ref_p_WH"] + samples["right_ref_p_WH"])
@@ -134,7 +134,7 @@ def compute_operated(samples: Samples, index: int, seat: Place) -> dict[str, Arr
 
 
 def _measure_operated(samples: Samples) -> dict[str, float]:
-    """How long somebody was at the stick, and the largest true force (N) of a hand meanwhile."""
+    """Return the time under operator control, and the largest true force (N) of a hand."""
     if not has_columns(samples, "operator_stick"):
         return {}
     force = np.maximum(*(np.linalg.norm(samples[f"{x}_f_W"], axis=1) for x in ("left", "right")))
@@ -142,7 +142,7 @@ def _measure_operated(samples: Samples) -> dict[str, float]:
 
 
 def _judge_operator(samples: Samples) -> dict[str, float]:
-    """How long somebody was at the stick, and how well the hands followed (24)."""
+    """Return the time under operator control, and the tracking error of (24)."""
     out = _measure_operated(samples)
     if not out:
         return {}
@@ -155,7 +155,7 @@ def _judge_operator(samples: Samples) -> dict[str, float]:
 
 
 def compute_grasp_errors(samples: Samples, index: int, way: ToolPlan, along: float) -> Array:
-    """Return (n, 2, 3) m: each tip's place less its goal, `along` (m) the mouth, in W."""
+    """Return (n, 2, 3) m: error of each tip from its goal, `along` (m) the mouth, in W."""
     out = np.empty((len(samples), 2, 3))
     for k in range(len(samples)):
         R = rot_from_quat(samples[f"object{index}_q_WO"][k])
@@ -168,7 +168,7 @@ def compute_grasp_errors(samples: Samples, index: int, way: ToolPlan, along: flo
 
 
 def _judge_hover(samples: Samples, index: int, way: ToolPlan) -> dict[str, float]:
-    """How both tips track their points at the tool, and how the platform drifts (fig. 23, 24)."""
+    """Return the tracking errors of both tips, and the platform's drift (fig. 23, 24)."""
     error = compute_grasp_errors(samples, index, way, -LOW)
     each = np.sqrt(np.mean(np.sum(error**2, axis=2), axis=0))
     drift = samples["p_WB"] - samples["p_WB"][0]

@@ -1,9 +1,9 @@
-"""An operator puts the tool onto the pipe: Suarez 2020, section VI-A.3 and law (24).
+"""An operator installs the tool on the pipe: Suarez 2020, section VI-A.3 and law (24).
 
-The robot brings the tool to a place beside its seat (`HAND_OVER`) and hands over: from then on the
-stick moves both hands (led_hands.py), as one device does in the paper. Since the tool is tracked,
-every installation begins at the same place in the seat's frame, wherever pipe and bench stand; that
-is why a recorded input fits again. What the operator says is done is believed only when the tool
+The robot moves the tool beside its seat (`HAND_OVER`) and hands over. From then on the stick moves
+both hands (led_hands.py), as a single device does in the paper. Since the tool is tracked, every
+installation begins at the same position in the seat's frame, independent of pipe and bench. A
+recorded input is therefore reusable. The operator's confirmation takes effect only if the tool
 stands.
 """
 
@@ -39,20 +39,20 @@ from skywright.run.orders import Detour
 from skywright.run.supervisor import Supervisor
 
 HAND_OVER = np.array([-0.03, 0.03, 0.0])
-"""m, ahead, left, up, of the tool from the place over its seat when the operator takes over."""
+"""m, ahead, left, up, position of the tool relative to its seat at the hand-over."""
 FENCE = np.array([[-0.08, -0.08, -0.06], [0.08, 0.08, 0.13]])
-"""m, from the seat: lowest and highest place that the stick can ask for."""
+"""m, from the seat: lowest and highest position that the stick can command."""
 
 
 def install_by_operator(
     s: Supervisor[ToolInstall], lead: Lead, grip: Grip, seat: Place, weight_n: float,
     speeds: tuple[float, float],
 ) -> str:  # fmt: skip
-    """Fly the phases "install" and, where it failed, "take up again".
+    """Fly the phases "install" and, after a failure, "take up again".
 
-    `speeds` (m/s) are those of hands and platform. Returns "" with the
-    tool standing on the pipe and the hooks drawn out, else why not, the tool lifted again where it
-    still hangs on the hooks.
+    `speeds` (m/s) are those of hands and platform. Returns "" if the tool stands on the pipe and
+    the hooks are drawn out. Otherwise returns the reason; a tool still on the hooks is lifted
+    again.
     """
     work = _Install(s, lead, grip, seat, weight_n)
     detour = Detour(work.go_back, work.align)
@@ -67,7 +67,7 @@ def install_by_operator(
 
 
 class _Install:
-    """The state of an operated installation, in which an operator's order may end it."""
+    """State of an operated installation, which an operator's order may interrupt."""
 
     def __init__(
         self, s: Supervisor[ToolInstall], lead: Lead, grip: Grip, seat: Place, weight_n: float
@@ -77,17 +77,17 @@ class _Install:
         self.hands: LedHands | None = None
 
     def align(self) -> None:
-        """Bring the hanging tool to where the operator takes over."""
+        """Move the suspended tool to the position of the hand-over."""
         start = self.seat.p_WO + rot_z(self.seat.yaw) @ HAND_OVER
         align_tool(self.s, self.weight, Place(start, self.seat.yaw), self.most)
 
     def go_back(self) -> None:
-        """Lead the hands back to there: a tool that stands comes along."""
+        """Move the hands back there; a tool that stands comes along."""
         if self.hands is not None:
             self.hands.go_back(self.s.task.stick_speed_mps)
 
     def fly(self) -> str:
-        """Let the operator move the hands until the tool stands; returns why not, or ""."""
+        """Let the operator move the hands until the tool stands; returns why it does not, or ""."""
         s, seat = self.s, self.seat
         s.begin("install")
         self.lead.begin()
@@ -110,7 +110,7 @@ class _Install:
         return ""
 
     def _step(self, hands: LedHands, help_: Assistance) -> bool:
-        """Read the stick and fly a tick; returns whether the operator is done."""
+        """Read the stick and fly a tick; returns whether the installation is complete."""
         p, R_WO = measure_tool(self.s)
         off, carried = hands.R.T @ (p - self.seat.p_WO), self.weight.carried
         stick = self.lead.read(Sight(off, carried < LIGHT_N))

@@ -1,12 +1,12 @@
-"""An operator takes the tool from the pipe again, by law (24) as it was put there.
+"""An operator retrieves the tool from the pipe by law (24), as it was installed.
 
-The robot brings the hooks below the handle, beside the place by `HAND_OVER`, and hands over. The
-stick brings them below the handle ("hook") and raises them until they carry the tool; then it
-lifts the tool off the pipe ("lift off"). What the operator says is done is believed only when the
-tool hangs in both hooks, clear of the pipe.
+The robot moves the hooks below the handle, offset by `HAND_OVER`, and hands over. The stick moves
+them below the handle ("hook") and raises them until they carry the tool; then it lifts the tool off
+the pipe ("lift off"). The operator's confirmation takes effect only if the tool is suspended from
+both hooks, clear of the pipe.
 
-Beside the handle the hooks are led no higher than below it: higher, their tips would meet it from
-below and tip the tool over.
+Beside the handle the hooks stay below it: higher, their tips would touch it from below and tip the
+tool over.
 """
 
 import math
@@ -50,15 +50,17 @@ from skywright.vehicle.arms.ports import Hands
 from skywright.vehicle.plant import MISSION_TICK
 
 HAND_OVER = np.array([0.0, 0.02, 0.0])
-"""m, ahead, left, up, from where the hands wait for the handle: 27 mm ahead of it, 75 mm below."""
+"""m, ahead, left, up, from the hands' waiting position: 27 mm ahead of the handle, 75 mm below."""
 FENCE = np.array([[-0.04, -0.03, -0.1], [0.06, 0.03, 0.13]])
-"""m, of the hands from where they hold the handle: lowest and highest place that the stick can ask
-for. To the left and right 30 mm are free between hook and box (plan.HAND_ROOM)."""
-UNDER = 0.004  # m, that the tips of hooks beside the handle stay below it
-SET_DOWN, BACK_RATE = 0.5, 0.5  # of the stick, and 1/s: of a tool that is set down again
+"""m, of the hands from their holding position: lowest and highest position that the stick can
+command. To the left and right there are 30 mm of clearance between hook and box (plan.HAND_ROOM).
+"""
+UNDER = 0.004  # m, by which the tips of hooks beside the handle stay below it
+SET_DOWN, BACK_RATE = 0.5, 0.5  # deflection, and 1/s, when a tool is set down again
 LEFT = "the tool was not taken"
 HANGS, STANDS = 0.8, 0.4
-"""Of the tool's weight: what the hands carry when they lift it, and when it stands again."""
+"""Of the tool's weight: load of the hands above which they lift it, and below which it stands
+again."""
 HOOK, LIFT_OFF = "hook", "lift off"
 
 
@@ -68,8 +70,8 @@ def retrieve_by_operator(
 ) -> tuple[float | None, str]:  # fmt: skip
     """Fly "hook" and "lift off" with the operator; the tool stands at `place`.
 
-    Returns the weight (N) on the hooks, None where the tool was left on the pipe, and why the
-    operator did not come to an end, or "".
+    Returns the weight (N) on the hooks, None if the tool stays on the pipe; and why the operator
+    did not finish, or "".
     """
     work = _Retrieval(s, lead, grip, place, weight_n, speeds[0])
     detour = Detour(work.set_back, work.wait_beside)
@@ -91,7 +93,7 @@ def retrieve_by_operator(
 
 
 class _Retrieval:
-    """The state of an operated retrieval, in which an operator's order may end it."""
+    """State of an operated retrieval, which an operator's order may interrupt."""
 
     def __init__(
         self, s: Supervisor[ToolInstall], lead: Lead, grip: Grip, place: Place, weight_n: float,
@@ -110,7 +112,8 @@ class _Retrieval:
         self.phase, self.raised, self.hangs = HOOK, 0.0, False
 
     def fly(self) -> str:
-        """Let the operator move the hands until the tool hangs; returns why it does not, or ""."""
+        """Let the operator move the hands until the tool is suspended; returns why it is not, or
+        ""."""
         self.s.begin(HOOK)
         self.lead.begin()
         self._begin_anew()
@@ -131,7 +134,7 @@ class _Retrieval:
         return ""
 
     def set_back(self) -> None:
-        """Set down what is lifted, over its place, and draw the hooks out."""
+        """Set down a lifted tool over its place, and draw the hooks out."""
         s, v_max = self.s, self.s.task.stick_speed_mps
         ends = s.vehicle.t + 4.0 * LIFT / v_max
         while self.weight.carried > LIGHT_N and s.vehicle.t < ends:
@@ -143,11 +146,11 @@ class _Retrieval:
         let_go(s, self.grip, self.hand_speed)
 
     def wait_beside(self) -> None:
-        """Bring the hands from below the handle to where the operator takes over."""
+        """Move the hands from below the handle to the position of the hand-over."""
         lead_hands(self.s, self.grip, -LOW, self.hand_speed, HAND_OVER)
 
     def lift(self) -> None:
-        """Lift the tool on, without an operator."""
+        """Continue to lift the tool without an operator."""
         v_max = self.s.task.stick_speed_mps
         ends = self.s.vehicle.t + 2.0 * LIFT / v_max
         while self.raised < LIFT and self.s.vehicle.t < ends:
@@ -155,7 +158,7 @@ class _Retrieval:
             self.raised = float((measure_tool(self.s)[0] - self.place.p_WO)[2])
 
     def _step(self) -> bool:
-        """Read the stick and fly a tick; returns whether the operator is done."""
+        """Read the stick and fly a tick; returns whether the retrieval is complete."""
         p, R_WO = measure_tool(self.s)
         carried, v_max = self.weight.carried, self.s.task.stick_speed_mps
         self.raised = float((p - self.place.p_WO)[2])
@@ -168,7 +171,7 @@ class _Retrieval:
         self._watch(carried)
         axes, off = np.array(stick.axes), self._measure()
         axes[2] = self.help.step(axes[2], v_max, -float(off[2]), carried) / v_max
-        if self.phase == LIFT_OFF:  # nothing is touched any more
+        if self.phase == LIFT_OFF:  # the tool has no contact any more
             axes[2] = stick.axes[2]
         fence = np.array(FENCE)
         if off[2] < 0.5 * self.below and float(np.hypot(off[0], off[1])) > self.capture:
@@ -177,7 +180,7 @@ class _Retrieval:
         return False
 
     def _watch(self, carried: float) -> None:
-        """Follow the tool by the phases."""
+        """Begin the phase that matches the load."""
         if self.phase == HOOK and carried > HANGS * self.weight_n:
             self._begin(LIFT_OFF)
         elif self.phase == LIFT_OFF and carried < STANDS * self.weight_n:
@@ -189,16 +192,16 @@ class _Retrieval:
         self.s.begin(phase)
 
     def _measure(self) -> Array:
-        """Where the hands' middle is from where it holds the handle, (3,) m: ahead, left, up."""
+        """Return the hands' midpoint relative to its holding position, (3,) m: ahead, left, up."""
         p, R = measure_tool(self.s)
         middle = np.mean(self.s.vehicle.read(Hands).p_WH[:2], axis=0)
         off: Array = self.R.T @ (middle - p - R @ (self.grip.handle - self.grip.cradle))
         return off
 
     def _look(self) -> Array:
-        """What is led from its place, (3,) m: the hooks from the handle, then the tool from above.
+        """Return the error that the operator corrects, (3,) m: of the hooks, later of the tool.
 
-        A tool on the hooks shall hang LIFT above where it stood.
+        The goal of a tool on the hooks is LIFT above its place.
         """
         if self.phase == HOOK:
             return self._measure()

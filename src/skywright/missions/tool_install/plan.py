@@ -1,8 +1,9 @@
-"""Put an inspection tool onto a pipe and take it back (Suarez 2020, section VI-A), on its own.
+"""Install an inspection tool on a pipe and retrieve it (Suarez 2020, section VI-A), autonomously.
 
-The paper's twelve phases; what the paper leaves to a human operator, the installation, is done by
-tracking the tool. All places follow from tool, bench, pipe and robot: the pose of the arms from
-the landing gear, which the handle has to clear, the platform's places from the tool's.
+The twelve phases of the paper. A human operator performs the installation in the paper; here it is
+done by tracking the tool. All poses follow from tool, bench, pipe and robot: the posture of the
+arms from the landing gear, which the handle has to clear, and the platform's positions from the
+tool's.
 """
 
 import math
@@ -45,36 +46,36 @@ from skywright.run.gust_limits import find_stances
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 
-BACK = 0.35  # m, behind the tool, where the platform comes from and goes to
-FAR_BACK = 0.45  # m, the same beside the clearance where the planned way ends, gear and all
+BACK = 0.35  # m, behind the tool, where the platform arrives and departs
+FAR_BACK = 0.45  # m, the same without the clearance, at the end of the planned path
 ABOVE = 0.10  # m, of a tool over its place before it is lowered
 CALM_SPEED, CARRY_ACCELERATION = 0.4, 0.2  # m/s, m/s^2, with the tool: it swings by a / g, 1.2 deg
-HANDLING_S = 140.0  # s, about, of taking up, putting down, take-off and landing
-ROOM = 1.2  # weight that is fed forward at most, over what may be lifted
-FELT = 3.0  # times LIGHT_N, that a tool has to weigh: what is felt of it wavers by as much
+HANDLING_S = 140.0  # s, approximate duration of grasp, set-down, take-off and landing
+ROOM = 1.2  # largest weight that is fed forward, relative to the payload limit
+FELT = 3.0  # least weight of a tool, in LIGHT_N, the noise of its estimate
 HAND_ROOM = 0.03  # m, from a hand's hook to handle's end and box
-END_ROOM = 0.02  # m, from a foot's middle to the pipe's end: half its profile, and the seat's error
-COMES = (0.0, 0.05, 0.1, 0.2, BACK)  # m, behind the tool, where the wind's clearance is looked at
-STEPS = 6  # of the search for the largest wind, each halves what is left
-STEEPEST_DEG = 1.5  # of the pipe: a hanging tool is level, and is judged as if the pipe were
+END_ROOM = 0.02  # m, from a foot's middle to the pipe's end: half its profile and the error
+COMES = (0.0, 0.05, 0.1, 0.2, BACK)  # m, behind the tool, where the clearance in wind is checked
+STEPS = 6  # bisection steps of the search for the largest wind
+STEEPEST_DEG = 1.5  # largest inclination of the pipe: a suspended tool is level
 
 
 class ToolPlan(NamedTuple):
-    """Where things and robot will be, as known before take-off."""
+    """Poses of things and robot as known before take-off."""
 
     grip: Grip
     folded: Array  # (n_joints,) rad
     bench: Place  # of the tool
     seat: Place
     home: Array  # (4,) m, rad
-    to_bench: Array  # (n, 4) way-points: m, rad
+    to_bench: Array  # (n, 4) waypoints: m, rad
     to_pipe: Array
     most_n: float  # weight that may be lifted
-    clear: float = math.inf  # m, to the tool before the hands hold it, in the wind as expected
+    clear: float = math.inf  # m, to the tool before the grasp, in the expected wind
 
 
 def plan(setup: Setup[ToolInstall]) -> MissionPlan[ToolPlan]:
-    """Find poses and ways; an infeasible request is refused with the reason."""
+    """Compute poses and paths; an infeasible request is refused with the reason."""
     d, robot, world = setup.description, setup.robot, setup.world
     began, task = time.perf_counter(), setup.task
     _check_input(robot, world, task)
@@ -109,10 +110,10 @@ def plan(setup: Setup[ToolInstall]) -> MissionPlan[ToolPlan]:
 def _plan_ways(
     d: Description, found: ToolPlan, task: ToolInstall
 ) -> tuple[ToolPlan, str | None, float]:
-    """Plan to the bench with empty hands, and from there to the pipe with the tool.
+    """Plan the path to the bench with empty hands, and from there to the pipe with the tool.
 
-    The planner knows the robot; with the tool it may not go lower than the tool allows, and the
-    tool's own distances are looked at afterwards.
+    The planner models the robot only. With the tool its height has a lower limit, and the tool's
+    own clearance is checked afterwards.
     """
     robot, world, grip, name = d.robot, d.world, found.grip, task.tool
     margin = task.way_clearance_m
@@ -157,7 +158,7 @@ def _plan_ways(
 
 
 def _check_input(robot: Robot, world: World, task: ToolInstall) -> None:
-    """Raise InputError where robot or world are not those of this mission."""
+    """Raise InputError if robot or world do not suit this mission."""
     tool = world.find_thing(task.tool, Tool)
     if world.pipe is None:
         raise InputError(f"world {world.name!r} has no pipe: add a [world.pipe] table")
@@ -186,7 +187,7 @@ def _check_input(robot: Robot, world: World, task: ToolInstall) -> None:
 
 
 def _find_misfit(robot: Robot, world: World, task: ToolInstall) -> str | None:
-    """Say why tool, pipe and arms do not go together, or return None."""
+    """Return why tool, pipe and arms do not fit each other, or None."""
     tool, pipe = world.find_thing(task.tool, Tool), world.pipe
     assert pipe is not None and robot.arm is not None
     if tool.mass_kg > task.payload_max_kg:
@@ -217,7 +218,7 @@ def _find_misfit(robot: Robot, world: World, task: ToolInstall) -> str | None:
 
 
 def find_places(world: World, task: ToolInstall) -> tuple[Place, Place]:
-    """Return where the tool stands at first, and where it shall stand on the pipe."""
+    """Return the tool's initial place, and its goal on the pipe."""
     assert world.pipe is not None
     p, R = locate_thing(world.things, task.tool)
     pipe = build_cylinder(world.pipe)
@@ -225,7 +226,7 @@ def find_places(world: World, task: ToolInstall) -> tuple[Place, Place]:
 
 
 def find_seat(world: World, task: ToolInstall, p_WP: Array, R_WP: Array) -> Place:
-    """Return where the tool shall stand on a pipe whose frame is p_WP (3,) m, R_WP (3, 3)."""
+    """Return the tool's goal on a pipe whose frame is p_WP (3,) m, R_WP (3, 3)."""
     assert world.pipe is not None
     height = compute_seat(world.find_thing(task.tool, Tool), world.pipe.diameter_m).height
     ahead, axis, up = level_axes(R_WP).T
@@ -234,12 +235,12 @@ def find_seat(world: World, task: ToolInstall, p_WP: Array, R_WP: Array) -> Plac
 
 
 def behind(p: Array, yaw: float, back: float = BACK) -> Array:
-    """Where the platform comes from and goes to, p (3,) m being where its hands hold the tool."""
+    """Return the platform's position before the approach; at p (3,) m its hands hold the tool."""
     return np.asarray(p - back * rot_z(yaw)[:, 0] - [0.0, 0.0, DROP])
 
 
 def _find_strong_wind(setup: Setup[ToolInstall], way: ToolPlan) -> str | None:
-    """Say that wind leans or moves the robot onto the tool that it comes up to, or return None."""
+    """Return a refusal if wind tilts or moves the robot against the tool, or None."""
     wind, keeps = setup.world.wind, setup.task.wind_clearance_m
     if compute_speed(wind) == 0.0 or way.clear >= keeps:
         return None
@@ -266,11 +267,11 @@ def _find_strong_wind(setup: Setup[ToolInstall], way: ToolPlan) -> str | None:
 
 
 def _measure_stances(setup: Setup[ToolInstall], way: ToolPlan) -> tuple[float, str]:
-    """Return the least distance (m) on the way up to the tool, however the robot stands."""
+    """Return the least distance (m) on the approach to the tool, over all attitudes in the wind."""
     query = build_clearance(setup.scene)
     least, what = math.inf, ""
     at, bench = find_platform(way.grip, way.bench), rot_z(way.bench.yaw)
-    for place in (way.bench, way.seat):  # the robot meets the tool alike at both
+    for place in (way.bench, way.seat):  # the geometry is the same at both
         for R, shift in find_stances(setup, place.yaw, way.grip.q_low, ACCELERATION):
             here = bench @ rot_z(-place.yaw)
             for back in COMES:
@@ -284,9 +285,9 @@ def _measure_stances(setup: Setup[ToolInstall], way: ToolPlan) -> tuple[float, s
 
 
 def _find_blocked_work(robot: Robot, world: World, way: ToolPlan, keeps: float) -> str | None:
-    """Say what is in the way of the robot where its hands work, or return None.
+    """Return what is too close to the robot where its hands work, or None.
 
-    The world is without the tool: it is what the hands touch.
+    The world is without the tool, because the hands touch it.
     """
     query = build_clearance(build_scene(robot, world), with_ground=True)
     grip = way.grip

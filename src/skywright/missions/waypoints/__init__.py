@@ -13,13 +13,13 @@ if TYPE_CHECKING:
 
 
 class WaypointsKind(FolderKind[Waypoints]):
-    """Fly through way-points."""
+    """Fly through waypoints."""
 
     task = Waypoints
     needs = frozenset({"uav"})
 
     def check_vehicle(self, vehicle: Backend, task: Waypoints) -> None:
-        """Refuse values that the vehicle's actuators do not take."""
+        """Refuse values that are invalid for the vehicle's actuators."""
         for i, point in enumerate(task.points):
             for column, value in point.actuators.items():
                 try:

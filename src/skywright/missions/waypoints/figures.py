@@ -1,4 +1,4 @@
-"""What a report shows of a flight through way-points: nothing that other flights lack."""
+"""Figures of a report on a flight through waypoints: only those of any flight."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from skywright.run.run import RunResult
 
 
 def describe(result: RunResult[Waypoints, None]) -> str:
-    """Say what was flown."""
+    """Return a sentence on the flight."""
     d = result.description
     seconds = format_value(result.metrics.get("flight.duration_s"))
     points = d.mission.task.points
@@ -18,7 +18,7 @@ def describe(result: RunResult[Waypoints, None]) -> str:
 
 
 def sketch(d: Description[Waypoints], way: None) -> Sketch:
-    """Return the way-points."""
+    """Return the waypoints."""
     points = np.array([[p.x_m, p.y_m, p.z_m] for p in d.mission.task.points])
     return Sketch("way-points", points)
 

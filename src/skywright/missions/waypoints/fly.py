@@ -1,4 +1,4 @@
-"""A flight through way-points; any robot can fly it."""
+"""A flight through waypoints; any robot can fly it."""
 
 from skywright.missions.waypoints.task import Waypoints
 from skywright.run.flight import Flight
@@ -8,7 +8,7 @@ from skywright.run.supervisor import Supervisor
 def fly(s: Supervisor[Waypoints], way: None) -> Flight:
     for i, (name, table) in enumerate(s.segments.items()):
         hold = s.task.points[i].hold_s if i < len(s.task.points) else 0.0
-        # the plan rests until the hold ends, for who flies its rows alone
+        # the rows of the plan include the hold, for clients that fly only the rows
         s.follow(name, table[table["t"] <= table["t"][-1] - hold + 1e-6])
         if i < len(s.task.points):
             for column, value in s.task.points[i].actuators.items():

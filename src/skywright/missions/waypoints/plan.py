@@ -1,4 +1,4 @@
-"""A flight through way-points; any robot can fly it."""
+"""A flight through waypoints; any robot can fly it."""
 
 import math
 
@@ -16,7 +16,7 @@ from skywright.run.setup import Setup
 
 def plan(setup: Setup[Waypoints]) -> MissionPlan[None]:
     robot, points = setup.robot, setup.task.points
-    # the planner moves poses near a pipe; where there is none, any will do
+    # the planner requires a pipe; without one, any serves
     cylinder = setup.cylinder or Cylinder(np.array([0.0, 0.0, 1.0]), rot_z(0.0), 1.0, 1.0)
     poses = np.array([[w.x_m, w.y_m, w.z_m, math.radians(w.yaw_deg)] for w in points])
     rests = [w.hold_s + setup.task.settle_s if w.hold_s > 0.0 else 0.0 for w in points]

@@ -1,4 +1,4 @@
-"""What a mission of the kind "waypoints" may say."""
+"""Keys of a mission of the kind "waypoints"."""
 
 from pydantic import Field
 
@@ -13,12 +13,13 @@ class Waypoint(Spec):
     y_m: Coordinate  # position in W
     z_m: float = Field(gt=0, le=1000)  # height above the ground
     yaw_deg: float = 0.0  # heading
-    hold_s: float = Field(default=2.0, ge=0, le=3600)  # time for which the pose is held, judged
+    # time for which the pose is held and evaluated
+    hold_s: float = Field(default=2.0, ge=0, le=3600)
     actuators: dict[str, float | list[float]] = {}  # set when the pose is reached, by column
 
 
 class Waypoints(Task):
-    """Way-points in the order in which they are flown."""
+    """Waypoints in the order of the flight."""
 
-    points: list[Waypoint] = Field(min_length=1)  # way-points in the order of the flight
+    points: list[Waypoint] = Field(min_length=1)  # waypoints in the order of the flight
     settle_s: float = Field(default=2.0, ge=0, le=60)  # rest before a hold: the robot comes to rest

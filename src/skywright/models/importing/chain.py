@@ -1,8 +1,8 @@
-"""The moving links of an imported model: which joints stay, and one body for all that is rigid.
+"""The kinematic chain of an imported model: moving joints, and one body per rigid group.
 
-Joints that do not lead to the tip (fingers, gimbals, legs, the rotors' own) are frozen at zero, or
-at the end of their range that is nearest to it; what hangs on them becomes part of the link before.
-Two fingers that move towards each other at the tip are a gripper.
+Joints that do not lead to the tip (fingers, gimbals, legs, rotors) are frozen at zero, or at the
+end of their range nearest to zero; their child bodies become part of the preceding link. Two
+fingers that move towards each other at the tip are a gripper.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ TIP_NAMES = ("tcp", "tip", "tool", "ee", "end_effector", "end_link", "pinch", "g
 
 
 class Part(NamedTuple):
-    """Rigid bodies together, in the frame of the root body with all joints at zero."""
+    """A rigid group of bodies, in the frame of the root body with all joints at zero."""
 
     name: str
     mass: float  # kg
     com: Array  # (3,) m
     inertia: Array  # (3, 3) kg m^2 about it
-    joint: str  # that moves it, "" of the platform
+    joint: str  # joint that moves it; "" for the platform
     slide: bool
     p: Array  # (3,) m, of the joint
     axis: Array  # (3,)
@@ -44,23 +44,23 @@ class Part(NamedTuple):
 
 
 class Chain(NamedTuple):
-    """The platform, then the links that move, in a chain."""
+    """The platform, then the moving links, in a chain."""
 
     parts: list[Part]
     tip: Array  # (3,) m
     tip_name: str
-    carrier: int  # body that carries the tip
+    carrier: int  # body that contains the tip
     qpos: Array  # of the model with the chain's joints at zero
-    joints: list[int]  # of the model, in the order of the parts after the first
+    joints: list[int]  # of the model, in the order of the parts from the second on
     gripper: Gripper | None
-    members: dict[int, int]  # body -> index of its part; without rotors and the gripper's fingers
-    frozen: list[str]  # names of joints, with why
+    members: dict[int, int]  # body -> index of its part; excludes rotors and the gripper's fingers
+    frozen: list[str]  # names of joints, with the reason
 
 
 def freeze(model: mujoco.MjModel, root: int, locked: Mapping[str, float]) -> mujoco.MjData:
     """Return data with the root body at the origin of W and every joint at or next to zero.
 
-    `locked` joints are where they are held (rad or m).
+    `locked` joints are at their locked positions (rad or m).
     """
     data = mujoco.MjData(model)
     for j in range(model.njnt):
@@ -80,7 +80,7 @@ def freeze(model: mujoco.MjModel, root: int, locked: Mapping[str, float]) -> muj
 
 
 def find_root(model: mujoco.MjModel, name: str | None) -> int:
-    """Return the body that flies: `name`, or the first with a free joint; raises InputError."""
+    """Return the flying body: `name`, or the first with a free joint; raises InputError."""
     free = [
         int(model.jnt_bodyid[j])
         for j in range(model.njnt)
@@ -187,7 +187,7 @@ def _find_tip(
     fingers: list[int],
     tip: str | None,
 ) -> tuple[int, Array, str]:
-    """Body that carries the tip, the tip's place (3,) m in it, and what it is called."""
+    """Return the body of the tip, the tip's position (3,) m in it, and its name."""
     if tip is not None:
         body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, tip)
         if body >= 0:
@@ -224,7 +224,7 @@ def _find_tip(
 
 
 def _assign(model: mujoco.MjModel, root: int, joints: list[int]) -> dict[int, int]:
-    """Body -> index of the part that it belongs to: 0 the platform, then the joints' in order."""
+    """Return body -> index of its part: 0 the platform, then the joints' in order."""
     movers = {int(model.jnt_bodyid[j]): i + 1 for i, j in enumerate(joints)}
     member: dict[int, int] = {root: 0}
     for b in range(root + 1, model.nbody):

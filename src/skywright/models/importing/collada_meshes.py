@@ -1,8 +1,8 @@
 """COLLADA meshes (`.dae`): the triangles of the file's scene, in metres, in the axes of the file.
 
-pycollada reads geometries and materials. This file walks the scene and refuses what could take all
-memory or time. `up_axis` is not applied: RViz, MoveIt and Gazebo do not apply it either, so robots
-of the field are drawn in the axes that their meshes are written in (docs/adr/0049).
+pycollada reads geometries and materials. This module traverses the scene and rejects files that
+could exhaust memory or time. `up_axis` is not applied: RViz, MoveIt and Gazebo do not apply it
+either, so existing robots are drawn in the axes of their meshes (docs/adr/0049).
 """
 
 from __future__ import annotations
@@ -25,9 +25,10 @@ from skywright.models.importing.xml_input import parse_xml, read_numbers
 
 Color = tuple[float, float, float]
 MOST_TRIANGLES = 2_000_000
-"""Of a scene with all its instances; a binary STL file of 60 MB has 1.2 million."""
+"""Limit for a scene with all its instances; a binary STL file of 60 MB has 1.2 million triangles.
+"""
 MOST_VISITS = 100_000
-"""Elements of the scene, once for each instance: instances of instances grow exponentially."""
+"""Visited elements of the scene, once per instance: nested instances grow exponentially."""
 COLORS = {"library_images", "library_effects", "library_materials"}
 IN_MESH = {"source", "vertices", "triangles", "tristrips", "trifans", "polylist", "polygons"}
 REFUSED = {"instance_controller": "a skin", "skew": "a shear", "lookat": "a camera's transform"}
@@ -38,7 +39,7 @@ class Surface(NamedTuple):
 
     vertices: Array  # (n, 3) m
     faces: Ints  # (m, 3)
-    color: Color | None  # None: the file has none
+    color: Color | None  # None: the file contains none
 
 
 def read_collada(path: Path, limit: int) -> tuple[Surface, ...]:
@@ -52,7 +53,7 @@ def read_collada(path: Path, limit: int) -> tuple[Surface, ...]:
         ) from None
 
     def load(kept: set[str]) -> Any:
-        # unsupported: inputs of faces that do not matter here
+        # unsupported: inputs of faces that are not needed here
         return Collada(_copy(root, kept), ignore=[DaeUnsupportedError])
 
     root = parse_xml(read_text(path, limit), path)
@@ -66,17 +67,17 @@ def read_collada(path: Path, limit: int) -> tuple[Surface, ...]:
     _check_accessors(path, root)
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
-        # numpy stops reading at a word that is no number, and warns
+        # numpy stops at a word that is not a number, and only warns
         warnings.filterwarnings("error", message="string or file could not be read")
         try:
             try:
                 document = load({"library_geometries"} | COLORS)
-            except Exception:  # a colour is no reason to leave the mesh out
+            except Exception:  # a missing colour does not exclude the mesh
                 document = load({"library_geometries"})
             found = tuple(_list_surfaces(path, root, document, metre))
         except InputError:
             raise
-        except Exception as error:  # whatever pycollada meets in a broken file
+        except Exception as error:  # any error of pycollada in an invalid file
             text, kind = " ".join(str(error).split()), type(error).__name__
             text = text if text.startswith(kind) else f"{kind}: {text}"
             raise InputError(f"{path}: not read as COLLADA: {text[:160]}") from None
@@ -90,7 +91,7 @@ def _tag(element: ET.Element) -> str:
 
 
 def _check_accessors(path: Path, root: ET.Element) -> None:
-    """Refuse vertices that do not stand one behind the other: pycollada reads them as if so."""
+    """Reject vertices that are not contiguous: pycollada reads them as if they were."""
     for mesh in root.findall("{*}library_geometries/{*}geometry/{*}mesh"):
         inputs = mesh.findall("{*}vertices/{*}input[@semantic='POSITION']")
         places = {i.get("source", "")[1:] for i in inputs}
@@ -108,7 +109,7 @@ def _check_accessors(path: Path, root: ET.Element) -> None:
 
 
 def _copy(root: ET.Element, kept: set[str]) -> io.BytesIO:
-    """Write the `kept` libraries anew: no document type, entities or comments get through."""
+    """Write the `kept` libraries to a new document, without document type, entities or comments."""
     copy = ET.Element(root.tag, root.attrib)
     for library in root:
         if _tag(library) in kept:
@@ -121,7 +122,7 @@ def _copy(root: ET.Element, kept: set[str]) -> io.BytesIO:
 
 
 def _list_surfaces(path: Path, root: ET.Element, document: Any, metre: float) -> Iterator[Surface]:
-    """Walk the scene: nodes, their transforms, and the geometries in them."""
+    """Traverse the scene: nodes, their transforms, and their geometries."""
     by_id = {e.get("id"): e for e in root.findall(".//{*}node")}
     scenes = root.findall("{*}library_visual_scenes/{*}visual_scene")
     shown = root.find("{*}scene/{*}instance_visual_scene")
@@ -158,7 +159,7 @@ def _list_surfaces(path: Path, root: ET.Element, document: Any, metre: float) ->
 
 
 def _look_up(path: Path, there: Any, instance: ET.Element) -> Any:
-    """Return what an instance of a node or a geometry refers to."""
+    """Return the target of an instance of a node or a geometry."""
     url = instance.get("url", "")
     found = there.get(url.removeprefix("#"))
     if found is None:
@@ -167,7 +168,7 @@ def _look_up(path: Path, there: Any, instance: ET.Element) -> Any:
 
 
 def _read_transform(path: Path, element: ET.Element) -> Array:
-    """Return the matrix (4, 4) of an element of a node, the identity if it is no transform."""
+    """Return the matrix (4, 4) of an element of a node, or the identity if it is no transform."""
     name, where = _tag(element), f"{path}: <{_tag(element)}> of a node"
     out = np.eye(4)
     if name in REFUSED:
@@ -191,7 +192,7 @@ def _read_transform(path: Path, element: ET.Element) -> Array:
 
 
 def _read_colors(instance: ET.Element, document: Any) -> dict[str | None, Color]:
-    """Return the diffuse colour of each symbol that faces of a geometry are painted with."""
+    """Return the diffuse colour of each material symbol of a geometry's faces."""
     out = {}
     for bound in instance.findall("{*}bind_material/{*}technique_common/{*}instance_material"):
         material = document.materials.get(bound.get("target", "")[1:])
@@ -205,7 +206,7 @@ def _read_colors(instance: ET.Element, document: Any) -> dict[str | None, Color]
 
 
 def _find_corners(path: Path, primitive: Any) -> Ints:
-    """Return the vertices (m, 3) of each triangle; polygons become fans."""
+    """Return the vertices (m, 3) of each triangle; polygons become triangle fans."""
     index = primitive.vertex_index
     if index is None:
         return np.zeros((0, 3), dtype=np.int64)

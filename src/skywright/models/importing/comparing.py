@@ -1,7 +1,8 @@
-"""A robot file against the model that it was imported from, at random postures.
+"""Comparison of a robot file with the model that it was imported from, at random postures.
 
-The robot file is read as any other; mass, centre of mass and inertia come from the rigid body that
-controllers use, and again from the compiled scene. The other side is MuJoCo's compile of the file.
+The robot file is read in the usual way; mass, centre of mass and inertia come from the controllers'
+rigid body, and again from the compiled scene. The reference is MuJoCo's compiled model of the
+imported file.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ class Deviations(NamedTuple):
     postures: int
 
     def worst(self) -> tuple[str, float]:
-        """Return the largest of them and its name."""
+        """Return the largest deviation and its name."""
         both = self._asdict()
         del both["postures"]
         name = max(both, key=lambda key: float(both[key]))
@@ -90,7 +91,7 @@ def _local_tip(model: mujoco.MjModel, chain: Chain) -> Array:
 def _jacobian(
     model: mujoco.MjModel, data: mujoco.MjData, chain: Chain, at: Array
 ) -> tuple[Array, Array]:
-    """Return J (3, n) of the tip in the frame of the root, and its place (3,) m."""
+    """Return J (3, n) of the tip in the frame of the root, and the tip's position (3,) m."""
     place = data.xpos[chain.carrier] + data.xmat[chain.carrier].reshape(3, 3) @ at
     full = np.zeros((3, model.nv))
     mujoco.mj_jac(model, data, full, None, place, chain.carrier)

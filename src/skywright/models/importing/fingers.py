@@ -1,7 +1,7 @@
-"""The fingers of an imported model: which joints they are, and whether they are a gripper.
+"""The fingers of an imported model: their joints, and whether they form a gripper.
 
-Two fingers that slide towards each other, or turn towards each other, at the end of the arm are
-one. Fingers with joints of their own (linkages) and more than two fingers are not.
+Two fingers at the end of the arm that slide or turn towards each other form a gripper. Fingers with
+inner joints (linkages) and more than two fingers do not.
 """
 
 from __future__ import annotations
@@ -15,26 +15,27 @@ import numpy as np
 from skywright.core.arrays import Array
 
 ALONG = 1.0 - 1e-4
-"""Cosine of axes that are one line."""
+"""Smallest cosine between parallel axes."""
 ACROSS = 0.7
-"""Cosine up to which fingers slide across the way to the tip, and above which turning ones point
-along it."""
+"""Largest cosine between the travel of sliding fingers and the direction to the tip; above it,
+rotating fingers point along that direction."""
 STROKES, LIGHTEST, NEAREST = (1e-3, 1.0), 1e-4, 1e-3
-"""m that a gripper opens, kg of its fingers, and m from the last joint to their ends at least."""
+"""Limits of a gripper: opening (m), least mass of its fingers (kg), least distance (m) from the
+last joint to their ends."""
 ALIKE, STEEPEST, LONGEST = np.radians(3.0), np.radians(80.0), 0.3
-"""rad between mirrored limits, rad from the arm's direction, and m, of fingers that turn."""
+"""Limits of rotating fingers: rad between mirrored limits, rad from the arm's direction, and m."""
 SHORTEST = 1e-5
 """m of the last link."""
 
 
 class Turn(NamedTuple):
-    """How two fingers turn: mirrored, in one plane."""
+    """Motion of two rotating fingers: mirrored, in one plane."""
 
     pivot: float  # m, from the middle to each pivot
-    length: float  # m, of a finger: twice the way to its centre of mass
-    closed: float  # rad, of a finger from the way out, outward
+    length: float  # m, of a finger: twice the distance to its centre of mass
+    closed: float  # rad, of a finger from the hand's direction, outward
     open: float
-    way: Array  # (3,) out of the hand
+    way: Array  # (3,) direction out of the hand
 
 
 class Gripper(NamedTuple):
@@ -49,7 +50,7 @@ class Gripper(NamedTuple):
 
 
 def find_fingers(model: mujoco.MjModel, data: mujoco.MjData, root: int) -> list[int]:
-    """Joints that an equality couples, and slides or mirrored hinges beside each other at the ends.
+    """Return joints that an equality couples, and adjacent slides or mirrored hinges at the ends.
 
     `data` has the model's kinematics.
     """
@@ -77,9 +78,10 @@ def find_fingers(model: mujoco.MjModel, data: mujoco.MjData, root: int) -> list[
 def find_gripper(
     model: mujoco.MjModel, data: mujoco.MjData, fingers: list[int], joints: list[int], tip: Array
 ) -> Gripper | None:
-    """Two slides or hinges with limits that both hang on the last joint of the chain.
+    """Return the gripper of two slides or hinges with limits that are both children of the chain's
+    last joint.
 
-    Slides move along one line across the way from that joint to the `tip` (3,) m; hinges are
+    Slides move along one line across the direction from that joint to the `tip` (3,) m; hinges are
     mirrored and point along it.
     """
     if len(fingers) != 2 or not joints:
@@ -114,9 +116,9 @@ def find_gripper(
 
 
 def _find_turn(model: mujoco.MjModel, data: mujoco.MjData, pair: list[int]) -> Turn | None:
-    """Return how two hinges turn mirrored fingers; None where they do not.
+    """Return the motion of two hinges with mirrored fingers, or None.
 
-    A finger points from its joint to its centre of mass; the way out is between both.
+    A finger points from its joint to its centre of mass; the hand's direction is between both.
     """
     bodies, spans = [int(model.jnt_bodyid[j]) for j in pair], _list_spans(model, pair)
     below = [b for b in range(model.nbody) if int(model.body_parentid[b]) in bodies]
@@ -140,7 +142,7 @@ def _find_turn(model: mujoco.MjModel, data: mujoco.MjData, pair: list[int]) -> T
     z = z / np.linalg.norm(z)
     y = np.cross(z, x)
     gap = pivots[0] - pivots[1]
-    y = y if gap @ y > 0.0 else -y  # the first finger is on the side of y
+    y = y if gap @ y > 0.0 else -y  # the first finger is on the positive side of y
     found = np.zeros((2, 2))
     for k, sign in enumerate((1.0, -1.0)):
         angle = float(np.arctan2(sign * arms[k] @ y, arms[k] @ z))
@@ -163,14 +165,14 @@ def _find_turn(model: mujoco.MjModel, data: mujoco.MjData, pair: list[int]) -> T
 
 
 def _has_joint(model: mujoco.MjModel, body: int) -> bool:
-    """Whether a body or one that hangs on it has a joint."""
+    """Whether a body or one of its descendants has a joint."""
     return bool(model.body_jntnum[body]) or any(
         _has_joint(model, b) for b in range(body + 1, model.nbody) if model.body_parentid[b] == body
     )
 
 
 def _list_spans(model: mujoco.MjModel, pair: list[int]) -> list[Array] | None:
-    """Return the limits (2,) of two joints; where an equality couples them, one has them for both.
+    """Return the limits (2,) of two joints; coupled joints share the limits of either.
 
     None without limits.
     """
@@ -191,7 +193,7 @@ def _list_spans(model: mujoco.MjModel, pair: list[int]) -> list[Array] | None:
 
 
 def joints_to(model: mujoco.MjModel, body: int, frozen: Mapping[int, str]) -> list[int]:
-    """Moving joints from the root to a body, in this order."""
+    """Return the moving joints from the root to a body, in this order."""
     out: list[int] = []
     while body > 0:
         for j in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):
@@ -202,10 +204,10 @@ def joints_to(model: mujoco.MjModel, body: int, frozen: Mapping[int, str]) -> li
 
 
 def find_ends(model: mujoco.MjModel, data: mujoco.MjData, joints: list[int], start: Array) -> Array:
-    """Return the middle (3,) m of the fingers' ends, as seen from the last joint at `start`.
+    """Return the middle (3,) m of the fingers' ends, relative to the last joint at `start`.
 
-    They reach as far as their shapes, or twice to their centres of mass where those are farther.
-    Two that turn are taken as parallel.
+    Fingers end at their shapes, or at twice the distance of their centres of mass if that is
+    farther. Two rotating fingers are taken as parallel.
     """
     turn = _find_turn(model, data, joints) if len(joints) == 2 else None
     if turn is not None:

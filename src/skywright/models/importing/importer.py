@@ -1,4 +1,4 @@
-"""From a file of another tool to a robot file that is compared with it."""
+"""Import of another tool's robot file: writes a robot file and compares it with the source."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ from skywright.models.importing.xml_input import read_numbers
 from skywright.models.rotors import build_rotors
 
 ARM = "arm/"
-"""Before all names of the file that `arm` names."""
+"""Prefix of all names of the file in `arm`."""
 
 
 class Request(NamedTuple):
-    """What is to be imported, and how."""
+    """Input of an import and its options."""
 
     file: Path
     arm: Path | None = None
@@ -48,8 +48,8 @@ class Request(NamedTuple):
     rotors: tuple[str, ...] = ()
     name: str | None = None
     answers: Mapping[str, Any] = {}  # dotted key -> value
-    assume: bool = False  # take guesses for what is missing
-    meshes: bool = True  # take over what the file looks like
+    assume: bool = False  # accept guesses for missing values
+    meshes: bool = True  # import the visual meshes
 
 
 Ask = Callable[[Question, Callable[[Any], None]], Any]
@@ -74,11 +74,11 @@ class Imported(NamedTuple):
 def import_robot(request: Request, folder: Path, ask: Ask | None = None) -> Imported:
     """Write FOLDER/robot.toml for a file of another tool.
 
-    `ask` answers what neither the file nor `request.answers` say, and is given a check that raises
-    InputError for an answer that cannot be; without it, and without
-    `request.assume`, this raises InputError with the keys. Raises InputError too where the file
-    cannot be read, does not describe a multirotor that a robot file can describe, or where the
-    robot file deviates from MuJoCo's model of the file by more than 1e-6; nothing is written then.
+    `ask` returns values that neither the file nor `request.answers` contain; it receives a check
+    that raises InputError for an invalid answer. Without it, and without `request.assume`, this
+    raises InputError with the missing keys. It also raises InputError if the file cannot be read,
+    if it does not describe a multirotor that a robot file can describe, or if the robot file
+    deviates from MuJoCo's model of the file by more than 1e-6. In these cases nothing is written.
     """
     if folder.exists():
         raise InputError(f"{folder}: exists; remove it, or give another --out")
@@ -152,7 +152,7 @@ def _import(request: Request, folder: Path, ask: Ask | None) -> Imported:
 
 
 def _find_weakness(robot: Robot) -> list[str]:
-    """Say why a robot that agrees with its file does not fly; empty where it does."""
+    """Return why a robot that agrees with its file does not fly; empty if it does."""
     try:
         build_allocator(build_rotors(robot.rotors))
         check_can_fly(robot)
@@ -185,7 +185,7 @@ def _attach(opened: Opened, arm: Opened, request: Request) -> None:
         raise InputError(f"{request.file}: {what} does not fly (has no free joint): no arm mounted")
     frame = base.add_frame(pos=numbers[:3], quat=quat_from_rot(turn))
     opened.spec.compiler.fusestatic = False
-    for name in dir(arm.spec.option):  # solvers differ, but only kinematics and masses are read
+    for name in dir(arm.spec.option):  # solvers differ, but only kinematics and masses are used
         if not name.startswith("_"):
             setattr(arm.spec.option, name, getattr(opened.spec.option, name))
     frame.attach_body(first, ARM, "")
@@ -225,7 +225,7 @@ def _flies(body: mujoco.MjsBody, name: str | None) -> bool:
 def _check_rotors(
     model: mujoco.MjModel, root: int, joints: list[int], turning: set[str], request: Request
 ) -> None:
-    """Refuse rotors on links that move."""
+    """Reject rotors on moving links."""
     moving = {int(model.jnt_bodyid[j]) for j in joints}
     for a in range(model.nu):
         if model.actuator_trntype[a] != mujoco.mjtTrn.mjTRN_SITE or request.rotors:
@@ -266,23 +266,23 @@ def _read_limits(
 
 
 class _Draft:
-    """The robot file under way, written where nobody looks for it."""
+    """The robot file in construction, in a temporary folder."""
 
     def __init__(self, file: Path, label: str, origin: str) -> None:
         self.file, self.label, self.origin = file, label, origin
         self.values: dict[str, Value] = {}
 
     def load(self) -> tuple[Robot, dict[str, Source]]:
-        """Read the file as any other; raises InputError."""
+        """Read the file in the usual way; raises InputError."""
         self.file.write_text(write_toml(self.values, self.origin), encoding="utf-8")
         return load_robot(self.file, label=self.label)
 
     def check(self, key: str, answer: Any) -> None:
-        """Raise InputError for an answer that the robot file cannot hold."""
+        """Raise InputError for an answer that the robot file cannot contain."""
         load_robot(self.file, [(key, answer)], label=self.label)
 
     def set(self, answers: Mapping[str, Any], label: str) -> None:
-        """Put answers in place, lists and tables included; raises InputError for a wrong one."""
+        """Set answers, lists and tables included; raises InputError for an invalid one."""
         given = list(answers.items())
         load_robot(self.file, given, label=self.label)
         tree = load_robot_layers(Found(self.file, self.label))[0].tree
@@ -301,7 +301,7 @@ def _flatten(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
 
 
 def _answer(draft: _Draft, tables: Tables, request: Request, ask: Ask | None) -> None:
-    """Fill the draft: the file's values, the answers, the guesses; raises InputError."""
+    """Complete the draft with the file's values, the answers, the guesses; raises InputError."""
     guesses = {
         q.key: Value(q.guess, "assumed", f"no source: {q.text}", q.range) for q in tables.questions
     }
@@ -334,7 +334,7 @@ def _answer(draft: _Draft, tables: Tables, request: Request, ask: Ask | None) ->
 
 
 def write_toml(values: Mapping[str, Value], origin: str) -> str:
-    """Return the text of a robot file: a table for each part, sources beside the numbers."""
+    """Return the text of a robot file: one table per part, sources beside the numbers."""
     tables: dict[str, list[str]] = {}
     for key, value in values.items():
         table, _, leaf = key.rpartition(".")

@@ -1,4 +1,4 @@
-"""Where the files of other tools say what a robot looks like: meshes on bodies, with colours."""
+"""Visual meshes of other tools' robot files: meshes on bodies, with colours."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ class Look(NamedTuple):
     scale: Array  # (3,)
     p: Array  # (3,) m, in the body
     R: Array  # (3, 3)
-    color: Color | None  # None: the file has none for it
-    refpos: Array = np.zeros(3)  # of the mesh's frame in its file, before it is scaled (MJCF)
+    color: Color | None  # None: the file contains none
+    refpos: Array = np.zeros(3)  # of the mesh's frame in its file, before scaling (MJCF)
     refquat: Array = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def list_looks(opened: Opened, prefix: str) -> list[Look]:
-    """Return the meshes of a file: those to be looked at; on bodies without, those of contacts.
+    """Return a file's visual meshes; for bodies without them, the collision meshes.
 
-    Bodies' names get the `prefix`. Raises InputError on numbers that are none.
+    Bodies' names get the `prefix`. Raises InputError on invalid numbers.
     """
     if opened.kind == "MJCF":
         found = _list_mjcf(opened.path)
@@ -96,7 +96,7 @@ def _list_sdf(opened: Opened) -> Iterator[tuple[Look, bool]]:
 
 
 def _read_rgba(element: ET.Element | None, key: str) -> Color | None:
-    """Return the colour of an element; None where it is none: a colour is no reason to refuse."""
+    """Return the colour of an element; None if it is invalid, because colours are optional."""
     text = None if element is None else element.get(key) if key else element.text
     try:
         values = [float(x) for x in (text or "").split()]
@@ -107,7 +107,7 @@ def _read_rgba(element: ET.Element | None, key: str) -> Color | None:
 
 
 def _list_mjcf(path: Path) -> list[tuple[Look, bool]]:
-    """The mesh geoms of an MJCF file; MuJoCo places them, with small balls in their stead."""
+    """Return the mesh geoms of an MJCF file; MuJoCo places them, with small balls instead."""
     spec = mujoco.MjSpec.from_file(str(path))
     meshes = {m.name or Path(m.file).stem: m for m in spec.meshes}
     paints = {m.name: m.rgba for m in spec.materials}
@@ -118,7 +118,7 @@ def _list_mjcf(path: Path) -> list[tuple[Look, bool]]:
     for body in spec.bodies:
         for geom in list(body.geoms):
             mesh, is_mesh = meshes.get(geom.meshname), geom.type == mujoco.mjtGeom.mjGEOM_MESH
-            # a shape that is fitted to a mesh is no look, and has no size of its own
+            # a shape fitted to a mesh is not visual, and has no size of its own
             if geom.type == mujoco.mjtGeom.mjGEOM_HFIELD or (geom.meshname and not is_mesh):
                 spec.delete(geom)
                 continue
@@ -128,7 +128,7 @@ def _list_mjcf(path: Path) -> list[tuple[Look, bool]]:
             if not is_mesh:
                 continue
             geom.type, geom.size = mujoco.mjtGeom.mjGEOM_SPHERE, [1e-3, 0.0, 0.0]
-            geom.name = geom.name or f"look {len(found)}"  # contact pairs call it so
+            geom.name = geom.name or f"look {len(found)}"  # contact pairs refer to this name
             if body.name and mesh is not None and mesh.file and rgba[3] > 0.0:
                 color = (float(rgba[0]), float(rgba[1]), float(rgba[2]))
                 look = Look(

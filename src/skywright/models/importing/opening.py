@@ -1,8 +1,7 @@
-"""A robot file of another tool as a MuJoCo specification that compiles without its pictures.
+"""Opens another tool's robot file as a MuJoCo specification that compiles without its meshes.
 
 MuJoCo reads MJCF and URDF itself. Its URDF reader welds the root link to the world and drops its
-mass; here the root keeps it and flies freely. Meshes are left out unless an inertia depends on
-them.
+mass; here the root keeps it and moves freely. Meshes are omitted unless an inertia depends on them.
 """
 
 from __future__ import annotations
@@ -33,11 +32,11 @@ class Opened(NamedTuple):
     spec: mujoco.MjSpec
     root: ET.Element  # XML of the file; of SDF its model with includes
     notes: list[str]
-    locked: Mapping[str, float] = {}  # joints whose limits are equal, and where (rad or m)
+    locked: Mapping[str, float] = {}  # joints with equal limits -> their position (rad or m)
 
 
 def open_file(path: Path) -> Opened:
-    """Read a robot file of another tool; InputError on anything wrong."""
+    """Read a robot file of another tool; InputError if it is invalid."""
     root = read_xml(path)
     if root.tag == "mujoco":
         check_includes(path, root)
@@ -101,7 +100,7 @@ def _open_mjcf(path: Path) -> mujoco.MjSpec:
 
 
 def _check_ranges(path: Path, spec: mujoco.MjSpec) -> None:
-    """Refuse ranges that MuJoCo leaves out without a word."""
+    """Reject ranges that MuJoCo would silently ignore."""
     ranges = [(f"range of joint {joint.name!r}", joint.range) for joint in spec.joints]
     for actuator in spec.actuators:
         ranges.append((f"ctrlrange of actuator {actuator.name!r}", actuator.ctrlrange))
@@ -112,7 +111,7 @@ def _check_ranges(path: Path, spec: mujoco.MjSpec) -> None:
 
 
 def _find_locked(path: Path, root: ET.Element) -> dict[str, float]:
-    """Joints of a URDF file whose limits are equal; InputError where they are reversed."""
+    """Return the joints of a URDF file with equal limits; InputError for reversed ones."""
     out = {}
     for joint in root.findall("joint"):
         name, limit = joint.get("name", ""), joint.find("limit")
@@ -130,14 +129,14 @@ def _find_locked(path: Path, root: ET.Element) -> dict[str, float]:
 
 def _is_weighed(spec: mujoco.MjSpec, body: mujoco.MjsBody, geom: mujoco.MjsGeom) -> bool:
     """Whether the body's inertia depends on this geom."""
-    from_geoms = int(spec.compiler.inertiafromgeom)  # 0 false, 1 true, 2 where none is given
+    from_geoms = int(spec.compiler.inertiafromgeom)  # 0 false, 1 true, 2 if none is given
     if from_geoms == 0 or (from_geoms == 2 and body.explicitinertial):
         return False
     return geom.density != 0.0 if math.isnan(geom.mass) else geom.mass != 0.0
 
 
 def _open_urdf(path: Path, root: ET.Element, locked: Collection[str]) -> mujoco.MjSpec:
-    """Read links and joints; shapes do not count for the inertia of a URDF link."""
+    """Read links and joints; shapes have no effect on the inertia of a URDF link."""
     copy = ET.Element("robot", name=root.get("name") or path.stem)
     for element in root:
         if element.tag not in ("link", "joint"):
@@ -171,7 +170,7 @@ def _open_urdf(path: Path, root: ET.Element, locked: Collection[str]) -> mujoco.
 
 @contextmanager
 def hear_mujoco(notes: list[str]) -> Iterator[None]:
-    """Take what MuJoCo warns of as notes: by itself it prints and writes MUJOCO_LOG.TXT."""
+    """Collect MuJoCo's warnings as notes; by default it prints them and writes MUJOCO_LOG.TXT."""
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda text: notes.append(f"MuJoCo: {' '.join(text.split())}"))
     try:
@@ -181,7 +180,7 @@ def hear_mujoco(notes: list[str]) -> Iterator[None]:
 
 
 def compile_spec(path: Path, spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """Compile; InputError in MuJoCo's words, or where a mass or an inertia is not finite."""
+    """Compile; InputError with MuJoCo's message, or if a mass or an inertia is not finite."""
     try:
         model = spec.compile()
     except ValueError as error:

@@ -1,8 +1,8 @@
-"""Where the rotors of an imported file are, and what the file says of their thrust.
+"""Rotors of an imported file: positions, axes and thrust constants.
 
-Three sources, in this order: actuators of MJCF that push at a site, plug-in tags of Gazebo's motor
+Three sources, in this order: actuators of MJCF that act at a site, plug-in tags of Gazebo's motor
 model in SDF and URDF (`motorConstant`, `momentConstant`, `maxRotVelocity`, `timeConstantUp`,
-`rotorDragCoefficient`), and links of URDF that are named like rotors, which tell places only.
+`rotorDragCoefficient`), and URDF links with names of rotors, which give positions only.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from skywright.models.importing.opening import Opened
 from skywright.models.importing.xml_input import read_numbers
 
 SAME, NEARLY = 1e-6, 0.01
-"""Relative differences of rotors' constants that count as none, and that a mean stands for."""
+"""Relative differences of rotors' constants that are ignored, and that are averaged."""
 CLOSE = 1e-3
-"""m between two rotors that are suspected to be one."""
+"""m between two rotors that are suspected to be duplicates."""
 NAMED = re.compile(
     r"(^|[_/: ])(rotor|prop|propeller|thrust|thruster)[_ ]?\d*($|[_/ ])", re.IGNORECASE
 )
@@ -33,8 +33,8 @@ class FoundRotor(NamedTuple):
 
     p: Array  # (3,) m
     axis: Array  # (3,) thrust direction
-    spin: str  # ccw, cw, or "" where the file does not say
-    joint: str  # that turns it, "" where it is part of the body
+    spin: str  # ccw, cw, or "" if the file does not state it
+    joint: str  # joint that turns it, "" if it is fixed to the body
     constants: dict[str, float]  # by key of [robot.rotors]
 
 
@@ -42,18 +42,18 @@ class FoundRotors(NamedTuple):
     """All rotors of a file."""
 
     rotors: list[FoundRotor]
-    origin: str  # what of the file tells of them
-    constants: dict[str, float]  # what all rotors have in common
+    origin: str  # source within the file
+    constants: dict[str, float]  # constants common to all rotors
     notes: list[str]
 
 
 def find_rotors(
     opened: Opened, model: mujoco.MjModel, data: mujoco.MjData, root: int, given: list[FoundRotor]
 ) -> FoundRotors:
-    """Return the rotors of a compiled file; `given` ones count before those of the file.
+    """Return the rotors of a compiled file; `given` ones take precedence over those of the file.
 
-    `data` is at zero, the root body at the origin of W. Raises InputError where there are fewer
-    than three, or where they differ in what a robot file says once for all.
+    `data` is at zero, the root body at the origin of W. Raises InputError if there are fewer than
+    three, or if they differ in a constant that a robot file states once for all.
     """
     notes: list[str] = []
     if given:
@@ -177,9 +177,9 @@ def _rotation(model: mujoco.MjModel, body: int) -> Array:
 
 
 def _of_names(model: mujoco.MjModel, data: mujoco.MjData, root: int) -> list[FoundRotor]:
-    """Leaf links named like rotors, on a joint that turns or welded.
+    """Return leaf links with names of rotors, on a rotating joint or fixed.
 
-    Where all their frames are in one place, the centres of mass tell where they are.
+    If all their frames coincide, the centres of mass give the positions.
     """
     parents = set(model.body_parentid[1:].tolist())
     out, centres = [], []
@@ -192,7 +192,7 @@ def _of_names(model: mujoco.MjModel, data: mujoco.MjData, root: int) -> list[Fou
             j = int(model.body_jntadr[body])
             joint, axis = model.joint(j).name, data.xaxis[j].copy()
             if axis @ data.xmat[body].reshape(3, 3)[:, 2] < 0.0:
-                axis = -axis  # the sign of the joint's axis tells the sense of rotation at most
+                axis = -axis  # the sign of the joint's axis gives at most the sense of rotation
         out.append(FoundRotor(data.xpos[body].copy(), axis, "", joint, {}))
         centres.append(data.xipos[body].copy())
     if out and np.max(np.ptp([rotor.p for rotor in out], axis=0)) < CLOSE:

@@ -31,22 +31,22 @@ from skywright.models.part_masses import set_inertia
 
 TYPES = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "fixed": "fixed"}
 TURN, FAR = 2.0 * math.pi, 100.0
-"""rad and m: limits beyond are none; SDF writes 1e16."""
+"""rad and m: limits beyond are ignored; SDF writes 1e16."""
 RESOURCES = ("GZ_SIM_RESOURCE_PATH", "SDF_PATH", "GAZEBO_MODEL_PATH")
 
 
 class Pose(NamedTuple):
-    """A frame in another: place (3,) m and axes (3, 3)."""
+    """A frame relative to another: position (3,) m and axes (3, 3)."""
 
     p: Array
     R: Array
 
     def then(self, other: Pose) -> Pose:
-        """The frame `other`, given in this one, in the frame that this one is given in."""
+        """Return the pose of `other`, given in this frame, relative to this frame's parent."""
         return Pose(self.p + self.R @ other.p, self.R @ other.R)
 
     def inverse(self) -> Pose:
-        """The other way round."""
+        """Return the inverse pose."""
         return Pose(-self.R.T @ self.p, self.R.T)
 
 
@@ -54,7 +54,7 @@ IDENTITY = Pose(np.zeros(3), np.eye(3))
 
 
 class SdfJoint(NamedTuple):
-    """A joint: its kind, the links that it joins, and where it is in the model's frame."""
+    """A joint: its kind, its links, and its pose in the model's frame."""
 
     name: str
     kind: str
@@ -68,16 +68,16 @@ class SdfJoint(NamedTuple):
 class Sdf(NamedTuple):
     """A robot described in SDF."""
 
-    model: ET.Element  # with its includes
+    model: ET.Element  # including its includes
     spec: mujoco.MjSpec
     notes: list[str]
-    locked: dict[str, float]  # joints whose limits are equal, and where (rad or m)
+    locked: dict[str, float]  # joints with equal limits -> their position (rad or m)
 
 
 def read_sdf(path: Path, root: ET.Element) -> Sdf:
     """Return the model of a file.
 
-    Raises InputError on what cannot be read as one robot.
+    Raises InputError if it cannot be read as one robot.
     """
     model = _read_model(path, root, (path.resolve(),))
     builder = _Builder(path, model)
@@ -85,7 +85,7 @@ def read_sdf(path: Path, root: ET.Element) -> Sdf:
 
 
 def _read_model(path: Path, root: ET.Element, above: tuple[Path, ...]) -> ET.Element:
-    """Return the model of a file, the models in it and those that it includes merged into it."""
+    """Return the model of a file, merged with its nested and included models."""
     if len(above) > MAX_INCLUDES:
         raise InputError(f"{path}: more than {MAX_INCLUDES} nested includes")
     models = root.findall("model")
@@ -97,7 +97,7 @@ def _read_model(path: Path, root: ET.Element, above: tuple[Path, ...]) -> ET.Ele
 
 
 def _merge(path: Path, model: ET.Element, old: bool, above: tuple[Path, ...]) -> None:
-    """Put the parts of included and of nested models into `model`."""
+    """Add the parts of included and nested models to `model`."""
     for tag in model.iterfind("link//mesh/uri"):  # beside this file, not the one that includes it
         text = (tag.text or "").strip()
         if text and "://" not in text:
@@ -128,7 +128,7 @@ def _merge(path: Path, model: ET.Element, old: bool, above: tuple[Path, ...]) ->
         pose = inner.find("pose") if pose is None else pose
         at = read_pose(pose, f"{path}: pose of {name!r}")
         first = (element.findtext("placement_frame") or inner.get("placement_frame") or "").strip()
-        if first:  # the frame of the included model that the pose tells of
+        if first:  # the frame of the included model that the pose refers to
             at = at.then(_Builder(other, inner).pose_of(first, ()).inverse())
         frame = ET.Element("frame", name=f"_merged__{name}__model__" if merged else name)
         written = ET.SubElement(frame, "pose", rotation_format="quat_xyzw")
@@ -144,9 +144,9 @@ def _merge(path: Path, model: ET.Element, old: bool, above: tuple[Path, ...]) ->
 
 
 def _rename(inner: ET.Element, frame: str, scope: str) -> list[ET.Element]:
-    """Return the parts of a model under the names that they have in the model around it.
+    """Return the parts of a model under their names in the surrounding model.
 
-    `frame` is the inner model's own frame there; `scope` stands before its names.
+    `frame` is the inner model's own frame there; `scope` is the prefix of its names.
     """
 
     def full(name: str) -> str:
@@ -188,7 +188,7 @@ def _find_model(path: Path, uri: str) -> Path:
 
 
 def read_pose(element: ET.Element | None, where: str) -> Pose:
-    """Return the pose of an element, none: the identity; InputError names `where`."""
+    """Return the pose of an element, by default the identity; InputError names `where`."""
     if element is None:
         return IDENTITY
     if element.get("rotation_format") == "quat_xyzw":
@@ -204,7 +204,7 @@ def read_pose(element: ET.Element | None, where: str) -> Pose:
 
 
 class _Builder:
-    """One model under way."""
+    """One model in construction."""
 
     def __init__(self, path: Path, model: ET.Element) -> None:
         self.path, self.model = path, model
@@ -220,7 +220,7 @@ class _Builder:
         self.locked: dict[str, float] = {}
 
     def build(self) -> mujoco.MjSpec:
-        """Return the specification, the root link free to move."""
+        """Return the specification with a free root link."""
         path = self.path
         links = {e.get("name", ""): e for e in self.model.findall("link")}
         joints = [j for e in self.model.findall("joint") if (j := self._joint(e)).parent != "world"]

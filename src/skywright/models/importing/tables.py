@@ -1,8 +1,8 @@
 """An imported model as the tables of a robot file, each number with its source.
 
-Links get frames of their own: the joint at the origin, its axis along a coordinate axis, and the
-way to the next joint along x (or -z) as far as the axis allows. Shapes are capsules along that way;
-meshes are not taken over.
+Links have new frames: the joint at the origin, its axis along a coordinate axis, and the vector to
+the next joint along x (or -z) as far as the axis allows. Shapes are capsules along that vector;
+collision meshes are not imported.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ SHORT = 1e-6
 
 
 class Tables(NamedTuple):
-    """Dotted key -> value, in the order of the file, and what is missing."""
+    """Dotted key -> value, in the order of the file, and the missing keys."""
 
     values: dict[str, Value]
     questions: list[Question]
     links: list[str]  # names of the links of the chain's joints
-    frames: list[tuple[Array, Array]]  # (R, p) of platform and links in that of the root body
+    frames: list[tuple[Array, Array]]  # (R, p) of platform and links in the root body's frame
 
 
 def build_tables(
@@ -124,7 +124,7 @@ def _build_rotors(found: FoundRotors, weight: float, questions: list[Question]) 
     if all(spins):
         out["spin"] = imported(spins, note)
     else:
-        senses = ["ccw"] * n  # neighbours around the platform turn against each other
+        senses = ["ccw"] * n  # neighbours around the platform turn in opposite senses
         for i, rotor in enumerate(np.lexsort((p[:, 2], np.round(azimuth, 3)))):
             senses[rotor] = ("ccw", "cw")[i % 2]
         text = "sense of each propeller seen from above, a list"
@@ -175,7 +175,7 @@ def _build_arm(
     questions: list[Question],
     frames: list[tuple[Array, Array]],
 ) -> tuple[dict[str, Value], float, list[str]]:
-    """Tables of links and servos, the lowest point (m) at zero, and the links' names."""
+    """Return tables of links and servos, the lowest point (m) at zero, and the links' names."""
     out: dict[str, Value] = {}
     lowest = 0.0
     names: list[str] = []
@@ -204,10 +204,10 @@ def _build_arm(
             R_tool, at, start = turn_tool(end - part.p, gripper), end, part.p
             if gripper is not None:
                 hand, at, body = build_gripper(gripper, part, R_tool, end, limits, questions)
-                # its capsule leaves the fingers room
+                # its capsule leaves space for the fingers
                 short = max(length - float(np.linalg.norm(end - at)), SHORT)
                 table["length_m"] = Value(short, "derived", "to the fingers")
-                if gripper.turn is not None:  # along the fingers, wherever the joint is
+                if gripper.turn is not None:  # along the fingers, independent of the joint
                     way = R_tool[:, 0]
                     start = at - max(float((at - part.p) @ way), FINGER_RADIUS) * way
             body = take(body, TOOL_MASS, at, TOOL_INERTIA * np.eye(3))
@@ -228,7 +228,7 @@ def _build_arm(
 def choose_frame(axis: Array, d: Array) -> tuple[Array, str, str, float]:
     """Return R (3, 3), the joint's axis and the link's direction in it, and its length (m).
 
-    `axis` (3,) is the joint's, `d` (3,) m the way to the next joint, both in one frame.
+    `axis` (3,) is the joint's, `d` (3,) m the vector to the next joint, both in one frame.
     """
     along = float(axis @ d)
     across = d - along * axis
@@ -327,7 +327,7 @@ def _servo(
 
 
 def _name(text: str, taken: list[str]) -> str:
-    """A name for a link that no part of a robot and no key of [robot.arm] has."""
+    """Return a name for a link that no part of a robot and no key of [robot.arm] has."""
     name = re.sub(r"\W+", "_", text).strip("_") or "link"
     if TAKEN.fullmatch(name) or name == "tool_link" or name in Arm.model_fields:
         name = f"link_{name}"

@@ -1,4 +1,4 @@
-"""What an imported arm ends in: the link that carries the frame of the tip, and a gripper."""
+"""The end of an imported arm: the link that carries the frame of the tip, and a gripper."""
 
 from __future__ import annotations
 
@@ -16,15 +16,16 @@ from skywright.models.part_masses import build_hand_body
 from skywright.models.urdf import roll_pitch_yaw
 
 TOOL_MASS = 1e-6
-"""kg of the link that carries the frame of the tip where the last link cannot; taken off it."""
+"""kg of an added link with the frame of the tip, if the last link cannot carry it; subtracted from
+that link."""
 TOOL_INERTIA = 1e-9
 LINK_RADIUS = 0.02
 FINGER, FINGER_RADIUS = 0.04, 0.01
-"""m, of a gripper's fingers where the file does not show it."""
+"""m, of a gripper's fingers if the file does not show their shape."""
 
 
 def take(part: Part, mass: float, com: Array, inertia: Array) -> Part:
-    """Return the part without a body; the two together are as before."""
+    """Return the part without a body; the sum of both is unchanged."""
     left = part.mass - mass
     com_left = (part.mass * part.com - mass * com) / left
     rest = part.inertia - inertia
@@ -35,9 +36,9 @@ def take(part: Part, mass: float, com: Array, inertia: Array) -> Part:
 
 
 def turn_tool(way: Array, gripper: Gripper | None) -> Array:
-    """Return the axes (3, 3) of a link along `way` (3,); y is the way of a gripper's fingers.
+    """Return the axes (3, 3) of a link along `way` (3,); y is the direction of a gripper's fingers.
 
-    Fingers that turn do so about the link's z, and x is the way out of them.
+    Rotating fingers turn about the link's z, and x points out of the hand.
     """
     way = way if gripper is None or gripper.turn is None else gripper.turn.way
     x = way / np.linalg.norm(way)
@@ -50,7 +51,7 @@ def turn_tool(way: Array, gripper: Gripper | None) -> Array:
 def build_tool(parent: str, turn: Array, place: Array, length: float) -> dict[str, Value]:
     """Return the table of a link without a joint of its own.
 
-    `turn` (3, 3) and `place` (3,) m are in its parent.
+    `turn` (3, 3) and `place` (3,) m are its pose in the parent.
     """
     note = "frame of the tip; its mass is taken off the link before"
     table = {"joint": Value("fixed"), "parent": Value(parent)}
@@ -72,10 +73,10 @@ def build_gripper(
     gripper: Gripper, part: Part, R: Array, end: Array,
     limits: Mapping[str, tuple[float | None, float | None]], questions: list[Question],
 ) -> tuple[dict[str, Value], Array, Part]:  # fmt: skip
-    """Return the table of the hand, where its fingers begin (3,) m, and the last part without them.
+    """Return the hand's table, the base of its fingers (3,) m, and the last part without them.
 
-    `R` are the axes of the tool's link, `end` (3,) m is the tip. The fingers' mass is taken off the
-    part, as much of it as leaves a body there.
+    `R` are the axes of the tool's link, `end` (3,) m is the tip. The fingers' mass is subtracted
+    from the part as far as the part keeps a positive mass.
     """
     note = f"joints {' and '.join(gripper.joints)}"
     seen = float((end - gripper.middle) @ R[:, 0])
@@ -126,7 +127,7 @@ def build_gripper(
 
 
 def _shape_fingers(gripper: Gripper, length: float, note: str) -> dict[str, Value]:
-    """Return how the fingers move and how wide they are; raises InputError where they cannot."""
+    """Return the motion and the width of the fingers; raises InputError for invalid ones."""
     turn = gripper.turn
     if turn is None:
         radius = Value(FINGER_RADIUS, "assumed", "half the width of a finger", (0.003, 0.05))

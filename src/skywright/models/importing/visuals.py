@@ -1,7 +1,7 @@
-"""What an imported file looks like: its meshes, simplified, part by part.
+"""Visual meshes of an imported file, simplified, part by part.
 
-They are drawn only: contacts, distances and planning take capsules (docs/adr/0049). A mesh that
-cannot be read is left out with the reason; the part keeps its shapes, and the import goes on.
+They are only drawn: contacts, distances and planning use capsules (docs/adr/0049). A mesh that
+cannot be read is omitted with the reason; the part keeps its shapes, and the import continues.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ from skywright.models.importing.sdf import RESOURCES
 from skywright.models.importing.values import Value
 
 LARGEST_FILE = 60_000_000
-"""Bytes of a mesh file that is read."""
+"""Bytes of the largest mesh file that is read."""
 LEAST_TRIANGLES = 100
-"""Of a mesh, when simplified."""
+"""Least number of triangles of a simplified mesh."""
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
 READ = (".stl", ".obj", ".msh", ".dae")
 GREY = (0.54, 0.57, 0.61)
 MOST_PIECES = 60
-"""Parts and colours that are drawn apart; beyond, a part has the colour of most of it."""
+"""Parts and colours drawn separately; beyond this number, a part has its dominant colour."""
 UP = 3
-"""Folders above the file that `../` may lead to."""
+"""Folders above the file that `../` may reach."""
 
 
 class Piece(NamedTuple):
@@ -58,11 +58,11 @@ def build_meshes(
     frames: Sequence[tuple[Array, Array]],
     names: Sequence[str],
 ) -> tuple[dict[str, Value], list[str]]:
-    """Return the tables of meshes, and notes on those that were left out.
+    """Return the tables of meshes, and notes on omitted ones.
 
     `opened` are the files with the prefix of their bodies' names, `data` the model with the chain's
     joints at zero, `frames` (R, p) of each part of the robot file in the frame of the root body,
-    `names` what the parts are called there.
+    `names` the names of the parts there.
     """
     notes: dict[str, None] = {}
     found: dict[tuple[int, str], list[Piece]] = {}
@@ -100,13 +100,13 @@ def build_meshes(
 
 
 def _place(vertices: Array, look: Look) -> Array:
-    """Return vertices (n, 3) of a mesh's file in the frame of the body that it is on."""
+    """Return vertices (n, 3) of a mesh's file in the frame of its body."""
     straight = (vertices - look.refpos) @ rot_from_quat(look.refquat)
     return look.p + (straight * look.scale) @ look.R.T
 
 
 def _paint_plainly(found: dict[tuple[int, str], list[Piece]]) -> dict[tuple[int, str], list[Piece]]:
-    """Return all of a part in the colour that most of its triangles have."""
+    """Return all of a part in the colour of most of its triangles."""
     out = {}
     for part in {part for part, _ in found}:
         mine = {color: group for (p, color), group in found.items() if p == part}
@@ -118,7 +118,7 @@ def _paint_plainly(found: dict[tuple[int, str], list[Piece]]) -> dict[tuple[int,
 def _write(pieces: list[Piece], names: Sequence[str]) -> Iterator[tuple[str, Value]]:
     left = MAX_TRIANGLES
     for k, piece in enumerate(sorted(pieces, key=lambda piece: len(piece.faces))):
-        # what small ones do not need is for those that follow
+        # triangles that small pieces do not need go to the following ones
         most = max(left // (len(pieces) - k), LEAST_TRIANGLES)
         vertices, faces = simplify(piece.vertices, piece.faces, most)
         left -= len(faces)
@@ -149,7 +149,7 @@ def simplify(vertices: Array, faces: Ints, most: int) -> tuple[Array, Ints]:
     The grid is as fine as that allows (Rossignac and Borrel, "Multi-resolution 3D approximations
     for rendering complex scenes", 1993).
     """
-    most = min(most, MAX_VERTICES // 3)  # of triangles that share none
+    most = min(most, MAX_VERTICES // 3)  # of triangles without shared vertices
     if len(faces) <= most and len(vertices) <= 3 * most:
         return vertices, faces
     size = float(np.max(np.ptp(vertices, axis=0)))
@@ -168,7 +168,7 @@ def simplify(vertices: Array, faces: Ints, most: int) -> tuple[Array, Ints]:
 
 
 def _cluster(vertices: Array, faces: Ints, cell: float) -> tuple[Array, Ints]:
-    """Merge the vertices of each cell; triangles that collapse, or are there twice, go."""
+    """Merge the vertices of each cell; collapsed and duplicate triangles are removed."""
     keys = np.floor((vertices - vertices.min(axis=0)) / cell).astype(np.int64)
     flat = (keys[:, 0] << 40) | (keys[:, 1] << 20) | keys[:, 2]
     _, where = np.unique(flat, return_inverse=True)
@@ -185,7 +185,7 @@ def _cluster(vertices: Array, faces: Ints, cell: float) -> tuple[Array, Ints]:
 
 @lru_cache(maxsize=64)
 def read_mesh(path: Path) -> tuple[Surface, ...]:
-    """Return the triangles of a file by colour; InputError where it is no mesh."""
+    """Return the triangles of a file by colour; InputError if it is no mesh."""
     if path.suffix.lower() not in READ:
         raise InputError(f"{path}: valid meshes: {', '.join(READ)}")
     size = path.stat().st_size
@@ -204,7 +204,7 @@ def read_mesh(path: Path) -> tuple[Surface, ...]:
     except ValueError as error:
         raise InputError(f"{path}: {' '.join(str(error).split())}") from None
     R = np.empty(9)
-    mujoco.mju_quat2Mat(R, model.geom_quat[0])  # MuJoCo turns a mesh into its principal axes
+    mujoco.mju_quat2Mat(R, model.geom_quat[0])  # MuJoCo rotates a mesh into its principal axes
     vertices = model.geom_pos[0] + model.mesh_vert.astype(float) @ R.reshape(3, 3).T
     if not np.all(np.isfinite(vertices)):
         raise InputError(f"{path}: has a vertex that is not finite")
@@ -212,7 +212,7 @@ def read_mesh(path: Path) -> tuple[Surface, ...]:
 
 
 def _read_stl(path: Path, data: bytes) -> Surface:
-    """Read binary STL and STL in text: MuJoCo reads neither the latter nor 200,000 triangles."""
+    """Read binary and text STL: MuJoCo reads neither the latter nor 200,000 triangles."""
     n = int.from_bytes(data[80:84], "little")
     if len(data) == 84 + _TRIANGLE.itemsize * n:
         corners = np.frombuffer(data, _TRIANGLE, n, 84)["corners"].astype(float)
@@ -231,9 +231,9 @@ def _read_stl(path: Path, data: bytes) -> Surface:
 
 
 def find_mesh(file: Path, uri: str) -> Path:
-    """Return the file that a URI of a robot file names; InputError where there is none.
+    """Return the file of a URI in a robot file; InputError if it does not exist.
 
-    package:// and model:// are looked up in the folders around the file, and in the folders of
+    package:// and model:// are searched in the folders around the file, and in the folders of
     ROS_PACKAGE_PATH and of Gazebo's variables.
     """
     here = file.resolve().parent

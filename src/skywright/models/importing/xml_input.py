@@ -1,4 +1,5 @@
-"""XML of strangers: read with limits, without entities, with errors that name file and line."""
+"""Reads XML from untrusted sources: with limits, without entities, with errors that name file and
+line."""
 
 from __future__ import annotations
 
@@ -15,14 +16,14 @@ from skywright.errors import InputError
 MAX_BYTES = 20_000_000
 MAX_ELEMENTS = 200_000
 MAX_DEPTH = 200
-"""Nested elements; the recursive readers behind this one would exhaust the stack."""
+"""Nested elements; deeper nesting would exhaust the stack of the recursive readers."""
 MAX_INCLUDES = 50
 
 
 def read_xml(path: Path) -> ET.Element:
     """Return the root element of an XML file.
 
-    Raises InputError where the file cannot be read, is larger or deeper than a robot, holds a
+    Raises InputError if the file cannot be read, is larger or deeper than a robot, contains a
     document type or entities (which can expand without end), or is a template.
     """
     return parse_xml(read_text(path, MAX_BYTES), path)
@@ -69,7 +70,7 @@ def parse_xml(text: str, path: Path) -> ET.Element:
 
 
 def _declare_prefixes(text: str) -> str:
-    """Declare the prefixes that a file uses without a declaration: Gazebo reads such files."""
+    """Declare prefixes that a file uses without a declaration: Gazebo accepts such files."""
     unknown = set(re.findall(r"<([A-Za-z_][\w.-]*):", text))
     unknown |= set(re.findall(r"\s([A-Za-z_][\w.-]*):[\w.-]+=", text))
     unknown -= {"xml", "xmlns", *re.findall(r"\bxmlns:([\w.-]+)", text)}
@@ -91,7 +92,7 @@ def read_numbers(text: str | None, n: int, what: str, default: Sequence[float]) 
 
 
 def check_span(low: float, high: float, what: str) -> None:
-    """Raise InputError where the limits of a joint are reversed."""
+    """Raise InputError if the limits of a joint are reversed."""
     if low > high:
         raise InputError(
             f"{what}: lower limit {low:g} is above upper limit {high:g}; valid: lower <= upper "
@@ -100,7 +101,7 @@ def check_span(low: float, high: float, what: str) -> None:
 
 
 def check_includes(path: Path, root: ET.Element, above: tuple[Path, ...] = ()) -> None:
-    """Read the files that an MJCF file includes; InputError where one is missing or circular."""
+    """Read the files that an MJCF file includes; InputError if one is missing or circular."""
     chain = (*above, path.resolve())
     if len(chain) > MAX_INCLUDES:
         raise InputError(f"{path}: more than {MAX_INCLUDES} nested includes")

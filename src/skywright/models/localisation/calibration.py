@@ -1,9 +1,10 @@
-"""Camera against station: clocks, frame, prism and noise from a stretch of flight that both saw.
+"""Calibration of camera against station: clocks, frame, prism and noise from a common flight
+segment.
 
-Gauss-Newton over the rotation, scale and offset of the frame, the offset and skew of the clocks,
-and (where the camera gives orientations) the place of the prism on the robot, all at once. The
-residual is whitened by the camera's own drift (`drift_noise`), so that a long calibration is not
-spoilt by what the camera drifted meanwhile, and the covariance says what is known.
+Gauss-Newton estimates the rotation, scale and offset of the frame, the offset and skew of the
+clocks, and (if the camera provides orientations) the position of the prism on the robot, all at
+once. The residual is whitened with the camera's drift model (`drift_noise`), so that drift does not
+degrade a long calibration and the covariance is consistent.
 """
 
 import math
@@ -38,22 +39,22 @@ from skywright.models.localisation.trajectory import (
 
 LEAST_PAIRS = 12
 LEVER_STD = 0.3
-"""m; a prism is within this of the camera, one sigma: what is known before the data."""
+"""m, one sigma of the prior of the distance between prism and camera."""
 SKEW_TIME = 60.0
-"""s of calibration from which the skew of the clocks is estimated."""
+"""s, least duration of a calibration that estimates the skew of the clocks."""
 SKEW_STD = 1e-4
-"""Crystals differ by less than this: what is known before the data."""
+"""One sigma of the prior of the skew: crystals differ by less."""
 OFFSET_STD = 0.5
-"""s, the same for the offset, after the speeds were compared."""
+"""s, one sigma of the prior of the offset, after the comparison of speeds."""
 SMOOTH = 0.15
-"""s, on each side, over which the camera's velocity is a mean. Shorter, the camera's own walk gets
-into it: it passes for motion, and for knowledge of the clocks that is not there."""
+"""s, on each side, of the window that averages the camera's velocity. In a shorter window the
+camera's random walk counts as motion, and the clock offset seems better known than it is."""
 MIN_TURN = 0.2
-"""rad, spread of the camera's rotations from which the prism's place is estimated."""
+"""rad, least spread of the camera's rotations for an estimate of the prism's position."""
 
 
 class Calibration(NamedTuple):
-    """What the calibration found; standard deviations are of the drift-aware fit."""
+    """Result of the calibration; standard deviations are those of the drift-aware fit."""
 
     frame: FrameAlignment
     time_offset: float  # s; camera's clock = station's clock + offset + skew (station's - epoch)
@@ -65,7 +66,7 @@ class Calibration(NamedTuple):
     rotation_std: float  # rad, largest over the axes
     scale_std: float
     offset_std: float  # s, of the clocks
-    rms: float  # m, residual of the frame alignment alone, outliers left out
+    rms: float  # m, residual of the frame alignment alone, without outliers
     pairs: int
     outliers: int
     span: tuple[float, float]  # s, station's clock
@@ -73,11 +74,11 @@ class Calibration(NamedTuple):
     notes: tuple[str, ...]
 
     def to_camera_time(self, t: Array) -> Array:
-        """Times of the station's clock on the camera's."""
+        """Convert times of the station's clock to the camera's."""
         return np.asarray(t + self.time_offset + self.skew * (t - self.epoch))
 
     def to_station_time(self, t: Array) -> Array:
-        """Times of the camera's clock on the station's."""
+        """Convert times of the camera's clock to the station's."""
         return np.asarray(self.epoch + (t - self.time_offset - self.epoch) / (1.0 + self.skew))
 
 
@@ -101,17 +102,18 @@ def calibrate(
     span: tuple[float, float] | None = None,
     station_noise: float | None = None,
 ) -> Calibration:
-    """Align `camera` to `station`, starting from a `time_offset` (s) that is right to about 0.2 s.
+    """Align `camera` to `station`, starting from a `time_offset` (s) with an error of at most about
+    0.2 s.
 
-    `span` (s, station's clock) limits what is used; `p_BP` (3,) m fixes the prism's place, else it
-    is estimated where the camera gives orientations that turn enough; `fixed_time` keeps the
-    offset; `station_noise` (m) is what the station's data sheet says (`estimate_noise`). Raises
-    InputError where too little is common.
+    `span` (s, station's clock) limits the used data. `p_BP` (3,) m fixes the prism's position; by
+    default it is estimated if the camera provides orientations with sufficient rotation.
+    `fixed_time` keeps the offset; `station_noise` (m) is the value of the station's data sheet
+    (`estimate_noise`). Raises InputError if the common data are insufficient.
     """
     used = station if span is None else station.cut(*span)
     epoch = float(station.t[0])
     gap = find_gap_limit(camera.t, 0.05)
-    # only where the camera reaches, with room for the offset to change
+    # only within the camera's recording, with a margin for changes of the offset
     at = used.t + time_offset
     keep = np.isfinite(interpolate_position(camera, at, gap)[:, 0])
     used = used._replace(t=used.t[keep], p=used.p[keep])
@@ -161,8 +163,8 @@ def calibrate(
     )  # fmt: skip
     r, _, _, _ = _linearise(state, used, camera, middle, epoch, gap, free)
     x, y = _pair_points(state, used, camera, epoch, gap)
-    good = (outlier == 0.0) & np.isfinite(x[:, 0])  # the last step may move one off the end
-    paper = estimate_affine(x[good], used.p[good])  # it knows no prism
+    good = (outlier == 0.0) & np.isfinite(x[:, 0])  # the last step may move a sample past the end
+    paper = estimate_affine(x[good], used.p[good])  # this method has no prism offset
     if method == "affine":
         frame = estimate_affine(x[good], y[good])
         r = frame.apply(x) - y
@@ -180,7 +182,7 @@ def calibrate(
 
 
 def _align_robustly(method: str, x: Array, y: Array) -> FrameAlignment:
-    """Align, leave out what lies far off, align again: until nothing changes."""
+    """Align, exclude outliers and align again until the result does not change."""
     keep = np.ones(len(x), dtype=bool)
     frame = estimate_frame(method, x, y)
     for _ in range(10):
@@ -195,7 +197,7 @@ def _align_robustly(method: str, x: Array, y: Array) -> FrameAlignment:
 
 
 def _turns(camera: Trajectory) -> bool:
-    """Whether the camera turns enough to tell where the prism is on the robot."""
+    """Whether the camera rotates enough to determine the position of the prism on the robot."""
     assert camera.q is not None
     q = camera.q[:: max(1, len(camera.q) // 500)]
     turned = Rotation.from_quat(np.roll(q, -1, axis=1))
@@ -206,7 +208,8 @@ def _turns(camera: Trajectory) -> bool:
 def _pair_points(
     s: _Unknowns, used: Trajectory, camera: Trajectory, epoch: float, gap: float
 ) -> tuple[Array, Array]:
-    """Camera positions (n, 3) in C and those of the camera in W by the station: prism taken off."""
+    """Return camera positions (n, 3) in C, and in W from the station with the prism's offset
+    removed."""
     at = used.t + s.delay + s.skew * (used.t - epoch)
     x = interpolate_position(camera, at, gap)
     y = used.p.copy()
@@ -225,10 +228,11 @@ def _linearise(
     gap: float,
     free: dict[str, int | bool],
 ) -> tuple[Array, Array, list[str], Array]:
-    """Residual (n, 3), its Jacobian (n, 3, k), the unknowns' names, and the path between samples.
+    """Return the residual (n, 3), its Jacobian (n, 3, k), the unknowns' names, and the path between
+    samples.
 
     r = y - s R (x(t) - middle) - offset - R A(t) l, with the camera's orientation A and the prism
-    l; small turns from the left: R -> exp(turn) R.
+    l; small rotations from the left: R -> exp(turn) R.
     """
     at = used.t + s.delay + s.skew * (used.t - epoch)
     x = interpolate_position(camera, at, gap)
@@ -277,7 +281,7 @@ def _solve(
     r: Array, J: Array, noise: DriftNoise, walk: Array, outlier: Array, names: list[str],
     s: _Unknowns,
 ) -> tuple[Array, Array]:  # fmt: skip
-    """A Gauss-Newton step on whitened residuals with what is known beforehand: step, covariance."""
+    """Return step and covariance of a Gauss-Newton step on whitened residuals with priors."""
     k = J.shape[2]
     H, g = np.zeros((k, k)), np.zeros(k)
     for axis in range(3):
@@ -300,7 +304,7 @@ def _solve(
             H[i, i] += 1.0  # a radian, a factor of e: a direction without data stays where it is
     covariance = np.asarray(np.linalg.inv(H), dtype=np.float64)
     step = covariance @ g
-    # one step turns and shifts little: the start may be far off
+    # limit the rotation and delay of a step: the start may be far off
     for i, name in enumerate(names):
         limit = 0.3 if name.startswith("turn") or name == "scale" else 0.1 if name == "delay" else 0
         if limit:
@@ -309,12 +313,13 @@ def _solve(
 
 
 def _count_drift(noise: DriftNoise, walk: Array, outlier: Array) -> float:
-    """trace(S^-1 W) of the camera's drift W in the residual's covariance S = W + white noise.
+    """Return trace(S^-1 W) of the camera's drift W in the residual's covariance S = W + white
+    noise.
 
-    The camera's drift is in the residual and in the camera's positions by which the scale is
-    told (errors in variables): -J' S^-1 r has this expectation an axis at the true scale and not
-    zero, and least squares would take the camera for too large by it over H, about half a per
-    cent. A drift turned by 90 degrees is in neither product, so rotations have no such bias.
+    The camera's drift is in the residual and in the camera's positions that determine the scale
+    (errors in variables). At the true scale, -J' S^-1 r has this expectation per axis and not zero,
+    and least squares would overestimate the camera's scale by it over H, about half a per cent. A
+    drift rotated by 90 degrees is in neither product, so rotations have no such bias.
     """
     whitened = whiten(np.eye(len(walk)), noise.station, walk, outlier)
     return float(np.count_nonzero(outlier == 0.0) - noise.station**2 * np.sum(whitened**2))
@@ -336,7 +341,7 @@ def _doubt(
     std: dict[str, float], used: Trajectory, geometry: Geometry, rotation: float,
     free: dict[str, int | bool],
 ) -> list[str]:  # fmt: skip
-    """What the covariance says is badly known, in words."""
+    """Return texts on the parameters that the covariance shows as poorly determined."""
     notes = []
     if rotation > math.radians(2.0) and not geometry.note:
         notes.append(

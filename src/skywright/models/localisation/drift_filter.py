@@ -1,11 +1,11 @@
-"""The filter that knows the camera's drift: position, velocity, and how the camera errs.
+"""Kalman filter with the camera's drift in its state.
 
 States: position p and velocity v of the robot in W, the camera's drift b, and small errors of the
-alignment's rotation (R <- R exp(turn)) and of its scale (log). The camera, aligned to W, reads
-a = p + b; where it is turned by R and grown by s against the truth, db/dt = (R' / s - 1) v + drift.
-The station reads p. All noise is a density times the time step (and the path), so that the filter
-is the same at every rate, which the paper's is not (`paper_filter`). While the station is away b
-walks and p with it: `drift_floor` tells by how much at least.
+alignment's rotation (R <- R exp(turn)) and of its scale (log). The camera, aligned to W, measures a
+= p + b; with a rotation error R and a scale error s, db/dt = (R' / s - 1) v + drift. The station
+measures p. All noise is a density times the time step (and the path), so that the filter is the
+same at every rate, unlike the paper's (`paper_filter`). Without measurements of the station, b
+drifts and p with it: `drift_floor` is a lower bound of this drift.
 """
 
 import math
@@ -22,22 +22,23 @@ from skywright.core.user_code import njit
 CAMERA, STATION = 0, 1
 P, V, B, TURN, SCALE, SIZE = 0, 3, 6, 9, 12, 13
 GATE_STATION = 21.1
-"""Squared normalised innovation of three axes, exceeded once in 10,000 by a good measurement."""
+"""Squared normalised innovation of three axes, exceeded once in 10,000 by a valid measurement."""
 GATE_CAMERA = 25.0
 RUN = 5
-"""Rejected in a row, the station is right and the filter is lost."""
+"""After this many rejections in a row, the filter trusts the station and inflates its covariance.
+"""
 
 
 class DriftModel(NamedTuple):
-    """Noise of the filter; densities are per square root of a second, each axis."""
+    """Noise of the filter; densities are per square root of a second, per axis."""
 
     station: float  # m
-    camera: float  # m, each sample
+    camera: float  # m, per sample
     walk_per_sqrt_s: float  # m
     walk_per_sqrt_m: float  # m per sqrt(m) of path
-    acceleration: float = 1.0  # m/s^2 per sqrt(Hz): how the robot moves
+    acceleration: float = 1.0  # m/s^2 per sqrt(Hz): motion of the robot
     yaw: float = math.radians(0.1)  # rad, drift of the camera's heading
-    tilt: float = math.radians(0.01)  # rad, of its vertical, which gravity holds
+    tilt: float = math.radians(0.01)  # rad, of its vertical, which gravity stabilises
     scale: float = 1e-3
     rotation_0: float = math.radians(1.0)  # rad, of the alignment at the start
     scale_0: float = 0.01
@@ -45,7 +46,7 @@ class DriftModel(NamedTuple):
 
 
 class Fused(NamedTuple):
-    """The filter's estimate after every measurement (n,), and what became of the measurement."""
+    """The filter's estimate after every measurement (n,), and whether it was accepted."""
 
     t: Array
     kind: Ints  # CAMERA or STATION
@@ -64,7 +65,7 @@ def _predict(x: Array, R: Array, cov: Array, dt: float, n: Array) -> None:
     """Move state and covariance by dt; `n`: see `_noise_row`."""
     v = x[V : V + 3]
     grow = math.exp(-x[SCALE])
-    u = np.empty(3)  # velocity as the camera feels it
+    u = np.empty(3)  # velocity in the camera's frame
     for i in range(3):
         u[i] = grow * (R[0, i] * v[0] + R[1, i] * v[1] + R[2, i] * v[2])
     speed = math.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2)
@@ -109,7 +110,7 @@ def _predict(x: Array, R: Array, cov: Array, dt: float, n: Array) -> None:
 
 @helper
 def _innovate(x: Array, cov: Array, z: Array, camera: bool, white: float, out: Array) -> float:
-    """Innovation (3,) into `out`; returns its squared normalised size."""
+    """Write the innovation (3,) to `out`; return its squared normalised norm."""
     S = np.empty((3, 3))
     for i in range(3):
         out[i] = z[i] - x[P + i] - (x[B + i] if camera else 0.0)
@@ -124,7 +125,7 @@ def _innovate(x: Array, cov: Array, z: Array, camera: bool, white: float, out: A
 
 @helper
 def _correct(x: Array, cov: Array, z: Array, camera: bool, white: float) -> None:
-    """Take in a position, one axis after the other (the noise of the axes is independent)."""
+    """Apply a position measurement, axis by axis (the noise of the axes is independent)."""
     h = np.empty(SIZE)
     for i in range(3):
         e = z[i] - x[P + i] - (x[B + i] if camera else 0.0)
@@ -141,7 +142,7 @@ def _correct(x: Array, cov: Array, z: Array, camera: bool, white: float) -> None
 
 @helper
 def _reset_turn(x: Array, R: Array) -> None:
-    """Move the estimated small turn into the rotation."""
+    """Move the estimated small rotation into the rotation matrix."""
     step, new = np.empty((3, 3)), np.empty((3, 3))
     exp_so3(x[TURN : TURN + 3], step)
     mat_mat(R, step, new)
@@ -167,7 +168,7 @@ def _run(t: Array, kind: Array, z: Array, n: Array, start: Array, out: Array, R_
     for k in range(len(t)):
         dt = t[k] - now
         now = t[k]
-        while dt > 0.0:  # a long gap in steps: the speed's uncertainty grows meanwhile
+        while dt > 0.0:  # split a long gap: the speed's uncertainty grows during it
             part = min(dt, 0.1)
             _predict(x, R, cov, part, n)
             dt -= part
@@ -184,12 +185,12 @@ def _run(t: Array, kind: Array, z: Array, n: Array, start: Array, out: Array, R_
         elif not camera and size > GATE_STATION:
             good = False
             rejected += 1
-            if rejected >= RUN:  # not the station is wrong but the filter
+            if rejected >= RUN:  # the filter is wrong, not the station
                 lost = (e[0] ** 2 + e[1] ** 2 + e[2] ** 2) / 3.0
                 for i in range(3):
                     cov[P + i, P + i] += lost
                     cov[B + i, B + i] += lost
-                    cov[P + i, B + i] -= lost  # the camera has told the sum
+                    cov[P + i, B + i] -= lost  # the camera measures the sum
                     cov[B + i, P + i] -= lost
                 _correct(x, cov, z[k], False, white)
                 good, rejected = True, 0
@@ -212,7 +213,7 @@ def run_drift_filter(t: Array, kind: Ints, z: Array, model: DriftModel) -> Fused
     """Filter measurements in order of time.
 
     t (n,) s; kind (n,) CAMERA or STATION; z (n, 3) m: the aligned camera's position, or the
-    station's of the same point (the prism's offset taken off).
+    station's of the same point (the prism's offset removed).
     """
     out, R = np.empty((len(t), 15)), np.empty((len(t), 3, 3))
     noise = np.array([

@@ -1,10 +1,10 @@
-"""The noise of station and camera, from what the alignment leaves unexplained.
+"""Noise of station and camera, estimated from the residuals of the alignment.
 
-The residual of an aligned calibration is white noise of the station plus a camera that walks away:
-r_k = b_k + n_k, b_(k+1) = b_k + w_k. That is a local-level model; its Kalman filter turns the
-residual into innovations, which are white (Harvey, Forecasting, Structural Time Series Models and
-the Kalman Filter, 1989, section 3.4). So least squares on innovations is generalised least squares
-under drift, and their likelihood tells the noise.
+The residual of an aligned calibration is white noise of the station plus a random walk of the
+camera: r_k = b_k + n_k, b_(k+1) = b_k + w_k. That is a local-level model; its Kalman filter
+converts the residual to innovations, which are white (Harvey, Forecasting, Structural Time Series
+Models and the Kalman Filter, 1989, section 3.4). Least squares on innovations is therefore
+generalised least squares under drift, and their likelihood determines the noise.
 """
 
 import math
@@ -17,28 +17,28 @@ from skywright.core.arrays import Array
 from skywright.core.user_code import njit
 
 GATE = 21.1
-"""Squared normalised innovation of three axes that a good one exceeds once in 10,000."""
+"""Squared normalised innovation of three axes, exceeded once in 10,000 by a valid one."""
 
 LEAST_STATION = 0.5e-3
-"""m; no station and no camera is better."""
+"""m; lower bound of the noise of any station or camera."""
 SHEET_SPREAD = 0.3
-"""Natural logarithm: an instrument's noise is its data sheet's times exp(0.3), one sigma."""
+"""Natural logarithm: one sigma of an instrument's noise over that of its data sheet is exp(0.3)."""
 
 
 class DriftNoise(NamedTuple):
-    """Standard deviations, each axis."""
+    """Standard deviations, per axis."""
 
     station: float  # m, white
-    per_sqrt_s: float  # m per sqrt(s), the camera's walk in time
-    per_sqrt_m: float  # m per sqrt(m), its walk along the path
+    per_sqrt_s: float  # m per sqrt(s), random walk of the camera in time
+    per_sqrt_m: float  # m per sqrt(m), random walk along the path
 
 
 @njit(cache=True, error_model="numpy")
 def find_outliers(r: Array, white: float, walk: Array, gate: float) -> Array:
-    """(n,) 1.0 where the residual (n, 3) steps out of what noise and drift explain, else 0.0.
+    """Return (n,) 1.0 where the residual (n, 3) exceeds noise and drift, else 0.0.
 
-    `walk` (n,) m^2: variance of the drift since the sample before. Five outliers in a row are
-    none: the level has moved.
+    `walk` (n,) m^2: variance of the drift since the previous sample. Five outliers in a row are
+    accepted: the level has changed.
     """
     n = r.shape[0]
     out = np.zeros(n)
@@ -69,9 +69,9 @@ def find_outliers(r: Array, white: float, walk: Array, gate: float) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def whiten(m: Array, white: float, walk: Array, outlier: Array) -> Array:
-    """Innovations of the columns of m (n, k), normalised; the level starts at zero, known.
+    """Return normalised innovations of the columns of m (n, k); the initial level is exactly zero.
 
-    Rows at outliers become zero: they tell nothing.
+    Rows at outliers become zero: they contain no information.
     """
     n, k = m.shape
     out = np.zeros((n, k))
@@ -115,11 +115,12 @@ def compute_walk(noise: DriftNoise, dt: Array, path: Array) -> Array:
 
 
 def estimate_noise(r: Array, dt: Array, path: Array, station: float | None = None) -> DriftNoise:
-    """Noise of the residuals r (n, 3) m by maximum likelihood, outliers left out.
+    """Estimate the noise of the residuals r (n, 3) m by maximum likelihood, without outliers.
 
-    dt (n,) s and path (n,) m since the sample before (0 for the first). `station` (m): the
-    station's white noise by its data sheet, taken for known to SHEET_SPREAD before the residuals:
-    where the camera walks several times as far between two samples, they hardly tell it.
+    dt (n,) s and path (n,) m since the previous sample (0 for the first). `station` (m): the
+    station's white noise by its data sheet, a prior with the spread SHEET_SPREAD. If the camera
+    drifts several times as far between two samples, the residuals contain hardly any information on
+    it.
     """
     step = np.diff(r, axis=0)
     size = float(np.median(np.abs(step))) / 0.6745 + 1e-6  # of white noise and walk together

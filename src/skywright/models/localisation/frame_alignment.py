@@ -1,11 +1,11 @@
-"""From the camera's frame C to the station's frame W, by paired points.
+"""Alignment of the camera's frame C with the station's frame W, from paired points.
 
-The paper's way is a general matrix and an offset, twelve numbers by least squares (Sanchez-Cuevas
-2020, eq. (3) to (5)). Nine of them form a matrix that the text calls a rotation and that is none:
-it also takes up scale and shear, and in a direction in which the calibration did not move it takes
-up noise. The default is a similarity (Umeyama 1991): rotation, scale and offset, seven numbers,
-which a plane determines. `level` is for frames whose z axes are both vertical: five numbers, which
-a straight line determines.
+The paper's method is a general matrix and an offset, twelve numbers by least squares
+(Sanchez-Cuevas 2020, eq. (3) to (5)). Nine of them form a matrix that the paper calls a rotation,
+but which includes scale and shear, and fits noise in a direction without motion in the calibration.
+The default is a similarity (Umeyama 1991): rotation, scale and offset, seven numbers, which a plane
+determines. `level` is for frames whose z axes are both vertical: five numbers, which a straight
+line determines.
 """
 
 import math
@@ -19,10 +19,10 @@ from skywright.errors import InputError
 Method = Literal["similarity", "rigid", "level", "affine"]
 METHODS: tuple[Method, ...] = ("similarity", "rigid", "level", "affine")
 LEAST_POINTS = 4
-"""Pairs of points: the affine matrix has 12 unknowns."""
+"""Least number of point pairs: the affine matrix has 12 unknowns."""
 
 FLAT = 0.1
-"""Extent across a plane, or a line, over the largest below which a calibration counts as one."""
+"""Ratio of smallest to largest extent below which the points count as a plane, or a line."""
 
 
 class FrameAlignment(NamedTuple):
@@ -45,20 +45,21 @@ class FrameAlignment(NamedTuple):
 
     @property
     def shear(self) -> float:
-        """How far the matrix is from a scaled rotation: largest over smallest stretch, minus 1."""
+        """Deviation from a scaled rotation: largest over smallest stretch, minus 1."""
         stretch = np.linalg.svd(self.matrix, compute_uv=False)
         return float(stretch[0] / max(stretch[2], 1e-300) - 1.0)
 
     def apply(self, x: Array) -> Array:
-        """Points (n, 3) of C in W."""
+        """Transform points (n, 3) from C to W."""
         return np.asarray(x @ self.matrix.T + self.offset)
 
 
 def estimate_affine(x: Array, y: Array) -> FrameAlignment:
-    """The paper's twelve numbers: y = T x + P_0, least squares over all pairs, eq. (3) to (5).
+    """Estimate the paper's twelve numbers: y = T x + P_0, least squares over all pairs, eq. (3) to
+    (5).
 
-    x, y (n, 3) m. The stacked system (4) falls apart into one of four unknowns a row of T; a
-    direction without motion is left at zero (the least-norm solution).
+    x, y (n, 3) m. The stacked system (4) separates into four unknowns per row of T; a direction
+    without motion is zero (the least-norm solution).
     """
     _check(x, y)
     middle = x.mean(axis=0)  # the same solution, better conditioned
@@ -68,7 +69,8 @@ def estimate_affine(x: Array, y: Array) -> FrameAlignment:
 
 
 def estimate_similarity(x: Array, y: Array, *, with_scale: bool = True) -> FrameAlignment:
-    """Rotation, scale and offset that minimise sum |y - s R x - t|^2 (Umeyama 1991, eq. 40-42).
+    """Estimate rotation, scale and offset that minimise sum |y - s R x - t|^2 (Umeyama 1991, eq.
+    40-42).
 
     x, y (n, 3) m. Never a reflection. `with_scale` False keeps s = 1.
     """
@@ -87,7 +89,7 @@ def estimate_similarity(x: Array, y: Array, *, with_scale: bool = True) -> Frame
 
 
 def estimate_level(x: Array, y: Array, *, with_scale: bool = True) -> FrameAlignment:
-    """Heading, scale and offset: both frames have a vertical z axis.
+    """Estimate heading, scale and offset: both frames have a vertical z axis.
 
     x, y (n, 3) m. Minimises the same sum over rotations about z only.
     """
@@ -105,7 +107,7 @@ def estimate_level(x: Array, y: Array, *, with_scale: bool = True) -> FrameAlign
 
 
 def estimate_frame(method: str, x: Array, y: Array) -> FrameAlignment:
-    """Align by the method of this name. Raises InputError for another or for too few pairs."""
+    """Align by the named method. Raises InputError for an unknown name or for too few pairs."""
     if method == "affine":
         return estimate_affine(x, y)
     if method == "similarity":
@@ -125,19 +127,19 @@ def _check(x: Array, y: Array) -> None:
 
 
 class Geometry(NamedTuple):
-    """What a calibration's points determine."""
+    """Parameters that a calibration's points determine."""
 
     kind: Literal["full", "planar", "linear", "point"]
     extent: Array  # (3,) m, standard deviation along the principal directions, largest first
     directions: Array  # (3, 3), principal directions as rows
-    note: str  # empty where nothing is missing
+    note: str  # empty if all are determined
 
 
 def diagnose_geometry(y: Array, noise: float, method: str = "similarity") -> Geometry:
-    """Judge the points (n, 3) m of a calibration, of which each is known to `noise` (m).
+    """Check the geometry of the points (n, 3) m of a calibration with the uncertainty `noise` (m).
 
-    A plane does not determine the affine matrix across it, a line not the rotation about it, and
-    a point nothing but the offset.
+    A plane does not determine the affine matrix across it, a line not the rotation about it, and a
+    point only the offset.
     """
     a = y - y.mean(axis=0)
     _, d, directions = np.linalg.svd(a, full_matrices=False)

@@ -1,7 +1,7 @@
-"""The unknown delay between two clocks, first by the speeds that both saw.
+"""Delay between two clocks, estimated from the speeds that both sensors measure.
 
-Speed is the same in every frame, so it can be compared before frames are aligned. The peak of the
-normalised correlation of the two speeds gives the delay to a fraction of a sample;
+Speed is the same in every frame, so it can be compared before the frames are aligned. The peak of
+the normalised correlation of the two speeds gives the delay to a fraction of a sample;
 `calibration.calibrate` refines it together with the frame.
 """
 
@@ -23,30 +23,30 @@ from skywright.models.localisation.trajectory import (
 from skywright.models.peaks import find_vertex
 
 GRID = 0.05
-"""s, step of the grid on which speeds are compared."""
+"""s, step of the grid of speeds."""
 WINDOW = 0.5
-"""s, over which a speed is a mean."""
+"""s, window of a mean speed."""
 MAX_LAG = 5.0
-"""s; clocks that show the same time are not further apart than this."""
+"""s, largest offset between clocks that show the same time."""
 LEAST_OVERLAP = 8.0
-"""s that both must see."""
+"""s, least common duration."""
 LEAST_PEAK = 0.5
-"""Correlation below which nothing was found."""
+"""Least correlation of a valid result."""
 
 
 class TimeAlignment(NamedTuple):
-    """t_second = t_first + offset, and how well the speeds agree."""
+    """t_second = t_first + offset, and the agreement of the speeds."""
 
     offset: float  # s
     peak: float  # normalised correlation at the offset
     lags: Array  # (n,) s
     correlation: Array  # (n,)
-    common_clock: bool  # the offset was looked for near zero only
+    common_clock: bool  # the search was limited to offsets near zero
     note: str
 
 
 def _sample_speed(traj: Trajectory) -> tuple[Array, Array, float]:
-    """Speeds on a grid (0 where unknown), whether they are known, and the grid's first time."""
+    """Return speeds on a grid (0 if unknown), whether they are known, and the grid's first time."""
     traj = remove_spikes(traj)
     gap = find_gap_limit(traj.t, 1.0)
     t, v = compute_velocity(traj, WINDOW, gap)
@@ -61,9 +61,10 @@ def _sample_speed(traj: Trajectory) -> tuple[Array, Array, float]:
 
 
 def correlate_speeds(first: Trajectory, second: Trajectory) -> tuple[Array, Array, Array]:
-    """Offsets (n,) s, the normalised correlation of the speeds there, and the overlap (n,) s.
+    """Return offsets (n,) s, the normalised correlation of the speeds there, and the overlap (n,)
+    s.
 
-    Only what both know at an offset counts (masked correlation by FFT).
+    At each offset only samples with both speeds known count (masked correlation by FFT).
     """
     a, ma, ta = _sample_speed(first)
     b, mb, tb = _sample_speed(second)
@@ -80,7 +81,7 @@ def correlate_speeds(first: Trajectory, second: Trajectory) -> tuple[Array, Arra
     ab = correlate(a, b) - sa * sb / n
     va = correlate(a * a, mb) - sa * sa / n
     vb = correlate(ma, b * b) - sb * sb / n
-    tiny = 1e-6 * n  # (1 mm/s)^2: below it nothing moves
+    tiny = 1e-6 * n  # (1 mm/s)^2: lower speeds count as standstill
     good = (va > tiny) & (vb > tiny)
     corr = np.where(good, ab / np.sqrt(np.where(good, va * vb, 1.0)), 0.0)
     lags = np.arange(-(len(a) - 1), len(b), dtype=np.float64) * GRID + (tb - ta)
@@ -88,11 +89,11 @@ def correlate_speeds(first: Trajectory, second: Trajectory) -> tuple[Array, Arra
 
 
 def estimate_offset(first: Trajectory, second: Trajectory) -> TimeAlignment:
-    """The offset between two clocks by the speeds seen.
+    """Return the offset between two clocks from the measured speeds.
 
-    Where the recordings overlap as they are, the clocks are taken for one and the offset is looked
-    for within MAX_LAG; else everywhere. Raises InputError where the recordings have nothing in
-    common: no overlap in time and no motion that both saw.
+    If the unshifted recordings overlap, the clocks are taken as common and the search is limited to
+    MAX_LAG; else it covers all offsets. Raises InputError if the recordings have nothing in common:
+    no overlap in time and no common motion.
     """
     a, b = first, second
     shared = min(a.t[-1], b.t[-1]) - max(a.t[0], b.t[0])
@@ -134,13 +135,13 @@ def _span(traj: Trajectory) -> str:
 
 
 def _find_peak(lags: Array, corr: Array, allowed: Mask) -> tuple[float, float]:
-    """Offset and height of the highest peak, a parabola through its three samples."""
+    """Return offset and height of the highest peak, by a parabola through three samples."""
     k = int(np.argmax(np.where(allowed, corr, -2.0)))
     return float(lags[k]) + GRID * find_vertex(corr, k), float(corr[k])
 
 
 def _is_unique(lags: Array, corr: Array, allowed: Mask, lag: float) -> bool:
-    """Whether no other offset, further than 3 s away, comes near the peak."""
+    """Whether no other offset, further than 3 s away, has a similar correlation."""
     peak = float(np.max(corr[allowed]))
     away = allowed & (np.abs(lags - lag) > 3.0)
     return bool(float(np.max(corr[away], initial=-1.0)) < 1.0 - 2.0 * (1.0 - peak) and

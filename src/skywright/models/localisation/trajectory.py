@@ -1,4 +1,4 @@
-"""A trajectory: positions, perhaps orientations, at irregular times."""
+"""A trajectory: positions and optional orientations at irregular times."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MAX_DROPPED = 0.5
 MAX_TIME = 1e11  # s, from any origin
 MAX_SPAN = 1e5  # s, of a recording: 28 h
 MAX_POSITION = 1e8
-"""m; more is no position on Earth."""
+"""m; larger values are no positions on Earth."""
 
 
 class Trajectory(NamedTuple):
@@ -29,7 +29,7 @@ class Trajectory(NamedTuple):
 
     @property
     def rate(self) -> float:
-        """Typical number of samples a second (1 over the median interval)."""
+        """Typical number of samples per second (1 over the median interval)."""
         return 1.0 / float(np.median(np.diff(self.t))) if len(self.t) > 1 else 0.0
 
     @property
@@ -38,14 +38,15 @@ class Trajectory(NamedTuple):
         return float(self.t[-1] - self.t[0])
 
     def cut(self, start: float, stop: float) -> Trajectory:
-        """The samples from `start` to `stop` (s), ends included."""
+        """Return the samples from `start` to `stop` (s), ends included."""
         keep = (self.t >= start) & (self.t <= stop)
         q = None if self.q is None else self.q[keep]
         return self._replace(t=self.t[keep], p=self.p[keep], q=q)
 
 
 def find_gap_limit(t: Array, least: float = 0.0) -> float:
-    """The interval (s) above which a pause is a gap: three times the usual one, `least` at least.
+    """Return the interval (s) above which a pause is a gap: three times the usual one, at least
+    `least`.
 
     The usual one is the 90th percentile: a total station's intervals vary.
     """
@@ -53,14 +54,15 @@ def find_gap_limit(t: Array, least: float = 0.0) -> float:
 
 
 def interpolate_position(traj: Trajectory, t: Array, max_gap: float) -> Array:
-    """Positions (m, 3) at times `t`, linear; NaN outside and within gaps longer than `max_gap`."""
+    """Return positions (m, 3) at times `t`, linear; NaN outside and within gaps longer than
+    `max_gap`."""
     out = np.stack([np.interp(t, traj.t, traj.p[:, i]) for i in range(3)], axis=1)
     out[~find_covered(traj.t, t, max_gap)] = np.nan
     return out
 
 
 def find_covered(samples: Array, t: Array, max_gap: float) -> Mask:
-    """Whether each of `t` lies on a sample or between two no further apart than `max_gap`."""
+    """Whether each of `t` is on a sample or between two at most `max_gap` apart."""
     after = np.clip(np.searchsorted(samples, t, side="left"), 1, max(len(samples) - 1, 1))
     if len(samples) < 2:
         return np.asarray(np.isin(t, samples))
@@ -71,10 +73,11 @@ def find_covered(samples: Array, t: Array, max_gap: float) -> Mask:
 
 
 def interpolate_rotation(traj: Trajectory, t: Array) -> Array | None:
-    """Rotation matrices (m, 3, 3) of the nearest orientations in time; None where there are none.
+    """Return rotation matrices (m, 3, 3) of the nearest orientations in time; None without
+    orientations.
 
-    Nearest, not between: at a camera's rate the difference is nothing, and a flip of the
-    quaternion's sign or a lost sample costs nothing.
+    The orientations are not interpolated: at a camera's rate the difference is negligible, and a
+    flip of the quaternion's sign or a lost sample has no effect.
     """
     if traj.q is None:
         return None
@@ -84,7 +87,7 @@ def interpolate_rotation(traj: Trajectory, t: Array) -> Array | None:
 
 
 def compute_velocity(traj: Trajectory, window: float, max_gap: float) -> tuple[Array, Array]:
-    """Times (m,) and velocities (m, 3) from displacements over about `window` seconds.
+    """Return times (m,) and velocities (m, 3) from displacements over about `window` seconds.
 
     Each velocity is the mean over the samples nearest to `window` apart, stamped in the middle.
     """
@@ -99,10 +102,11 @@ def compute_velocity(traj: Trajectory, window: float, max_gap: float) -> tuple[A
 
 
 def remove_spikes(traj: Trajectory, least: float = 0.05) -> Trajectory:
-    """Without samples that stand off the line between their neighbours as no motion does.
+    """Return the trajectory without samples that deviate implausibly from the line between their
+    neighbours.
 
     The limit is eight times the usual distance, `least` (m) at least. Of a run of such samples the
-    worst goes first, because it makes its neighbours look wrong too.
+    worst is removed first, because it makes its neighbours look wrong too.
     """
     for _ in range(10):
         t, p = traj.t, traj.p
@@ -125,7 +129,7 @@ def remove_spikes(traj: Trajectory, least: float = 0.05) -> Trajectory:
 def clean(
     path: Path, t: Array, p: Array, q: Array | None, notes: list[str], lines: list[int] | None
 ) -> Trajectory:
-    """Drop what is no number, sort, drop duplicate times; a note for each, or InputError."""
+    """Drop invalid samples, sort, drop duplicate times; note each, or raise InputError."""
     with np.errstate(invalid="ignore", over="ignore"):
         good = (np.abs(t) < MAX_TIME) & np.all(np.abs(p) < MAX_POSITION, axis=1)
         if q is not None:

@@ -1,4 +1,4 @@
-"""What boxes and cylinders share: fixed, or free to move, or stuck until they are pulled."""
+"""Common code of boxes and cylinders: fixed, movable, or stuck until they are pulled."""
 
 from __future__ import annotations
 
@@ -25,29 +25,29 @@ class Block(Placed):
 
     @property
     def movable(self) -> bool:
-        """As its table says."""
+        """Whether the table sets `moves`."""
         return self.moves
 
     @property
     def frees_at_n(self) -> float | None:
-        """As its table says."""
+        """The force of the table, or None."""
         return self.held_n
 
     @property
     def attitude(self) -> Array:
-        """First about its y, then about z."""
+        """Rotation about y, then about z."""
         return rot_z(math.radians(self.yaw_deg)) @ rot_y(math.radians(self.pitch_deg))
 
     @property
     def contact(self) -> Contact:
-        """Soft where hands may hold it."""
+        """Soft if hands may hold it."""
         if self.moves:
             return SOFT._replace(friction=0.5 if self.friction is None else self.friction)
         return Contact(friction=1.0 if self.friction is None else self.friction)
 
     @property
     def color(self) -> tuple[float, float, float]:
-        """Green what moves, brown what stands."""
+        """Green for movable blocks, brown for fixed ones."""
         return (0.3, 0.6, 0.4) if self.moves else (0.6, 0.5, 0.4)
 
     @model_validator(mode="after")

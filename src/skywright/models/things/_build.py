@@ -1,12 +1,12 @@
-"""Things in the scene, in the order of the world file: here alone they become MuJoCo's.
+"""Adds the things of a world to the scene, in the order of the world file.
 
-In the nominal scene everything stands where the file puts it; in the plant what is movable has a
-free joint, parts move on theirs, and a tracked thing that does not move stands where it is in
-truth. Movable things are bodies `object NAME`; the rest are geometries of the movable thing that
-carries them, or of a body that stands still (models/fixed_body.py).
+Only this module converts things to MuJoCo elements. In the nominal scene every thing has the pose
+of the file. In the plant movable things have a free joint, jointed parts have their joints, and a
+tracked thing that is fixed has its true pose. Movable things are bodies `object NAME`; the rest are
+geometries of the movable thing that carries them, or of a fixed body (models/fixed_body.py).
 
-Contacts. Friction is Coulomb's on an elliptic cone, with MuJoCo's no-slip step where something can
-be carried, since its soft friction creeps by millimetres a second under a load.
+Contacts have Coulomb friction on an elliptic cone. Where something can be carried, MuJoCo's no-slip
+solver is used, since its soft friction creeps by millimetres a second under a load.
 """
 
 import copy
@@ -26,10 +26,10 @@ from skywright.models.docking_body import NOSLIP_ITERATIONS
 from skywright.models.fixed_body import FIXED, add_fixed
 
 OBJECT = "object "
-"""Names of movable things' bodies and joints start with it."""
+"""Prefix of the names of movable things' bodies and joints."""
 IMPACT = "impact "
-"""Names of sensors of gauged parts start with it."""
-FAR = 2.0  # m, beyond which a distance is reported as this
+"""Prefix of the names of gauged parts' sensors."""
+FAR = 2.0  # m, upper bound of reported distances
 
 _SHAPES = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
@@ -41,7 +41,7 @@ _JOINTS = {"slide": mujoco.mjtJoint.mjJNT_SLIDE, "hinge": mujoco.mjtJoint.mjJNT_
 
 
 def find_offsets(things: Things, error: Array) -> dict[str, Frame]:
-    """Return how far tracked things that do not move are off, in their own frames.
+    """Return the pose errors of tracked things that are fixed, in their own frames.
 
     `error` (6,) is `Deviation.socket_error`: m, and rad about x, y, z.
     """
@@ -55,7 +55,7 @@ def find_offsets(things: Things, error: Array) -> dict[str, Frame]:
 
 
 def add_things(spec: mujoco.MjSpec, things: Things, plant: bool, offsets: dict[str, Frame]) -> None:
-    """Add all things to a scene that has its robot already."""
+    """Add all things to a scene that already contains the robot."""
     movers = list_movers(things)
     if movers:
         spec.option.noslip_iterations = NOSLIP_ITERATIONS
@@ -87,9 +87,9 @@ def add_things(spec: mujoco.MjSpec, things: Things, plant: bool, offsets: dict[s
 
 
 def _let_sleep(spec: mujoco.MjSpec) -> None:
-    """Let things that lie still sleep until something that moves touches them; never the robot.
+    """Let things at rest sleep (MuJoCo) until a moving body touches them; the robot never sleeps.
 
-    A thing on its rack has up to 24 contacts, which otherwise cost in every step of the flight.
+    A thing on its rack has up to 24 contacts, which would otherwise be computed in every step.
     """
     spec.option.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
     spec.option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
@@ -100,13 +100,13 @@ def _add_part(
     spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, part: Part, frame: Frame, moving: bool,
     plant: bool,
 ) -> None:  # fmt: skip
-    """Add a part to `body`, in which `frame` places it; in the plant a jointed one is a child."""
+    """Add a part to `body` at `frame`; in the plant a jointed part is a child body."""
     label = f"{name} {part.name}".rstrip()
     if plant and part.joint is not None:
         body = body.add_body(name=label, pos=frame.p, quat=quat_from_rot(frame.R))
         _add_joint(body, label, part)
         frame = build_frame()
-    still = body.name.startswith(FIXED)  # and weighs nothing: only what moves has a mass
+    still = body.name.startswith(FIXED)  # and without mass: only movable bodies have a mass
     for solid in part.solids:
         _add_solid(
             body, label if len(part.solids) == 1 else f"{name} {solid.name}",
@@ -146,7 +146,7 @@ def _add_joint(body: mujoco.MjsBody, name: str, part: Part) -> None:
 
 
 def _hold(spec: mujoco.MjSpec, name: str, thing: Thing, p_WO: Array) -> None:
-    """Weld a thing to W until it is pulled, and measure how hard it is."""
+    """Weld a thing to W until it is pulled, and measure the pulling force."""
     if thing.frees_at_n is None:
         return
     _add_contact_sensor(spec, f"touch {name}", OBJECT + name)
@@ -155,7 +155,7 @@ def _hold(spec: mujoco.MjSpec, name: str, thing: Thing, p_WO: Array) -> None:
         name1=OBJECT + name,
     )  # fmt: skip
     hold.solref = [0.01, 1.0]
-    # the anchor is at its place: else it would hang on a long lever
+    # the anchor is at its position: otherwise the constraint would have a long lever
     hold.data = np.array([*p_WO, 0, 0, 0, 0, 0, 0, 0, 1.0, 0])
 
 
@@ -170,11 +170,12 @@ def _add_contact_sensor(spec: mujoco.MjSpec, name: str, body: str) -> None:
 def find_carried_clearance(
     model: mujoco.MjModel, name: str, way: Array, hang: Array, step: float = 0.03
 ) -> tuple[float, str]:
-    """Return the least distance (m) of a carried thing to the world's solids, and to which.
+    """Return the least distance (m) of a carried thing to the world's solids, and the nearest
+    solid.
 
-    `way` (n, 4) m, rad are way-points of the platform, straight between each other, `hang` (3,) m
-    is the thing's O from the platform in a level frame with its heading. `model` is a nominal scene
-    with the thing; the ground is left out.
+    `way` (n, 4) m, rad are waypoints of the platform, connected by straight lines. `hang` (3,) m is
+    the position of the thing's O from the platform in a level frame with its heading. `model` is a
+    nominal scene with the thing; the ground is excluded.
     """
     model = copy.copy(model)
     data = mujoco.MjData(model)

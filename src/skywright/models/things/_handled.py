@@ -1,4 +1,4 @@
-"""What two hooks can carry: a thing with a round bar across as its handle."""
+"""Common code of things that two hooks carry by a round bar."""
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from skywright.description.world.thing import (
 class Handled(Placed):
     """A movable thing with a handle along its y, above O.
 
-    Its friction holds for every pair, whatever the pipe or the hook says (priority 2).
+    Its friction applies to every contact pair, whatever the pipe's or the hook's is (priority 2).
     """
 
     mass_kg: Positive
@@ -28,7 +28,7 @@ class Handled(Placed):
 
     @property
     def movable(self) -> bool:
-        """It is there to be carried."""
+        """Always movable."""
         return True
 
     @property
@@ -38,7 +38,7 @@ class Handled(Placed):
 
     @property
     def handle_ends(self) -> tuple[Array, Array]:
-        """Ends (3,) m of the handle's axis in O, its caps left out: right, left."""
+        """Ends (3,) m of the handle's axis in O, without its caps: right, left."""
         up = np.array([0.0, 0.0, self.handle_height_m])
         end = np.array([0.0, 0.5 * self.handle_length_m - 0.5 * self.handle_diameter_m, 0.0])
         return up - end, up + end

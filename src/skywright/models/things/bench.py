@@ -1,4 +1,4 @@
-"""A bench: a fixture that clamps the platform, arms free; it may drift while a trial wants it."""
+"""A bench: a fixture that clamps the platform, arms free; a trial may make it drift."""
 
 import math
 from typing import Any, ClassVar
@@ -24,7 +24,7 @@ class Bench(Fixture):
         return math.cos(half), 0.0, math.sin(half), 0.0
 
     def extend_plant(self, spec: Any, name: str) -> None:
-        """Clamp the platform to a body that is moved by hand (MuJoCo's "mocap" body)."""
+        """Clamp the platform to a body that code moves (a MuJoCo "mocap" body)."""
         import mujoco
 
         place = [self.x_m, self.y_m, self.z_m]
@@ -37,5 +37,5 @@ class Bench(Fixture):
         clamp.data = np.array([0, 0, 0, 0, 0, 0, 1.0, 0, 0, 0, 1.0, 0])  # same frame
 
     def describe(self) -> str:
-        """How high it holds the platform."""
+        """Height of the platform."""
         return f"bench that clamps the platform at {self.z_m:g} m, pitched {self.pitch_deg:g} deg"

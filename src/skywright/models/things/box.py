@@ -1,4 +1,4 @@
-"""A box: an obstacle, a stand, a table, or with `moves = true` something to carry."""
+"""A box: an obstacle, a stand, a table, or with `moves = true` an object to carry."""
 
 import numpy as np
 

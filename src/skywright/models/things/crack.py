@@ -1,4 +1,4 @@
-"""A surface-breaking crack, or a notch, in the world's pipe: what a flaw inspection looks for."""
+"""A surface-breaking crack or notch in the world's pipe: the target of a flaw inspection."""
 
 from typing import Literal
 

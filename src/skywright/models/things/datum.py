@@ -1,4 +1,4 @@
-"""A datum: a mark on the pipe's or the structure's surface from which places on the asset count."""
+"""A datum: a mark on the pipe or structure that is the origin of asset coordinates."""
 
 from __future__ import annotations
 

@@ -29,5 +29,5 @@ class Marker(Placed):
         return rot_z(math.radians(self.yaw_deg)) @ rot_y(math.radians(self.pitch_deg)) @ _FACING
 
     def describe(self) -> str:
-        """What it is on."""
+        """The thing that carries it."""
         return "marker" if self.on is None else f"marker on {self.on}"

@@ -1,4 +1,4 @@
-"""A reference block with notches of known depth: what an eddy-current instrument is set up on."""
+"""A reference block with notches of known depth, for the set-up of an eddy-current instrument."""
 
 from pydantic import Field
 
@@ -32,7 +32,7 @@ class NotchBlock(Placed):
         return [Part([Solid("box", half, color=(0.55, 0.57, 0.6))])]
 
     def list_frames(self) -> dict[str, Frame]:
-        """`top`, on which the probe stands."""
+        """`top`, the surface for the probe."""
         return {"top": build_frame(z=0.5 * self.size_z_m)}
 
     def describe(self) -> str:

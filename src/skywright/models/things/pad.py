@@ -1,4 +1,4 @@
-"""A sprung plate on a face of a thing: what one runs into, with a gauge behind it."""
+"""A sprung plate on a face of a thing, with a gauge behind it: a target for collisions."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from skywright.description.world.thing import (
     build_frame,
 )
 
-REBOUND = 0.01  # m that the plate may swing out beyond its rest
+REBOUND = 0.01  # m, travel of the plate beyond its rest position
 _INWARD = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # x against the face's z
 
 
@@ -37,13 +37,13 @@ class Pad(Placed):
 
     @property
     def frame(self) -> Frame:
-        """O is foam and plate above the face."""
+        """The pose of O: foam and plate above the face."""
         depth = self.travel_m + self.thickness_m
         return build_frame(self.x_m, self.y_m, self.z_m + depth, self.attitude)
 
     @property
     def attitude(self) -> Array:
-        """x looks into the face."""
+        """x points into the face."""
         return super().attitude @ _INWARD
 
     def list_parts(self) -> list[Part]:

@@ -1,8 +1,8 @@
-"""A bar with a peg below its middle, to be put into a socket.
+"""A bar with a peg below its middle, for insertion into a socket.
 
-A T: a round crossbar that two hooks hold, below its middle a post, a flange and the square peg.
-Frame O: origin in the middle of the flange's underside, where the peg begins; x ahead, y along the
-crossbar, z up. `on` a socket it stands there, its flange on the block.
+It has the shape of a T: a round crossbar for two hooks, and below its middle a post, a flange and
+the square peg. Frame O: origin in the middle of the flange's underside, where the peg begins; x
+ahead, y along the crossbar, z up. `on` a socket the flange rests on the block.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from skywright.description.world.thing import Frame, Part, Solid, build_frame
 from skywright.models.things._handled import Handled
 
 SHARES = {"handle": 0.2, "post": 0.1, "flange": 0.2, "peg": 0.5}
-"""Of the bar's mass: an aluminium tube as crossbar, a solid peg."""
+"""Shares of the bar's mass: an aluminium tube as crossbar, a solid peg."""
 FLANGE_M, POST_M = 0.01, 0.012  # thickness of the flange, half width of the post
 
 

@@ -1,7 +1,7 @@
-"""A block with a square hole that opens upward: the socket of a peg, or the rack where it stands.
+"""A block with a square hole that opens upward: the socket of a peg, or its rack.
 
-Frame O (S in the papers): origin in the middle of the block's upper face, z up. It takes a peg
-until the flange lies on it; a rack is the same block with a wide hole.
+Frame O (S in the papers): origin in the middle of the block's upper face, z up. The hole takes a
+peg until the flange rests on the block; a rack is the same block with a wide hole.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ class Socket(Placed):
         return self.depth_m
 
     def list_parts(self) -> list[Part]:
-        """Per side of the hole a wall and, with a chamfer, its slope; and the post.
+        """Return a wall and, with a chamfer, a slope for each side of the hole, and the post.
 
-        A wall begins below the chamfer; above it a collar stands back. The slope is the upper face
-        of a turned box that lies within wall and collar. Neighbours overlap: MuJoCo's boxes have no
-        edges where they meet.
+        A wall begins below the chamfer; the collar above it is set back. The slope is the upper
+        face of a tilted box that lies within wall and collar. Neighbours overlap, so that MuJoCo's
+        boxes have no edges at their joints.
         """
         hole, outer, w = 0.5 * self.hole_m, 0.5 * self.width_m, self.chamfer_m
         low, inner = -self.depth_m, hole + w
@@ -57,7 +57,8 @@ class Socket(Placed):
              [0.5 * (outer - hole), outer, 0.5 * (-w - low)]),
         ]  # fmt: skip
         if w > 0.0:
-            # its face goes from (hole, -w) to (hole + w, 0); into the solid is (1, -1) / sqrt(2)
+            # its face goes from (hole, -w) to (hole + w, 0); the inward direction is (1, -1) /
+            # sqrt(2)
             t = min(COLLAR_M, 0.5 * (outer - inner))
             into = 0.5 * t * math.sqrt(0.5)
             shapes += [

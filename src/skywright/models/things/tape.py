@@ -1,4 +1,4 @@
-"""Double-sided tape on what a hand carries: pressed on, it stays; pulled off, one side gives."""
+"""Double-sided tape on a carried sensor: bonds under pressure, releases at its weaker side."""
 
 from typing import Literal
 
@@ -22,5 +22,5 @@ class Tape(Thing):
     stiffness_n_per_m: Positive = 1000.0  # of tape and holder together
 
     def describe(self) -> str:
-        """Whose it is."""
+        """The sensor that carries it."""
         return f"tape in the {self.hand} hand that bonds with up to {self.strength_n:g} N"

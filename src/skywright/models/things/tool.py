@@ -1,4 +1,4 @@
-"""An inspection tool that two hands carry and put onto a pipe (Suarez 2020, fig. 19).
+"""An inspection tool that two hands carry and place on a pipe (Suarez 2020, fig. 19).
 
 A box with the sensor, two C-shaped feet of aluminium profile that fit the pipe's contour, and a bar
 as handle. Frame O: origin in the middle between the feet's top plates, x ahead, y along the handle,
@@ -19,7 +19,7 @@ from skywright.description.world.thing import Array, Contact, Part, Solid, build
 from skywright.models.things._handled import Handled
 
 SHARES = {"box": 0.6, "handle": 0.15, "feet": 0.25}
-"""Of the tool's mass: a sensor in a plastic box, on aluminium profiles."""
+"""Shares of the tool's mass: a sensor in a plastic box, on aluminium profiles."""
 _METAL = (0.65, 0.68, 0.72)
 
 
@@ -52,12 +52,12 @@ class Tool(Handled):
 
     @property
     def foot_m(self) -> float:
-        """Height of O above a plane that the tool stands on."""
+        """Height of O above a plane under the tool."""
         return self.leg_length_m * math.cos(math.radians(self.leg_angle_deg)) + 0.5 * self.profile_m
 
     @property
     def contact(self) -> Contact:
-        """As of all that is carried, as soft as its table says."""
+        """Contact of carried things, with the softness of its table."""
         return super().contact._replace(time_constant_s=self.contact_time_constant_s)
 
     def list_parts(self) -> list[Part]:
@@ -92,7 +92,7 @@ class Tool(Handled):
     def _list_rods(
         self, rods: list[tuple[str, Array, Array]], radius: float, share: float, total: float
     ) -> list[Solid]:
-        """Round profiles between points in O; their share of the mass goes by their length."""
+        """Return round profiles between points in O; each has the share of mass of its length."""
         out = []
         for name, a, b in rods:
             mass = share * self.mass_kg * float(np.linalg.norm(b - a)) / total
@@ -103,13 +103,14 @@ class Tool(Handled):
         return out
 
     def describe(self) -> str:
-        """Its mass, and what pipes it fits."""
+        """Its mass, and the diameters of pipes that it fits."""
         low, high = compute_diameters(self)
         return f"tool of {self.mass_kg:g} kg for pipes of {low:.3f} to {high:.3f} m diameter"
 
 
 class Seat(NamedTuple):
-    """How a tool rests on a pipe: O above the pipe's axis, and where along a leg it touches."""
+    """Contact of a tool on a pipe: height of O above the pipe's axis, and contact point along a
+    leg."""
 
     height: float  # m
     along: float  # m, from the plate's end; valid: 0 to the leg's length
@@ -117,9 +118,9 @@ class Seat(NamedTuple):
 
 
 def compute_seat(tool: Tool, diameter: float) -> Seat:
-    """Return how the tool rests on a pipe of `diameter` (m) along y, both legs touching.
+    """Return the contact of the tool on a pipe of `diameter` (m) along y, both legs touching.
 
-    A leg's axis keeps R + r from the pipe's axis. It does not fit where the pipe would touch
+    A leg's axis is at R + r from the pipe's axis. The tool does not fit if the pipe would touch
     beyond the leg's end, or the plate before the legs.
     """
     angle, w = math.radians(tool.leg_angle_deg), 0.5 * tool.plate_m
@@ -135,5 +136,5 @@ def compute_diameters(tool: Tool) -> tuple[float, float]:
     s, c = math.sin(angle), math.cos(angle)
     height = (tool.leg_length_m + w * s) / c
     r = 0.5 * tool.profile_m
-    # the plate touches with the legs where (reach - w c) / s = reach
+    # plate and legs touch at the same time where (reach - w c) / s = reach
     return 2.0 * max(w * c / (1.0 - s) - r, 0.0), 2.0 * (w * c + height * s - r)

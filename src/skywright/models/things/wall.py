@@ -59,7 +59,7 @@ class Wall(Thing):
 
 
 class WallField(NamedTuple):
-    """A wall as arrays: what is where."""
+    """A wall as arrays."""
 
     thickness: float  # m
     paint: float  # m
@@ -88,9 +88,10 @@ def build_wall_field(wall: Wall) -> WallField:
 
 
 def compute_wall(field: WallField, u: Array, v: Array) -> tuple[Array, Array]:
-    """Return the wall's thickness and its paint (m) at places `u`, `v` (n,) m.
+    """Return the thickness of wall and paint (m) at points `u`, `v` (n,) m.
 
-    Of patches that overlap the last counts; a pit takes from what is there, down to 0.2 mm.
+    Of overlapping patches the last one counts. A pit reduces the local thickness, to 0.2 mm at
+    least.
     """
     u, v = np.broadcast_arrays(np.asarray(u, float), np.asarray(v, float))
     thickness, paint = np.full(u.shape, field.thickness), np.full(u.shape, field.paint)

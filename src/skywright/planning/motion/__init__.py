@@ -1,1 +1,1 @@
-"""Motion planning for platform and arms together, in a configuration space described by data."""
+"""Motion planning for platform and arms together in a configuration space defined by data."""

@@ -1,11 +1,11 @@
 """The paper's collision check, section III-B: samples along a branch, links in angular space.
 
-Everything is seen in the vertical plane of the motion. The platform is a rectangle and collides
-when its centre lies inside an obstacle grown by the rectangle; a link is a segment and collides
-when its angle lies between the smallest and largest angle at which it would touch the obstacle
-(figure 5). Obstacles are round or rectangular: what lies across the plane within the half width
-of platform, arms or bar is projected onto it, so each of the three meets its own obstacles (the
-green and red regions of figure 6).
+The check is planar, in the vertical plane of the motion. The platform is a rectangle; it collides
+if its centre lies inside an obstacle enlarged by the rectangle. A link is a segment; it collides if
+its angle lies between the smallest and largest angle at which it would touch the obstacle (figure
+5). Obstacles are circles or rectangles: parts within the half width of platform, arms or bar are
+projected onto the plane, so each of the three has its own obstacles (the green and red regions of
+figure 6).
 """
 
 import math
@@ -68,7 +68,7 @@ def build_angular_map(space: Space) -> AngularMap:
 
 
 def _clip(a: Array, b: Array, half_width: float) -> tuple[Array, Array] | None:
-    """The part of segment ab with |y| <= half_width, as two points (x, z)."""
+    """Return the part of segment ab with |y| <= half_width, as two points (x, z)."""
     low, high = 0.0, 1.0
     dy = b[1] - a[1]
     if abs(dy) < 1e-12:
@@ -91,7 +91,7 @@ def _wrap(angle: float) -> float:
 def blocked_by_circle(
     x: float, z: float, length: float, angle: float, cx: float, cz: float, radius: float
 ) -> bool:
-    """Whether a segment from (x, z) at `angle` meets a circle, judged by its angle (figure 5)."""
+    """Return whether a segment from (x, z) at `angle` meets a circle, by its angle (figure 5)."""
     dx, dz = cx - x, cz - z
     d = math.sqrt(dx * dx + dz * dz)
     if d <= radius:
@@ -111,7 +111,7 @@ def blocked_by_circle(
 def blocked_by_rectangle(
     x: float, z: float, length: float, angle: float, cx: float, cz: float, hx: float, hz: float
 ) -> bool:
-    """The same for an upright rectangle: the largest and smallest angle among what is in reach.
+    """Return the same for an upright rectangle, from the extreme angles of its points in reach.
 
     The extreme angles belong to corners within reach, or to points where the circle of the
     segment's length cuts an edge.
@@ -146,7 +146,7 @@ def blocked_by_rectangle(
             else:
                 low, high = min(low, off), max(high, off)
     if not any_point:
-        # no corner and no cut in reach: at most the nearest point of an edge touches
+        # no corner and no intersection in reach: at most the nearest point of an edge touches
         return False
     off = _wrap(angle - middle)
     return low <= off <= high
@@ -156,7 +156,7 @@ def blocked_by_rectangle(
 def is_state_free_angular(
     space: SpaceRecord, world: AngularMap, c: Array, k: ScratchRecord
 ) -> bool:
-    """Whether one configuration is free by the paper's check."""
+    """Return whether one configuration is free by the paper's check."""
     k.d[:] = 0.0
     place_shapes(space, c, k.d, k)
     for s in range(space.ns):
@@ -194,7 +194,7 @@ def is_state_free_angular(
 def is_edge_free_angular(
     space: SpaceRecord, world: AngularMap, a: Array, b: Array, resolution: float, k: ScratchRecord
 ) -> bool:
-    """COLLISION of Algorithm 1, negated: samples every `resolution` (m or rad) along a branch."""
+    """Negated COLLISION of Algorithm 1: samples every `resolution` (m or rad) of a branch."""
     n = space.n
     far = 0.0
     for j in range(n):

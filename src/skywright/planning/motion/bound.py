@@ -1,14 +1,14 @@
-"""A lower bound to the cost (6) of every path of a planar problem, whatever planner found it.
+"""A lower bound on the cost (6) of every path of a planar problem, for any planner.
 
-Any path from start to goal takes the platform through every x between them. So it crosses each of
-the slices x = x_1 < x_2 < ... < x_K at some free (z, angles), and its cost is at least
+Any path from start to goal takes the platform through every x between them. It therefore crosses
+each of the slices x = x_1 < x_2 < ... < x_K at some free (z, angles), and its cost is at least
 
     min over free s_1, ..., s_K of  c(start, s_1) + c(s_1, s_2) + ... + c(s_K, goal)
 
-with the metric c of (6), which obeys the triangle inequality. The free set of a slice is covered
-by cells; a cell is left out only if every configuration in it breaks a margin. Between cells the
-smallest cost counts, so nothing is overestimated. More slices and smaller cells make the bound
-sharper, and any choice is valid.
+with the metric c of (6), which satisfies the triangle inequality. The free set of a slice is
+covered by cells; a cell is omitted only if every configuration in it violates a margin. The cost
+between cells is the smallest one, so nothing is overestimated. More slices and smaller cells
+tighten the bound, and any choice is valid.
 """
 
 import math
@@ -50,11 +50,12 @@ def _axis(low: float, high: float, size: float) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def _fill_free(spaces: Space, scratch: Scratch, x: float, grid: Grid, V: Array) -> None:
-    """Set V (nz, na, nb) to inf where a whole cell breaks a margin.
+    """Set V (nz, na, nb) to inf where a whole cell violates a margin.
 
-    A pair breaks its margin all over a cell when the distance of its nearest points at the centre
-    exceeds the margin by less than the point of the shape can move within the cell: at most the
-    sum over the coordinates of its speed at the centre times half the cell, and A / 2.
+    A pair violates its margin in a whole cell if the distance of its nearest points at the centre,
+    plus the largest motion of a point of the shape within the cell, is below the margin. This
+    motion is at most the sum over the coordinates of its speed at the centre times half the cell,
+    and A / 2.
     """
     space, k = spaces[0], scratch[0]
     n = space.n
@@ -121,7 +122,7 @@ def _add_curvature(space: SpaceRecord, half: Array, move: Array, k: ScratchRecor
 
 @njit(cache=True, error_model="numpy")
 def _spread_angle(V: Array, axis: int, per_cell: float) -> None:
-    """min over the angle of V + cost; neighbouring cells may touch, so the first step is free."""
+    """Compute the min over the angle of V + cost; adjacent cells touch: the first step is free."""
     n = V.shape[axis]
     first, last = (V.shape[0], V.shape[2]) if axis == 1 else (V.shape[0], V.shape[1])
     row, out = np.empty(n), np.empty(n)
@@ -144,7 +145,7 @@ def _spread_angle(V: Array, axis: int, per_cell: float) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _advance(V: Array, dx: float, size_z: float, p1: float) -> Array:
-    """min over z of V + p1 times the smallest distance between the cells."""
+    """Return the min over z of V + p1 times the smallest distance between the cells."""
     nz, na, nb = V.shape
     out = np.full((nz, na, nb), np.inf)
     for to in range(nz):
@@ -160,7 +161,7 @@ def _advance(V: Array, dx: float, size_z: float, p1: float) -> Array:
 
 
 def _from_point(space: Space, grid: Grid, c: Array, x: float) -> Array:
-    """Smallest cost (6) between configuration c and every cell of the slice at x."""
+    """Return the smallest cost (6) between configuration c and every cell of the slice at x."""
     w = space[0]["weight"]
 
     def gap(axis: Array, value: float, size: float) -> Array:
@@ -180,10 +181,10 @@ def compute_lower_bound(
     size_z: float = 0.02,
     size_angle: float = math.radians(3.0),
 ) -> float:
-    """Lower bound to the cost (6) between `start` and `goal` (x, z, angle, angle).
+    """Return a lower bound on the cost (6) between `start` and `goal` (x, z, angle, angle).
 
-    `slices` are values of x (m) between them; the corners of a good path are a good choice.
-    Returns inf where a slice is closed: no path exists. Raises InputError for other spaces.
+    `slices` are values of x (m) between them; the corners of a good path are a good choice. Returns
+    inf if a slice is closed: no path exists. Raises InputError for other spaces.
     """
     r = space[0]
     if int(r["n"]) != 4 or int(r["n_move"]) != 2 or float(r["weight"][0]) != float(r["weight"][1]):
@@ -215,7 +216,7 @@ def compute_lower_bound(
 
 
 def choose_slices(rows: Array, least: float = 0.15, most: int = 8) -> list[float]:
-    """Return the x of a path's corners, at least `least` m apart, those that bend most first."""
+    """Return the x of a path's corners, at least `least` m apart, the sharpest corners first."""
     chosen: list[float] = []
     bends = []
     for a, b, c in zip(rows[:-2], rows[1:-1], rows[2:], strict=True):

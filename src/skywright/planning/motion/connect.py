@@ -1,4 +1,4 @@
-"""A fast first path: RRT-Connect with certified edges (Kuffner and LaValle, ICRA 2000)."""
+"""Search for a first path: RRT-Connect with certified edges (Kuffner and LaValle, ICRA 2000)."""
 
 import numpy as np
 
@@ -11,11 +11,11 @@ from skywright.planning.motion.rng import State, uniform
 from skywright.planning.motion.space import ScratchRecord, SpaceRecord
 
 TREE_SIZE = 2000
-"""Nodes a tree may have before the search starts over."""
+"""Largest number of nodes of a tree before the search restarts."""
 REDRAWS = 15
-"""Draws of the other coordinates before a place is given up."""
+"""Number of draws of the other coordinates before a position is discarded."""
 SHORTER = 2
-"""Lengths that are tried of an edge."""
+"""Number of lengths that are tried for an edge."""
 STEP = 4.0
 """Longest edge of a tree, in units of cost (6)."""
 
@@ -29,10 +29,10 @@ def draw_coordinates(space: SpaceRecord, state: State, out: Array) -> None:
 
 @helper
 def draw_free(space: SpaceRecord, state: State, along: int, out: Array, k: ScratchRecord) -> None:
-    """Draw coordinates that keep all margins, the one `along` the way uniformly.
+    """Draw coordinates that keep all margins, with the one `along` the path uniform.
 
-    That coordinate stays while the others are drawn again. So a place along the way where
-    only few postures fit gets as many samples as an open one, which is what narrow passages need.
+    This coordinate is fixed while the others are drawn again. A position at which only few postures
+    fit thus receives as many samples as an open one, which narrow passages require.
     """
     draw_coordinates(space, state, out)
     for _ in range(REDRAWS):
@@ -56,7 +56,7 @@ def _extend(
             best, near = d, i
     share = 1.0 if best <= STEP else STEP / best
     free = False
-    for _ in range(SHORTER):  # a blocked edge is tried again shorter: part of the way is progress
+    for _ in range(SHORTER):  # a blocked edge is tried again shorter: partial progress counts
         for j in range(space.n):
             new[j] = nodes[near, j] + share * (target[j] - nodes[near, j])
         free = is_edge_free(space, nodes[near], new, k)
@@ -77,11 +77,11 @@ def connect(
     space: SpaceRecord, start: Array, goal: Array, state: State, along: int, trees: Array,
     parents: Ints, counts: Ints, tries: int, path: Array, k: ScratchRecord, hits: Ints,
 ) -> int:  # fmt: skip
-    """Grow two trees for at most `tries` samples; return the rows written to `path`, 0: none yet.
+    """Grow two trees with at most `tries` samples; return the number of rows in `path`, or 0.
 
-    `trees` (2, TREE_SIZE, n), `parents` and `counts` (2,) carry the search from call to call;
-    counts of zero start a new one. Samples are even in coordinate `along`. `hits` (pairs,) counts
-    what blocked the edges.
+    `trees` (2, TREE_SIZE, n), `parents` and `counts` (2,) keep the search between calls; counts of
+    zero start a new one. Samples are uniform in coordinate `along`. `hits` (pairs,) counts the
+    pairs that blocked edges.
     """
     n = space.n
     if counts[0] == 0:

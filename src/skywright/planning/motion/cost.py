@@ -1,6 +1,6 @@
 """Metrics and costs of Caballero et al. 2018 over a configuration space.
 
-The printed equations take both arms' joints; a coordinate that drives two joints counts twice in
+The printed equations include both arms' joints; a coordinate that drives two joints counts twice in
 the sums and once in the maxima.
 """
 

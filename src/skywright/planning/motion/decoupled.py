@@ -1,8 +1,8 @@
-"""Decoupled planning, the usual simplification: the platform first, the arms after.
+"""Decoupled planning, the usual simplification: first the platform, then the arms.
 
-The platform's path is planned with the arms held where they start (it must know their shape to
-keep clear), and the arms move at the goal. A planner that swaps between platform and arms, as
-those that Caballero et al. 2018 compare themselves with, has no other moments to move the arms.
+The platform's path is planned with the arms in their initial posture, which its collision check
+includes; the arms move at the goal. A planner that alternates between platform and arms, as those
+that Caballero et al. 2018 use for comparison, has no other opportunity to move the arms.
 """
 
 import time
@@ -19,7 +19,7 @@ from skywright.planning.motion.space import Space
 
 
 class Decoupled(NamedTuple):
-    """The platform's path followed by the arms' motion, or why there is none."""
+    """The platform's path followed by the arms' motion, or the reason why there is none."""
 
     rows: Array  # (m, n) coordinates; empty: none
     cost: float
@@ -39,10 +39,10 @@ def plan_decoupled(
     time_s: float = 1.0,
     clock: Callable[[], float] = time.perf_counter,
 ) -> Decoupled:
-    """Plan the platform with the arms held at their start, then the arms at the goal."""
+    """Plan the platform with the arms at their initial posture, then the arms at the goal."""
     n, n_move = int(space["n"][0]), int(space["n_move"][0])
     held = space.copy()
-    # the angles may not move: their limits close around the start
+    # the angles are fixed: their limits enclose the start
     held[0]["low"][n_move:n] = np.asarray(start)[n_move:] - 1e-9
     held[0]["high"][n_move:n] = np.asarray(start)[n_move:] + 1e-9
     there = np.concatenate([np.asarray(goal)[:n_move], np.asarray(start)[n_move:]])

@@ -1,8 +1,8 @@
 """Exact distances between capsules and boxes, with the direction between the nearest points.
 
-All functions return (distance m between the cores, share t along the first segment) and fill `n`
-(3,) with the unit vector from the second shape to the first. Cores are segments and boxes; radii
-are subtracted by the caller. Cores that meet have distance 0 and n = 0.
+All functions return (distance m between the cores, parameter t along the first segment) and fill
+`n` (3,) with the unit vector from the second shape to the first. Cores are segments and boxes; the
+caller subtracts the radii. Intersecting cores have distance 0 and n = 0.
 """
 
 import math
@@ -23,7 +23,7 @@ def _clip(x: float, low: float, high: float) -> float:
 
 @helper
 def segment_segment(a0: Array, a1: Array, b0: Array, b1: Array, n: Array) -> tuple[float, float]:
-    """Distance between segments (Ericson, Real-Time Collision Detection, section 5.1.9)."""
+    """Return the distance of two segments (Ericson, Real-Time Collision Detection, sec. 5.1.9)."""
     ux, uy, uz = a1[0] - a0[0], a1[1] - a0[1], a1[2] - a0[2]
     vx, vy, vz = b1[0] - b0[0], b1[1] - b0[1], b1[2] - b0[2]
     wx, wy, wz = a0[0] - b0[0], a0[1] - b0[1], a0[2] - b0[2]
@@ -73,10 +73,10 @@ def _slope(p: Vector, u: Vector, h: Array, t: float) -> float:
 def segment_box(
     a0: Array, a1: Array, centre: Array, rot: Array, half: Array, n: Array
 ) -> tuple[float, float]:
-    """Distance between a segment and a box with axes `rot` (columns) and half sizes `half`.
+    """Return the distance between a segment and a box with axes `rot` (columns), half sizes `half`.
 
     The squared distance along the segment is convex and piecewise quadratic; its derivative is
-    linear between the (at most six) places where the segment crosses a face's plane.
+    linear between the (at most six) points where the segment crosses a face's plane.
     """
     x, y, z = a0[0] - centre[0], a0[1] - centre[1], a0[2] - centre[2]
     p = (
@@ -130,7 +130,7 @@ def _corner(centre: Array, rot: Array, half: Array, i: int, out: Array) -> None:
 def box_box(
     ca: Array, ra: Array, ha: Array, cb: Array, rb: Array, hb: Array, n: Array
 ) -> tuple[float, float]:
-    """Distance between two boxes: every edge of one with the other; t is 0."""
+    """Return the distance between two boxes: every edge of one with the other; t is 0."""
     best = 1e18
     p, q, m = np.empty(3), np.empty(3), np.empty(3)
     for swap in range(2):

@@ -1,13 +1,13 @@
-"""Whether a straight motion in configuration space keeps every margin: certified, not sampled.
+"""Certified check that a straight motion in configuration space keeps every margin.
 
-An interval of the edge is accepted for a pair of shapes when its distance at the middle exceeds
-the margin by more than the pair can close within the interval. Two bounds are used: the speed of
-the fastest point of the shape (cheap), and the speed of the shape's ends along the normal of the
-plane that separates it from the obstacle (sharp: sliding along an obstacle costs nothing). Both
-carry the second-order term A h^2 / 2 with A >= |acceleration| of any point: a vector turned by k
+An interval of the edge is accepted for a pair of shapes if its distance at the middle exceeds the
+margin by more than the pair can approach within the interval. Two bounds are used: the speed of the
+fastest point of the shape (cheap), and the speed of the shape's ends along the normal of the plane
+that separates it from the obstacle (tight: sliding along an obstacle is not penalised). Both
+include the second-order term A h^2 / 2 with A >= |acceleration| of any point: a vector rotated by k
 rotations of rates w_i has |d2/ds2| <= (sum |w_i|)^2 times its length. Intervals that are not
-accepted are halved; one shorter than `SHORTEST` counts as blocked. So a free edge is free, and a
-blocked one is blocked or closer than a fraction of a millimetre to it.
+accepted are bisected; one shorter than `SHORTEST` counts as blocked. A free edge is therefore free,
+and a blocked one is blocked or within a fraction of a millimetre of it.
 """
 
 import math
@@ -23,7 +23,7 @@ from skywright.planning.motion.pairs import PAIR_LIMIT, PAIR_SELF, PAIR_WORLD
 from skywright.planning.motion.space import JOINT0, YAW, ScratchRecord, SpaceRecord
 
 SHORTEST = 2.0**-13
-"""Half length of the shortest interval of an edge that is still halved."""
+"""Half length of the shortest interval of an edge that is still bisected."""
 
 
 @helper
@@ -56,7 +56,7 @@ def _bound_motion(space: SpaceRecord, d: Array, k: ScratchRecord) -> None:
     """Fill `omega` and `acc` for an edge of direction d; `place_shapes` has filled `du`."""
     t, du = space, k.du
     yaw = abs(du[YAW])
-    first = turn = largest = 0.0  # of the passive joint: |phi'|, and what feeds |phi''|
+    first = turn = largest = 0.0  # of the passive joint: |phi'|, and the terms of |phi''|
     if space.passive >= 0:
         for b in range(space.passive + 1, t.nb):
             j = t.joint[b]
@@ -81,7 +81,7 @@ def _bound_motion(space: SpaceRecord, d: Array, k: ScratchRecord) -> None:
 
 @helper
 def _core_gap(space: SpaceRecord, k: ScratchRecord, a: int, b: int) -> float:
-    """Distance from the middle of shape a to the core of obstacle b."""
+    """Return the distance from the middle of shape a to the core of obstacle b."""
     w = space
     px, py, pz = k.mid[a, 0], k.mid[a, 1], k.mid[a, 2]
     if w.w_kind[b] == BOX:
@@ -113,7 +113,10 @@ def _core_gap(space: SpaceRecord, k: ScratchRecord, a: int, b: int) -> float:
 def _nearest(
     space: SpaceRecord, k: ScratchRecord, a: int, b: int, other_is_robot: bool
 ) -> tuple[float, float]:
-    """Distance between the cores of shape a and b, share on a; fills k.n from b to a."""
+    """Return the distance between the cores of shapes a and b, and the parameter on a.
+
+    Fills k.normal from b to a.
+    """
     s = space
     if other_is_robot:
         if s.s_kind[b] == BOX:
@@ -143,7 +146,7 @@ def _box_extent(space: SpaceRecord, k: ScratchRecord, a: int, axis: int) -> floa
 
 @helper
 def pair_distance(space: SpaceRecord, k: ScratchRecord, i: int) -> float:
-    """Distance (m) of pair i between surfaces, as the shapes are placed; below 0: they meet."""
+    """Return the distance (m) between the surfaces of pair i; negative if they overlap."""
     a, b, kind = space.pairs[i, 0], space.pairs[i, 1], space.pairs[i, 2]
     s = space
     if kind == PAIR_LIMIT:
@@ -163,7 +166,7 @@ def _speed(v: Array) -> float:
 
 @helper
 def _check_pair(space: SpaceRecord, k: ScratchRecord, i: int, h: float) -> int:
-    """1: free over the whole interval; 0: not known; -1: blocked at its middle."""
+    """Return 1: free over the whole interval; 0: undecided; -1: blocked at its middle."""
     a, b, kind = space.pairs[i, 0], space.pairs[i, 1], space.pairs[i, 2]
     s, m = space, space.margin[i]
     curve = 0.5 * k.acc[a] * h * h
@@ -175,7 +178,7 @@ def _check_pair(space: SpaceRecord, k: ScratchRecord, i: int, h: float) -> int:
         g0, g1 = sign * (k.p0[a, axis] - limit) - extent, sign * (k.p1[a, axis] - limit) - extent
         if g0 < m or g1 < m:
             return -1
-        # a box turns: its extent grows by at most omega times its radius
+        # a box rotates: its extent grows by at most omega times its radius
         turn = k.omega[a] * space.bound[a] if s.s_kind[a] == BOX else 0.0
         low0 = g0 - (abs(k.v0[a, axis]) + turn) * h - curve
         low1 = g1 - (abs(k.v1[a, axis]) + turn) * h - curve
@@ -194,7 +197,7 @@ def _check_pair(space: SpaceRecord, k: ScratchRecord, i: int, h: float) -> int:
             rate = abs(n[0] * k.vm[a, 0] + n[1] * k.vm[a, 1] + n[2] * k.vm[a, 2])
             rate += k.omega[a] * space.bound[a]
             return 1 if d - r - rate * h - curve >= m else 0
-        # the separating plane: both ends stay beyond it
+        # separating plane: both ends stay beyond it
         lift = (
             n[0] * (k.p1[a, 0] - k.p0[a, 0])
             + n[1] * (k.p1[a, 1] - k.p0[a, 1])
@@ -226,7 +229,7 @@ def _check_pair(space: SpaceRecord, k: ScratchRecord, i: int, h: float) -> int:
 
 @njit(cache=True, error_model="numpy")
 def is_state_free(space: SpaceRecord, c: Array, k: ScratchRecord) -> bool:
-    """Whether all margins hold at coordinates c; `k.blocked` names the pair otherwise."""
+    """Return whether all margins hold at coordinates c; otherwise `k.blocked` is the pair."""
     k.d[:] = 0.0
     place_shapes(space, c, k.d, k)
     return is_placed_free(space, k)
@@ -234,7 +237,7 @@ def is_state_free(space: SpaceRecord, c: Array, k: ScratchRecord) -> bool:
 
 @helper
 def is_placed_free(space: SpaceRecord, k: ScratchRecord) -> bool:
-    """Whether all margins hold as the shapes are placed; `k.blocked` names the pair otherwise."""
+    """Return whether all margins hold for the placed shapes; otherwise `k.blocked` is the pair."""
     for a in range(space.ns):
         k.omega[a] = k.acc[a] = 0.0
     for i in range(space.n_pairs):
@@ -246,7 +249,7 @@ def is_placed_free(space: SpaceRecord, k: ScratchRecord) -> bool:
 
 @helper
 def is_edge_free(space: SpaceRecord, a: Array, b: Array, k: ScratchRecord) -> bool:
-    """Whether the straight motion from a to b keeps all margins; certified, see the module."""
+    """Return whether the straight motion from a to b keeps all margins; certified (see module)."""
     n = space.n
     for j in range(n):
         k.d[j] = b[j] - a[j]
@@ -287,7 +290,7 @@ def is_edge_free(space: SpaceRecord, a: Array, b: Array, k: ScratchRecord) -> bo
 def state_clearance(
     space: SpaceRecord, c: Array, k: ScratchRecord, kind: int = -1
 ) -> tuple[float, int]:
-    """Return (smallest reserve over the margins m, its pair) at coordinates c; of one `kind`."""
+    """Return (smallest clearance above the margins m, its pair) at coordinates c; of one `kind`."""
     k.d[:] = 0.0
     place_shapes(space, c, k.d, k)
     best, which = 1e18, -1

@@ -1,11 +1,11 @@
-"""Making a path cheaper while it stays certified: shortcuts and moves of its corners.
+"""Reduction of a path's cost by shortcuts and moves of its corners, with certified edges.
 
 A path is rows of coordinates; every edge between neighbours is free. Moves that would raise the
-cost (6) are dropped before anything is checked, so most of the work goes into edges that matter:
+cost (6) are rejected before the collision check, so that most of the work goes into relevant edges:
 
 - shortcut: a straight line between two random points of the path;
-- partial shortcut: the same for the platform alone or for one angle alone, the rest as it was;
-- corners: a stretch of corners moves by the same random step, which adapts to success.
+- partial shortcut: the same for the platform or for one angle only, the rest unchanged;
+- corners: a sequence of corners moves by the same random step, whose size adapts to success.
 """
 
 import math
@@ -18,19 +18,19 @@ from skywright.planning.motion.rng import State, normal, pick, uniform
 from skywright.planning.motion.space import ScratchRecord, SpaceRecord
 
 MAX_ROWS = 160
-"""Rows that a path may have."""
+"""Largest number of rows of a path."""
 SAME = 1e-9
-"""Rows closer than this in cost are one."""
+"""Rows closer than this in cost are merged."""
 CLOSE = 0.05
-"""Corners closer than this are dropped where the path stays free."""
+"""Corners closer than this are removed if the path stays free."""
 MOST = 24
-"""Corners beyond which none are added."""
+"""Number of corners beyond which none are added."""
 GAIN = 1e-7
-"""Of cost, below which a move is not worth its check."""
+"""Least reduction of the cost for which a move is checked."""
 LARGER = 1.5
 """Growth of a step that succeeded."""
 SPREAD = 1.0
-"""Of the steps' sizes around the adapted one, in their logarithm."""
+"""Standard deviation of the logarithm of the step sizes around the adapted one."""
 
 
 @helper
@@ -47,7 +47,7 @@ def _point(path: Array, i: int, t: float, out: Array, row: int, n: int) -> None:
 
 @helper
 def remove_doubles(space: SpaceRecord, path: Array, count: int) -> int:
-    """Drop rows that repeat the one before; the ends stay."""
+    """Remove rows that repeat the one before; the ends stay."""
     n, out = space.n, 1
     for i in range(1, count):
         if displacement_cost(space, path[out - 1], path[i]) > SAME:
@@ -63,7 +63,7 @@ def remove_doubles(space: SpaceRecord, path: Array, count: int) -> int:
 
 @helper
 def drop_corners(space: SpaceRecord, path: Array, count: int, k: ScratchRecord) -> int:
-    """Remove every corner that its neighbours can do without."""
+    """Remove every corner whose neighbours can be connected directly."""
     i = 1
     while i < count - 1:
         if is_edge_free(space, path[i - 1], path[i + 1], k):
@@ -90,7 +90,7 @@ def shortcut(
         return count
     ta, tb = a - i, b - j
     kind = pick(state, 2 + n - space.n_move)  # whole, platform, or one angle
-    # rows of the new stretch: the two points, and for a partial one what lies between them
+    # rows of the new piece: the two points, and for a partial one the rows between them
     m = j - i if kind > 0 else 0
     if i + 1 + m + 2 + (count - j - 1) > path.shape[0]:
         return count
@@ -108,14 +108,14 @@ def shortcut(
             low = space.n_move + kind - 2
             high = low + 1
         for r in range(1, m + 1):
-            # spread over the rows by the share of the whole way, so that motions stay together
+            # distributed over the rows by path fraction, so that motions stay in synchrony
             t = (i + r - a) / (b - a)
             for c in range(low, high):
                 work[r, c] = work[0, c] + t * (work[m + 1, c] - work[0, c])
     after = 0.0
     for r in range(m + 1):
         after += displacement_cost(space, work[r], work[r + 1])
-    # many corners close together hinder each other: a small gain is not worth one more
+    # many close corners obstruct each other: a small gain does not justify another one
     if after > before - (1e-9 if m + 2 <= j - i else 2e-4 * count):
         return count
     for r in range(m + 1):
@@ -145,13 +145,13 @@ def move_corners(
     k: ScratchRecord,
     work: Array,
 ) -> bool:
-    """Try to move a stretch of corners alike; `scale` (1,) in units of cost adapts."""
+    """Try to move a sequence of corners equally; `scale` (1,) in units of cost adapts."""
     if count < 3:
         return False
     n = space.n
     i = 1 + pick(state, count - 2)
     j = i
-    if uniform(state) < 0.5:  # a stretch, so that a level or an angle can change as a whole
+    if uniform(state) < 0.5:  # a sequence, so that a height or an angle can change as a whole
         j = 1 + pick(state, count - 2)
         if j < i:
             i, j = j, i
@@ -169,8 +169,8 @@ def move_corners(
                 chord = work[0, c] + t * (work[m + 1, c] - work[0, c])
                 work[r, c] += share * (chord - work[r, c])
     else:
-        # some coordinates: what is gained along a margin, such as height for an angle, needs two
-        # to move together, while a third that moved without need would only cost
+        # a subset of the coordinates: a gain along a margin, such as height for an angle, requires
+        # two to move together, while a third would only add cost
         step = scale[0] * math.exp(SPREAD * normal(state))
         sure = pick(state, n)
         for c in range(n):
@@ -196,7 +196,7 @@ def move_corners(
                 return moved
         scale[0] = min(scale[0] * 1.4, 0.3)
         before, moved = after, True
-        for r in range(1, m + 1):  # what was good once is tried again, larger
+        for r in range(1, m + 1):  # a successful step is repeated, larger
             for c in range(n):
                 step = work[r, c] - path[i - 1 + r, c]
                 path[i - 1 + r, c] = work[r, c]
@@ -211,7 +211,7 @@ def _shift(rows: Array, m: int, c: int, by: float) -> None:
 
 @helper
 def thin_out(space: SpaceRecord, path: Array, count: int, k: ScratchRecord) -> int:
-    """Drop corners that sit close to the one before, where the path stays free."""
+    """Remove corners close to the one before if the path stays free."""
     i = 1
     while i < count - 1:
         near = displacement_cost(space, path[i - 1], path[i]) < CLOSE
@@ -237,7 +237,7 @@ def improve(
         elif u < 0.97:
             move_corners(space, path, count, state, scale, k, work)
         elif u < 0.985:
-            if count < MOST:  # a new corner on a long edge, for the moves to use
+            if count < MOST:  # a new corner on a long edge, for later moves
                 i = pick(state, count - 1)
                 if displacement_cost(space, path[i], path[i + 1]) > 4.0 * CLOSE:
                     for r in range(count, i + 1, -1):

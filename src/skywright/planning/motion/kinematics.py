@@ -1,6 +1,6 @@
-"""Where the robot's bodies are at given coordinates, and how fast they move along an edge.
+"""Poses of the robot's bodies at given coordinates, and their velocities along an edge.
 
-The platform stays level. A passive joint hangs in the static equilibrium of what it carries.
+The platform stays level. A passive joint is in the static equilibrium of its load.
 """
 
 import math
@@ -91,10 +91,10 @@ def compute_pose(space: SpaceRecord, c: Array, d: Array, pose: ScratchRecord) ->
 def _hang(
     space: SpaceRecord, pose: ScratchRecord, a: Array, r: Array, x: Array, old: Array, turn: Array
 ) -> None:
-    """Turn what hangs on the passive joint into its equilibrium (it was placed at angle 0).
+    """Rotate the load of the passive joint into its equilibrium (it was placed at angle 0).
 
-    The centre of mass m comes to lie under the joint: angle = atan2(a . (m x g), m . g), with m
-    and gravity g taken across the axis a.
+    In equilibrium the centre of mass m lies below the joint: angle = atan2(a . (m x g), m . g),
+    with the components of m and gravity g normal to the axis a.
     """
     t, k = space, space.passive
     mat_vec(pose.R[k], t.axis[k], a)
@@ -103,7 +103,7 @@ def _hang(
         if not _hangs(t, b, k):
             continue
         mat_vec(pose.R[b], t.com[b], r)
-        # relative to the joint's body, so that the turning of the platform drops out
+        # relative to the joint's body, so that the platform's rotation cancels
         w0 = pose.w[b, 0] - pose.w[k, 0]
         w1 = pose.w[b, 1] - pose.w[k, 1]
         w2 = pose.w[b, 2] - pose.w[k, 2]
@@ -124,7 +124,7 @@ def _hang(
         d2 += m * (pose.v[b, 2] - pose.v[k, 2] - q2 + w0 * r[1] - w1 * r[0])
     along = m0 * a[0] + m1 * a[1] + m2 * a[2]
     m0, m1, m2 = m0 - along * a[0], m1 - along * a[1], m2 - along * a[2]
-    g0, g1, g2 = a[2] * a[0], a[2] * a[1], a[2] * a[2] - 1.0  # -z across the axis
+    g0, g1, g2 = a[2] * a[0], a[2] * a[1], a[2] * a[2] - 1.0  # -z, normal to the axis
     sine = a[0] * (m1 * g2 - m2 * g1) + a[1] * (m2 * g0 - m0 * g2) + a[2] * (m0 * g1 - m1 * g0)
     angle = math.atan2(sine, m0 * g0 + m1 * g1 + m2 * g2)
     square = m0 * m0 + m1 * m1 + m2 * m2
@@ -144,7 +144,7 @@ def _hang(
             for j in range(3):
                 old[i, j] = pose.R[b, i, j]
         mat_mat(turn, old, pose.R[b])
-        # position, and velocities relative to the joint's body, turn with it
+        # position and velocities relative to the joint's body rotate with it
         r[0], r[1], r[2] = pose.p[b, 0] - px, pose.p[b, 1] - py, pose.p[b, 2] - pz
         x[0] = pose.v[b, 0] - vx - (wy * r[2] - wz * r[1])
         x[1] = pose.v[b, 1] - vy - (wz * r[0] - wx * r[2])

@@ -1,4 +1,4 @@
-"""Which pairs of shapes can meet at all: only these are checked."""
+"""Pairs of shapes that can collide; only these are checked."""
 
 import numpy as np
 
@@ -8,12 +8,12 @@ from skywright.models.kinematic_tree import BOX, HINGE, Shapes, Tree
 Y = 1  # of (x, y, z)
 
 PAIR_WORLD, PAIR_SELF, PAIR_LIMIT = range(3)
-"""A pair with an obstacle, with another part of the robot, or with a plane of the area (other =
-2 axis + side)."""
+"""A pair with an obstacle, with another part of the robot, or with a plane of the area (other = 2
+axis + side)."""
 
 
 def list_ancestors(tree: Tree, body: int) -> list[int]:
-    """Bodies from `body` up to, but without, the platform."""
+    """Return the bodies from `body` up to the platform, which is excluded."""
     out = []
     while body > 0:
         out.append(body)
@@ -22,7 +22,7 @@ def list_ancestors(tree: Tree, body: int) -> list[int]:
 
 
 def list_pairs(tree: Tree, s: Shapes, world: Shapes, box: Array) -> list[tuple[int, int, int]]:
-    """Pairs that can meet: with every obstacle and limit, and between parts two joints apart."""
+    """Return the pairs that can collide: with obstacles, limits, and parts two joints apart."""
     pairs = []
     for a in range(len(s.body)):
         pairs += [(a, b, PAIR_WORLD) for b in range(len(world.body))]
@@ -35,7 +35,7 @@ def list_pairs(tree: Tree, s: Shapes, world: Shapes, box: Array) -> list[tuple[i
         for b in range(len(s.body)):
             if a == b or s.kind[a] == BOX:
                 continue
-            # b further up the same chain, with a joint on each side of what lies between
+            # b is nearer the root of the same chain, with at least two joints in between
             if int(s.body[b]) in [0, *above] and int(s.body[b]) != int(s.body[a]):
                 between = [x for x in above if x not in list_ancestors(tree, int(s.body[b]))]
                 if len(between) >= 2:
@@ -52,10 +52,10 @@ def drop_beside(
     y: float,
     margin: float,
 ) -> list[tuple[int, int, int]]:
-    """Drop pairs that stay apart in y because nothing here ever moves in y.
+    """Drop pairs that stay apart in y because no shape moves in y.
 
-    Holds where all joints turn about y (or slide across it) and the platform keeps `y` (m) and
-    the yaw 0.
+    This holds if all joints rotate about y (or slide normal to it) and the platform keeps `y` (m)
+    and the yaw 0.
     """
     rots, places = [np.eye(3)], [np.array([0.0, y, 0.0])]
     for b in range(1, len(tree.parent)):

@@ -1,7 +1,7 @@
-"""How wide the passages of a world are, and how much of them a robot needs.
+"""Widths of the passages of a world, and the widths that a robot requires.
 
 A passage names two tubes (or the ground or the ceiling); its opening is their distance. The robot
-needs its smallest height over all arm postures, the width of its platform, or the length of its
+requires its smallest height over all arm postures, the width of its platform, or the length of its
 bar, plus the margin on both sides.
 """
 
@@ -24,7 +24,7 @@ from skywright.planning.motion.space import ScratchRecord, Space, SpaceRecord, b
 
 
 class PassageWidth(NamedTuple):
-    """A passage and what the robot needs of it."""
+    """A passage and the width that the robot requires."""
 
     name: str
     opening: float  # m
@@ -33,14 +33,14 @@ class PassageWidth(NamedTuple):
 
     @property
     def ratio(self) -> float:
-        """Opening over need; below 1 the robot does not fit."""
+        """Opening over required width; below 1 the robot does not fit."""
         return self.opening / self.needs
 
 
 def list_passages(world: World, space: Space, bar: float, margin: float) -> list[PassageWidth]:
     """Return the passages of a world, the narrowest for this robot first.
 
-    `bar` (m) is the length of what is carried (0: nothing), `margin` (m) is kept on each side.
+    `bar` (m) is the length of the carried bar (0: none), `margin` (m) applies on each side.
     """
     structures = get_structures(world)
     width = _platform_width(space)
@@ -56,7 +56,7 @@ def list_passages(world: World, space: Space, bar: float, margin: float) -> list
 
 
 def compute_least_height(space: Space, draws: int = 200_000) -> float:
-    """Smallest height (m) of robot and load over all arm postures, found by sampling."""
+    """Return the smallest height (m) of robot and load over sampled arm postures."""
     rng = np.random.default_rng(0)
     return float(_least_height(space, build_scratch(space), build_state(rng), draws))
 

@@ -1,9 +1,9 @@
-"""The plan file: a table of rows (CSV) and what it belongs to (TOML), two files of one name.
+"""The plan file: a table of rows (CSV) and its description (TOML), two files of one name.
 
-NAME.csv has a header and one row a reference: `t_s`; the platform's `x_m, y_m, z_m, yaw_rad`,
-their rates `vx_mps ... yaw_rate_rad_s` and accelerations `ax_mps2 ...`; for every joint
-`NAME_rad`, `NAME_rad_s`. NAME.toml names robot, world and seed, the joints in order, and what the
-planner says of the plan. Other tools may write such files; they are checked when read.
+NAME.csv has a header and one row per reference: `t_s`; the platform's `x_m, y_m, z_m, yaw_rad`,
+their rates `vx_mps ... yaw_rate_rad_s` and accelerations `ax_mps2 ...`; for every joint `NAME_rad`,
+`NAME_rad_s`. NAME.toml names robot, world and seed, the joints in order, and the planner's metrics.
+Other tools may write such files; they are checked when loaded.
 """
 
 import csv
@@ -26,11 +26,11 @@ RATE = ("vx_mps", "vy_mps", "vz_mps", "yaw_rate_rad_s")
 ACCELERATION = ("ax_mps2", "ay_mps2", "az_mps2", "yaw_acceleration_rad_s2")
 FORMAT = 1
 STEP_TOLERANCE = 0.25
-"""Largest disagreement of a step in position and the rates beside it, as a share of the step."""
+"""Largest difference between a step in position and its adjacent rates, relative to the step."""
 
 
 class PlanFile(NamedTuple):
-    """A plan as the vehicle layer takes it."""
+    """A plan in the form that the vehicle layer uses."""
 
     robot: str
     world: str
@@ -46,7 +46,7 @@ class PlanFile(NamedTuple):
 
 
 def list_columns(joints: Sequence[str]) -> list[str]:
-    """Names of the columns for a robot's joints."""
+    """Return the names of the columns for a robot's joints."""
     angles = [f"{name}_rad" for name in joints]
     rates = [f"{name}_rad_s" for name in joints]
     return ["t_s", *POSE, *RATE, *ACCELERATION, *angles, *rates]
@@ -78,9 +78,9 @@ def write_plan_file(path: str | os.PathLike[str], plan: PlanFile) -> tuple[Path,
 def load_plan_file(
     path: str | os.PathLike[str], robot: str | None = None, joints: Sequence[str] | None = None
 ) -> PlanFile:
-    """Read a plan file (either of its two names); with `robot` and `joints`, only one of theirs.
+    """Load a plan file (by either name); with `robot` and `joints`, only one of theirs.
 
-    Raises InputError that names file, row and column of what is wrong.
+    Raises InputError that names the file, row and column of the error.
     """
     base = Path(path).with_suffix("")
     head = _read_head(base.with_suffix(".toml"))
@@ -190,7 +190,7 @@ def _read_table(path: Path, columns: list[str]) -> Array:
 
 
 def _check_motion(path: Path, plan: PlanFile) -> None:
-    """Time must grow from 0, and positions must move as their rates say."""
+    """Check that time increases from 0, and that positions agree with their rates."""
     if abs(plan.t[0]) > 1e-9:
         raise InputError(f"{path}: line 2, t_s is {plan.t[0]:g}; a plan starts at 0")
     steps = np.diff(plan.t)

@@ -1,7 +1,7 @@
-"""The any-time planner: a fast first path, then cheaper ones until the time is over.
+"""The any-time planner: a fast first path, then cheaper ones until the time limit.
 
-Many short searches find many ways around the obstacles; each path is shortened, the best few are
-improved further. All of it is compiled; Python looks at the clock between short slices.
+Many short searches find different paths around the obstacles; each path is shortened, and the best
+few are improved further. All of it is compiled; Python reads the clock between short slices.
 """
 
 import time
@@ -22,13 +22,13 @@ from skywright.planning.motion.space import Scratch, Space, SpaceRecord, build_s
 from skywright.planning.motion.through import Places, compute_places, pass_through
 
 POOL = 6
-"""Paths that are kept and improved."""
+"""Number of paths that are kept and improved."""
 SEARCH = 0.15
-"""Share of the slices that look for another path once there is one."""
+"""Fraction of the slices that search for another path after the first."""
 
 
 class Path(NamedTuple):
-    """A path in configuration space, or what is in the way."""
+    """A path in configuration space, or what blocks it."""
 
     rows: Array  # (m, n) coordinates, the ends included; empty: none found
     cost: float  # of (6)
@@ -36,8 +36,8 @@ class Path(NamedTuple):
     first_cost: float
     plan_s: float
     history: Array  # (h, 2) time s and cost of each improvement
-    hits: Ints  # (pairs,) how often each pair blocked an edge of the search
-    blocked: int  # pair that blocks an end, -1: none
+    hits: Ints  # (pairs,) number of search edges that each pair blocked
+    blocked: int  # pair that blocks an end; -1: none
 
 
 @njit(cache=True, error_model="numpy")
@@ -46,16 +46,16 @@ def _slice(
     parents: Ints, counts: Ints, pool: Array, sizes: Ints, costs: Array, scales: Array,
     work: Array, hits: Ints, tries: int, places: Places, done: int,
 ) -> None:  # fmt: skip
-    """One slice of work: go on searching, or improve a path of the pool. The best is number 0."""
+    """Run one slice of work: continue the search, or improve a path of the pool (best first)."""
     space, k = spaces[0], scratch[0]
-    fresh = POOL  # the slot beyond the pool is for the path at hand
+    fresh = POOL  # the slot after the pool holds the present path
     found = 0
     filled = 0
     while filled < POOL and sizes[filled] > 0:
         filled += 1
-    # some slices look for other ways through; until the first path, all
+    # some slices search for other paths; before the first path, all do
     if filled == 0 or uniform(state) < SEARCH:
-        # from place to place, or with trees that need no places; the ways take turns
+        # from place to place, or with trees without places; the axes take turns
         ways = places.number.shape[0]
         way = done % max(ways, 1)
         if ways > 0 and (done < ways or uniform(state) < 0.5):
@@ -85,7 +85,7 @@ def _slice(
         _move(space, pool, sizes, costs, scales, fresh, slot)
         scales[slot] = 0.1
     else:
-        # the better a path, the more often it is its turn
+        # better paths are chosen more often
         slot = min(int(filled * uniform(state) ** 4), filled - 1)
         count = improve(
             space, pool[slot], sizes[slot], state, scales[slot : slot + 1], tries, k, work
@@ -130,12 +130,12 @@ def plan_path(
     slices: int | None = None,
     clock: Callable[[], float] = time.perf_counter,
 ) -> Path:
-    """Plan from `start` to `goal` (n,) until `time_s` is over, or with `first` until any path.
+    """Plan from `start` to `goal` (n,) for `time_s`, or with `first` until any path is found.
 
-    `slices` ends the search after that many slices of work instead of by the clock, so that the
-    same `rng` gives the same path on every machine. `clock` measures all times (a benchmark on a
-    busy machine takes the thread's processor time). The straight line, where free, is the
-    cheapest path and ends the search at once.
+    `slices` ends the search after this number of slices instead of by the clock, so that the same
+    `rng` gives the same path on every machine. `clock` measures all times (a benchmark on a busy
+    machine uses the thread's processor time). If the straight line is free, it is the cheapest path
+    and ends the search at once.
     """
     n = int(space["n"][0])
     scratch = build_scratch(space)
@@ -194,13 +194,13 @@ def _check_ends(
 
 @njit(cache=True, error_model="numpy")
 def check_state(space: Space, c: Array, scratch: Scratch) -> bool:
-    """Whether all margins hold at c, and c lies within its limits; see `edges.is_state_free`."""
+    """Return whether all margins hold at c, within its limits; see `edges.is_state_free`."""
     return is_state_free(space[0], c, scratch[0])
 
 
 @njit(cache=True, error_model="numpy")
 def sample_reserve(space: Space, scratch: Scratch, rows: Array, step: float) -> tuple[float, int]:
-    """Return (smallest reserve over the margins m, pair) along a path, each `step` of cost."""
+    """Return (smallest clearance above the margins m, pair) along a path, each `step` of cost."""
     r, k = space[0], scratch[0]
     best, which = np.inf, -1
     c = np.empty(r.n)

@@ -1,7 +1,7 @@
-"""A small random generator for compiled code: splitmix64 on one word of state.
+"""A small random generator for compiled code: splitmix64 with a state of one word.
 
-Its state is an array, so that a search can stop and go on in another call with the same sequence.
-(Steele, Lea and Flood, Fast splittable pseudorandom number generators, OOPSLA 2014.)
+The state is an array, so that a search can continue the same sequence in another call. (Steele, Lea
+and Flood, Fast splittable pseudorandom number generators, OOPSLA 2014.)
 """
 
 import math

@@ -1,9 +1,9 @@
 """RRT* as printed in Caballero et al. 2018: Algorithm 1, metric (4), near set (5), costs (6).
 
-The reference, not the default planner. What the paper leaves open is a parameter with a plausible
-value: reference speeds, thresholds, step, goal bias. Its check takes samples along an edge (see
-`angular.py`), so here, too, an edge can pass a thin obstacle between two of them; `certified`
-puts the certified check in its place.
+A reference for comparison, not the default planner. Quantities that the paper does not state are
+parameters with plausible values: reference speeds, thresholds, step, goal bias. Its check samples
+an edge (see `angular.py`), so an edge can pass a thin obstacle between two samples; `certified`
+replaces it by the certified check.
 """
 
 import time
@@ -29,21 +29,21 @@ from skywright.planning.motion.space import (
 
 
 class RrtStar(NamedTuple):
-    """Parameters that the paper does not print."""
+    """Parameters that the paper does not state."""
 
     u_ref: float = 0.5  # m/s, reference speed of the platform in (4)
     w_ref: float = 0.5  # rad/s, of the joints
     gamma_uav: float = 1.0  # m, thresholds of (5)
     gamma_arms: float = 0.6  # rad
     step_s: float = 1.0  # longest branch, in the metric (4)
-    goal_bias: float = 0.05  # share of samples at the goal
-    minimise_time: bool = False  # CF_T of (6) in place of CF_E
-    certified: bool = False  # the certified edge check in place of the sampled angular one
+    goal_bias: float = 0.05  # fraction of samples at the goal
+    minimise_time: bool = False  # CF_T of (6) instead of CF_E
+    certified: bool = False  # the certified edge check instead of the sampled angular one
     resolution: float = 0.05  # m or rad, between the samples along a branch
 
 
 class RrtStarResult(NamedTuple):
-    """The tree's best path over time."""
+    """The tree's best path, and its history."""
 
     rows: Array  # (m, n), empty: none found
     cost: float
@@ -109,7 +109,7 @@ def _grow(
             ):
                 near[found] = i
                 found += 1
-        # ADD: the parent that makes the new node cheapest
+        # ADD: the parent with the least cost of the new node
         up, least = nearest, cost[nearest] + _cost(space, par, nodes[nearest], new)
         for m in range(found):
             c = cost[near[m]] + _cost(space, par, nodes[near[m]], new)
@@ -138,9 +138,10 @@ def _grow(
 
 @njit(cache=True, error_model="numpy")
 def _lower(cost: Array, parent: Ints, count: int, root: int, by: float) -> None:
-    """Lower the cost of `root` and of everything below it.
+    """Lower the cost of `root` and of all its descendants.
 
-    A node's parent may have a higher index after rewiring, so passes go on until nothing changes.
+    After rewiring a parent may have a higher index than its child, so passes repeat until nothing
+    changes.
     """
     mark = np.zeros(count, dtype=np.bool_)
     mark[root] = True
@@ -168,7 +169,7 @@ def plan_rrt_star(
     max_nodes: int = 60_000,
     clock: Callable[[], float] = time.perf_counter,
 ) -> RrtStarResult:
-    """Run the paper's planner until `time_s`, `iterations` or `max_nodes` are used up."""
+    """Run the paper's planner until `time_s`, `iterations` or `max_nodes` is reached."""
     par = parameters or RrtStar()
     n = len(start)
     nodes, parent = np.zeros((max_nodes, n)), np.full(max_nodes, -1, dtype=np.int64)

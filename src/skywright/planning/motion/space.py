@@ -1,12 +1,12 @@
-"""The configuration space of a planner, described by data.
+"""The configuration space of a planner, defined by data.
 
 Coordinates c (n,) drive the platform and the joints linearly: (x, y, z, yaw, q) = offset + map c.
 The first `n_move` coordinates are the platform's translations (m), the others angles (rad). One
-coordinate may drive several joints, as both arms of a robot that hold one bar. A passive joint is
-not driven: it follows the static equilibrium of what hangs on it, platform level.
+coordinate may drive several joints, such as those of both arms of a robot that hold one bar. A
+passive joint is not driven: it follows the static equilibrium of its load, with a level platform.
 
-Bounds on how far any point moves for a change of c are part of the data; they make the edge
-checks rigorous.
+Bounds on the motion of any point for a change of c are part of the data; they make the edge checks
+rigorous.
 """
 
 import math
@@ -45,10 +45,10 @@ f8, i8 = np.float64, np.int64
 
 
 class SpaceRecord(Record):
-    """A configuration space as compiled code sees it; arrays of one record are passed around."""
+    """A configuration space for compiled code, as arrays of one record."""
 
     n: int  # coordinates
-    n_move: int  # of them, translations
+    n_move: int  # translations among them
     nb: int  # bodies
     ns: int  # shapes of the robot and what it carries
     nw: int  # obstacles
@@ -70,7 +70,7 @@ class SpaceRecord(Record):
     axis: Annotated[Array, MAX_BODIES, 3]
     mass: Annotated[Array, MAX_BODIES]
     com: Annotated[Array, MAX_BODIES, 3]
-    # the robot's shapes, see models.kinematic_tree.Shapes
+    # shapes of the robot, see models.kinematic_tree.Shapes
     s_body: Annotated[Integers, MAX_SHAPES]
     s_kind: Annotated[Integers, MAX_SHAPES]
     s_p0: Annotated[Array, MAX_SHAPES, 3]
@@ -90,8 +90,8 @@ class SpaceRecord(Record):
     chain: Annotated[Integers, MAX_SHAPES, MAX_BODIES]  # 1: the body is between platform and shape
     moment: Annotated[Array, MAX_BODIES]  # kg m, mass beyond a joint times its largest distance
     moment_min: float  # kg m, smallest first moment about the passive joint
-    bound: Annotated[Array, MAX_SHAPES]  # m, radius around the shape's middle that holds it
-    # pairs of shapes that must keep apart
+    bound: Annotated[Array, MAX_SHAPES]  # m, radius about its middle that contains it
+    # pairs of shapes whose distance is checked
     pairs: Annotated[Integers, MAX_PAIRS, 3]  # robot's shape, other, kind of pair
     margin: Annotated[Array, MAX_PAIRS]  # m
     area: Annotated[Array, 3, 2]  # m, limits of every shape's surface, before the margin
@@ -101,9 +101,9 @@ Space = NDArray[Any]
 
 
 class ScratchRecord(Record):
-    """Memory of the checks; one a thread."""
+    """Working memory of the checks, one per thread."""
 
-    # where the bodies are, and how fast they move along an edge (a unit of s)
+    # poses of the bodies and their velocities along an edge (per unit of s)
     u: Annotated[Array, MAX_U]
     du: Annotated[Array, MAX_U]
     p: Annotated[Array, MAX_BODIES, 3]  # m, in W
@@ -118,7 +118,7 @@ class ScratchRecord(Record):
     v1: Annotated[Array, MAX_SHAPES, 3]
     vm: Annotated[Array, MAX_SHAPES, 3]
     box: Annotated[Array, MAX_SHAPES, 3, 3]  # axes of boxes
-    omega: Annotated[Array, MAX_SHAPES]  # rad, bound on the turning of a shape
+    omega: Annotated[Array, MAX_SHAPES]  # rad, bound on the rotation of a shape
     acc: Annotated[Array, MAX_SHAPES]  # m, bound on the second derivative of its points
     # of the edge check
     active: Annotated[Integers, MAX_PAIRS]
@@ -139,21 +139,22 @@ Scratch = NDArray[Any]
 
 
 def build_scratch(space: Space) -> Scratch:
-    """Allocate the memory of the checks of one space."""
+    """Allocate the working memory of the checks of one space."""
     scratch = np.zeros(1, ScratchRecord.dtype)
     scratch[0]["active"] = np.arange(MAX_PAIRS)
     return scratch
 
 
 class Coordinate(NamedTuple):
-    """One coordinate: what it drives ("x", "y", "z", "yaw" or joint names), and its range."""
+    """One coordinate: the quantities that it drives ("x", "y", "z", "yaw" or joint names), its
+    range."""
 
     name: str
     drives: tuple[str, ...]
     low: float
     high: float
     gains: tuple[float, ...] = ()
-    """How far each moves for one unit of the coordinate; empty: 1."""
+    """Motion of each driven quantity per unit of the coordinate; empty: 1."""
 
 
 class Carried(NamedTuple):
@@ -178,11 +179,11 @@ def build_space(
     p1: float = 1.0,
     p2: float = 0.1,
 ) -> Space:
-    """Build the space of `coordinates`; what they do not drive stays at `fixed` (default 0).
+    """Build the space of `coordinates`; all other quantities stay at `fixed` (default 0).
 
-    `margin` (m) is kept from obstacles, ground and the limits of `area` (3, 2), `margin_self`
-    between parts of the robot that can meet. `p1`, `p2` are the weights of cost (6).
-    Raises InputError on an unknown name or crossing limits.
+    `margin` (m) applies to obstacles, ground and the limits of `area` (3, 2), `margin_self` between
+    parts of the robot that can collide. `p1`, `p2` are the weights of cost (6). Raises InputError
+    on an unknown name or crossing limits.
     """
     rows = {"x": X, "y": Y, "z": Z, "yaw": YAW}
     rows |= {name: JOINT0 + i for i, name in enumerate(scene.joints)}
@@ -261,7 +262,7 @@ def _row(rows: dict[str, int], name: str) -> int:
 
 
 def _add_carried(scene: PlanningScene, carried: Carried) -> tuple[Tree, Shapes]:
-    """Attach the bar to the first hand; its mass is shared by all hands."""
+    """Attach the bar to the first hand; all hands share its mass."""
     tree, s = scene.tree, scene.robot
     holder = scene.bodies.index(carried.bodies[0])
     # the middle of the bar lies in the robot's plane of symmetry, y = 0 of B
@@ -277,7 +278,7 @@ def _add_carried(scene: PlanningScene, carried: Carried) -> tuple[Tree, Shapes]:
     share = carried.mass / len(carried.bodies)
     for name in carried.bodies:
         b = scene.bodies.index(name)
-        com[b] *= mass[b] / (mass[b] + share)  # the share sits at the hand's origin
+        com[b] *= mass[b] / (mass[b] + share)  # the share is located at the hand's origin
         mass[b] += share
     return tree._replace(mass=mass, com=com), build_shapes([*rows, row])
 
@@ -299,7 +300,7 @@ def _chain_lengths(tree: Tree, shapes: Shapes) -> tuple[Array, Mask]:
 
 
 def _first_moments(tree: Tree, passive: int) -> tuple[Array, float]:
-    """Bounds for the equilibrium: first moment beyond each joint, the smallest about `passive`."""
+    """Return bounds for the equilibrium: first moment beyond each joint, least about `passive`."""
     nb = len(tree.parent)
     moment = np.zeros(nb)
     for b in range(1, nb):

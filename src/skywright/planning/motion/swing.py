@@ -1,7 +1,7 @@
 """The passive joint's swing along a timed motion, by the planar model of Caballero et al. 2018.
 
-Platform (level) and arms move as planned; the joint moves by its row of (3) with the bearing's
-damping. Swing is the distance from the static equilibrium of the moment's arm posture.
+Platform (level) and arms move as planned; the joint follows its row of (3) with the bearing's
+damping. The swing is the distance from the static equilibrium of the present arm posture.
 """
 
 import math
@@ -14,12 +14,12 @@ from skywright.core.user_code import njit
 from skywright.models.planar import PlanarLrm, fill_equations, fill_terms
 
 STEP = 0.004  # s, of the integration
-SETTLE = 2.0  # s that are watched after the motion's end
+SETTLE = 2.0  # s of simulation after the end of the motion
 
 
 def add_bar(model: PlanarLrm, mass: float) -> PlanarLrm:
     """Return the model with half of a bar's mass (kg) at the end of each forearm."""
-    share, end = mass / 2, model.l_u  # both arms' parts are of one length
+    share, end = mass / 2, model.l_u  # both links of an arm have equal lengths
     total = model.m_f + share
     c = (model.m_f * model.c_f + share * end) / total
     inertia = model.i_f + model.m_f * (c - model.c_f) ** 2 + share * (end - c) ** 2
@@ -29,7 +29,7 @@ def add_bar(model: PlanarLrm, mass: float) -> PlanarLrm:
 def build_swing(
     model: PlanarLrm, gravity: float, damping: float
 ) -> Callable[[Array, Array, Array, Array], float]:
-    """Return the function that `timing.assign_times` asks; coordinates (x, z, shoulders, elbows).
+    """Return the swing function for `timing.assign_times`; coordinates (x, z, shoulders, elbows).
 
     `damping` (N m s/rad) is the bearing's.
     """
@@ -42,7 +42,7 @@ def build_swing(
 
 @njit(cache=True, error_model="numpy")
 def equilibrium(p: PlanarLrm, shoulder: float, elbow: float) -> float:
-    """Static angle of the passive joint (rad), both arms alike, platform level."""
+    """Return the static angle of the passive joint (rad), equal arms, level platform."""
     forward = 2.0 * (
         p.m_u * p.c_u * math.sin(shoulder)
         + p.m_f * (p.l_u * math.sin(shoulder) + p.c_f * math.sin(shoulder + elbow))
@@ -57,7 +57,7 @@ def equilibrium(p: PlanarLrm, shoulder: float, elbow: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def compute_period(p: PlanarLrm, shoulder: float, elbow: float, g: float) -> float:
-    """Period (s) of a small swing about the equilibrium while the platform is held."""
+    """Return the period (s) of a small swing about the equilibrium while the platform is held."""
     q, M, rhs, step = np.zeros(8), np.zeros((8, 8)), np.zeros((8, 24)), 1e-4
     terms, none, torque = np.zeros(24), np.zeros(6), np.zeros(2)
     q[4] = q[6] = shoulder
@@ -76,7 +76,7 @@ def compute_period(p: PlanarLrm, shoulder: float, elbow: float, g: float) -> flo
 def compute_passive_rate(
     p: PlanarLrm, q: Array, u: Array, rates: Array, g: float, damping: float
 ) -> float:
-    """du0/dt from its row of (3), all other rates given; no actuator works on it."""
+    """Return du0/dt from its row of (3), given all other rates; no actuator acts on it."""
     M, rhs, terms, none = np.zeros((8, 8)), np.zeros((8, 24)), np.zeros(24), np.zeros(6)
     fill_equations(p, q, M, rhs)
     fill_terms(u, none, g, terms)

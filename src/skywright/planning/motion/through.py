@@ -1,18 +1,17 @@
-"""A first path through narrow places, one place after the other along the way.
+"""Search for a first path through narrow places, one place after the other along an axis.
 
-Trees that grow from start and goal meet narrow places by chance, and most of their edges end at an
-obstacle. The scene says where those places are: obstacles that stand in line along the way, none
-further from the next than the platform is long, make one place. What helps there is a posture that
-passes the whole place as it is, so this is what is looked for: a free state inside, from which the
-robot can move straight out on both sides. Such passes are then linked, from start to goal, by
-short motions in the open.
+Trees that grow from start and goal reach narrow places by chance, and most of their edges end at an
+obstacle. The scene determines where these places are: obstacles in line along an axis, with gaps
+shorter than the platform, form one place. The search looks for a posture that passes a whole place
+unchanged: a free state inside, from which the robot can move straight out on both sides. Short
+motions in free space then link these passes from start to goal.
 
-The way may lead along x, y or z, a wall's gap or a shaft: each translation in which start and goal
-differ has places of its own, and they take turns.
+The axis may be x, y or z, for a gap in a wall or a shaft: each translation in which start and goal
+differ has its own places, and they take turns.
 
 This is the idea of growing local trees where sampling is hard (Strandberg, ICRA 2004) and of local
-planners that turn first and move after (rotate-at-s: Amato et al., WAFR 1998). It is not complete:
-a place that no single posture passes is left to the trees (`connect`).
+planners that rotate first and translate after (rotate-at-s: Amato et al., WAFR 1998). It is not
+complete: a place that no single posture passes is left to the trees (`connect`).
 """
 
 from typing import Any, NamedTuple
@@ -27,27 +26,27 @@ from skywright.planning.motion.rng import State, pick, uniform
 from skywright.planning.motion.space import ScratchRecord, Space, SpaceRecord, X, Z
 
 DRAWS = 60
-"""States that are tried at one spot of a place."""
+"""Number of states that are tried at one position in a place."""
 PER_POSTURE = 4
-"""Of them, platform positions that share one posture: only the posture's kinematics are costly."""
+"""Number of platform positions per posture: only the posture's kinematics are costly."""
 PASSES = 24
-"""Ways through one place that are kept."""
+"""Number of passes through one place that are kept."""
 MAX_PLACES = 24
 AGAIN = 0.2
-"""Share of the draws that look for another way through a place that was reached."""
+"""Fraction of the draws that search for another pass through a place that was reached."""
 
 
 class Places(NamedTuple):
-    """Where obstacles stand between start and goal, for each way along one coordinate."""
+    """Places of obstacles between start and goal, for each axis."""
 
-    coordinate: Ints  # (w,) translation of the platform, of the space's coordinates
+    coordinate: Ints  # (w,) index of the translation among the space's coordinates
     axis: Ints  # (w,) X, Y or Z
-    number: Ints  # (w,) of places of each way
+    number: Ints  # (w,) number of places of each axis
     span: Array  # (w, MAX_PLACES, 2) m, in the order from start to goal
 
 
 def compute_places(space: Space, start: Array, goal: Array) -> Places:
-    """Return the places of all ways, the one of which they cover the smallest share first."""
+    """Return the places of all axes; the axis with the smallest covered fraction comes first."""
     r = space[0]
     ways = []
     for coordinate in range(int(r["n_move"])):
@@ -73,7 +72,7 @@ def compute_places(space: Space, start: Array, goal: Array) -> Places:
 
 
 def _list_spans(r: Any, axis: int, start: float, goal: float) -> Array:
-    """Return (k, 2) m, from where to where along one axis the places between both ends reach."""
+    """Return (k, 2) m, the extents along one axis of the places between both ends."""
     count = int(r["nw"])
     reach = r["w_radius"][:count] + np.einsum(
         "ij,ij->i", np.abs(r["w_rot"][:count, axis]), r["w_half"][:count]
@@ -127,7 +126,7 @@ def _draw_inside(
 
 @helper
 def _translate(space: SpaceRecord, i: int, by: float, k: ScratchRecord) -> None:
-    """Move all shapes along with coordinate i, a translation of the platform."""
+    """Move all shapes with coordinate i, a translation of the platform."""
     for axis in range(X, Z + 1):
         step = space.map[axis, i] * by
         if step != 0.0:
@@ -139,7 +138,7 @@ def _translate(space: SpaceRecord, i: int, by: float, k: ScratchRecord) -> None:
 
 @helper
 def _extent(space: SpaceRecord, axis: int, x: float, k: ScratchRecord) -> tuple[float, float]:
-    """How far (m) the placed robot reaches behind and ahead of x along an axis."""
+    """Return how far (m) the placed robot extends behind and ahead of x along an axis."""
     behind = ahead = 0.0
     for s in range(space.ns):
         r = space.s_radius[s]
@@ -153,7 +152,7 @@ def _extent(space: SpaceRecord, axis: int, x: float, k: ScratchRecord) -> tuple[
 
 @helper
 def _link(space: SpaceRecord, a: Array, b: Array, via: Array, k: ScratchRecord, hits: Ints) -> int:
-    """Join a and b: 1 straight, 2 over `via`, angles first or platform first, 0 not."""
+    """Connect a and b; return 1: straight, 2: over `via`, angles or platform first, 0: blocked."""
     if is_edge_free(space, a, b, k):
         return 1
     hits[k.blocked] += 1
@@ -170,10 +169,10 @@ def pass_through(
     space: SpaceRecord, start: Array, goal: Array, places: Array, along: int, axis: int,
     state: State, tries: int, path: Array, k: ScratchRecord, hits: Ints,
 ) -> int:  # fmt: skip
-    """Look for a path through all places with `tries` draws; return its rows in `path`, 0: none.
+    """Search for a path through all places with `tries` draws; return its rows in `path`, or 0.
 
-    `places` (k, 2) are those of one way of `compute_places`, along a coordinate that moves the
-    platform along an axis. `hits` (pairs,) counts what blocked the edges.
+    `places` (k, 2) are those of one axis of `compute_places`, along a coordinate that moves the
+    platform along it. `hits` (pairs,) counts the pairs that blocked edges.
     """
     n, count = space.n, places.shape[0]
     # a pass: entry, state inside, exit; the pass of the place before; the corner of the link

@@ -1,13 +1,13 @@
-"""When to be where on a path: the fastest motion within the limits, or one of a given duration.
+"""Time parametrisation of a path: the fastest motion within the limits, or of a given duration.
 
-Corners become parabolas where that keeps all margins (certified), else the motion stops there.
-Along the curve c(s) with c' and c'' known, the limits on speeds and accelerations bound the path
-speed and its change; one pass back and one pass forth over a grid of s give the fastest motion
+Corners become parabolas if these keep all margins (certified); otherwise the motion stops there.
+Along the curve c(s) with known c' and c'', the limits on speeds and accelerations bound the path
+speed and its change. A backward and a forward pass over a grid of s give the fastest motion
 (time-optimal path parametrisation: Bobrow et al. 1985; the passes of Pham and Pham, T-RO 2018).
-Tilt and rotors bound the platform's acceleration. s(t) may then be averaged over a time: averaged
-over one period of the passive joint it leaves no swing behind (an input shaper: Singer and Seering
-1990, here a box instead of impulses), and the path stays what it is. The swing of the passive joint
-is simulated along the motion, and time is stretched until it stays within its limit.
+Tilt and rotors bound the platform's acceleration. s(t) may then be averaged over a time window. An
+average over one period of the passive joint leaves no residual swing (an input shaper: Singer and
+Seering 1990, here a box instead of impulses) and does not change the path. The swing of the passive
+joint is simulated along the motion, and time is stretched until it stays within its limit.
 """
 
 import itertools
@@ -25,21 +25,21 @@ from skywright.planning.motion.edges import is_edge_free
 from skywright.planning.motion.space import Scratch, Space, build_scratch
 
 ROW = 0.02  # s, between the rows of a timed path
-GRID = 0.01  # of the path's length in cost (6), between the points of the grid
-CHORDS = 16  # of a parabola
-STRETCH = 1.05  # of time, while the swing is too large
+GRID = 0.01  # spacing of the grid in path length, cost (6)
+CHORDS = 16  # number of chords of a parabola
+STRETCH = 1.05  # factor on time while the swing is too large
 
 
 class TimeLimits(NamedTuple):
-    """What a motion may use."""
+    """Limits of a motion."""
 
     speed: float = 1.0  # m/s, platform
     acceleration: float = 0.8  # m/s^2
     joint_rate: float = 0.8  # rad/s
     joint_acceleration: float = 1.5  # rad/s^2
     tilt: float = math.radians(20.0)  # of the platform
-    thrust: float = math.inf  # N, of all rotors
-    mass: float = 1.0  # kg, of all
+    thrust: float = math.inf  # N, sum of all rotors
+    mass: float = 1.0  # kg, total
     gravity: float = 9.81  # m/s^2
     swing: float = math.radians(8.0)  # of the passive joint about its equilibrium
     smooth: float = 0.0  # s, over which the motion along the path is averaged
@@ -56,16 +56,16 @@ class Timed(NamedTuple):
 
     @property
     def duration(self) -> float:
-        """Length in s."""
+        """Duration (s)."""
         return float(self.t[-1])
 
 
 def compute_acceleration_limits(limits: TimeLimits) -> tuple[float, float]:
-    """Return (horizontal, vertical) limits (m/s^2) that tilt, rotors and `acceleration` allow.
+    """Return (horizontal, vertical) limits (m/s^2) within tilt, rotors and `acceleration`.
 
-    The vertical share is fixed first (at most half the acceleration), so that the horizontal one
-    can use tan(tilt) (g - a_z) and the thrust sqrt(a_x^2 + (g + a_z)^2) m.
-    Raises InfeasibleError when the rotors cannot carry the weight.
+    The vertical part is fixed first (at most half the acceleration), so that the horizontal one can
+    use tan(tilt) (g - a_z) and the thrust sqrt(a_x^2 + (g + a_z)^2) m. Raises InfeasibleError if
+    the rotors cannot carry the weight.
     """
     spare = limits.thrust / limits.mass - limits.gravity
     if spare <= 0.0:
@@ -91,7 +91,7 @@ class Curve(NamedTuple):
     c: Array  # (k, n)
     d: Array  # (k, n) c'
     dd: Array  # (k - 1, n) c'' in each interval
-    stop: Mask  # (k,) the path bends sharply here
+    stop: Mask  # (k,) the motion stops here, at a sharp corner
 
 
 @njit(cache=True, error_model="numpy")
@@ -103,9 +103,9 @@ def _are_chords_free(space: Space, scratch: Scratch, points: Array) -> bool:
 
 
 def build_curve(space: Space, rows: Array, blend: float = 0.4) -> Curve:
-    """Round the corners of a path; `blend` is the longest half length of a parabola in cost (6).
+    """Round the corners of a path; `blend` is the largest half length of a parabola in cost (6).
 
-    A parabola that breaks a margin is halved up to six times; then the corner becomes a stop.
+    A parabola that violates a margin is halved up to six times; then the corner becomes a stop.
     """
     weight = space[0]["weight"][: rows.shape[1]]
     keep = [0]
@@ -163,7 +163,7 @@ def _parabola(corner: Array, u: Array, v: Array, b: float) -> Array:
 
 @helper
 def _change_limits(d: Array, dd: Array, x: float, most: Array) -> tuple[float, float]:
-    """Smallest and largest s'' that keep |c'' x + c' s''| <= most, with x = s'^2."""
+    """Return the smallest and largest s'' with |c'' x + c' s''| <= most, for x = s'^2."""
     low, high = -1e18, 1e18
     for j in range(d.shape[0]):
         a = dd[j] * x
@@ -183,7 +183,7 @@ def _fastest(s: Array, d: Array, dd: Array, stop: Mask, top: Array, most: Array)
     An interval's limits hold at both of its ends, with its own c''.
     """
     k = s.shape[0]
-    can = np.zeros(k)  # largest x from which one can still stop in time
+    can = np.zeros(k)  # largest x from which the motion can still stop in time
     for i in range(k - 2, -1, -1):
         if stop[i]:
             continue
@@ -211,7 +211,7 @@ def _fastest(s: Array, d: Array, dd: Array, stop: Mask, top: Array, most: Array)
         step = s[i + 1] - s[i]
         _, largest = _change_limits(d[i], dd[i], x[i], most)
         x[i + 1] = min(can[i + 1], x[i] + 2.0 * step * max(largest, 0.0))
-        for _ in range(60):  # the limits at the other end, where c'' counts with the new speed
+        for _ in range(60):  # limits at the other end, where c'' applies with the new speed
             a, b = _change_limits(d[i + 1], dd[i], x[i + 1], most)
             change = (x[i + 1] - x[i]) / (2.0 * step)
             if a <= b and change <= b + 1e-9:
@@ -230,8 +230,8 @@ def assign_times(
 ) -> Timed:
     """Time a path: as fast as the limits allow, or in `duration` s.
 
-    `swing` returns the largest swing (rad) of a motion (t, c, cd, cdd); see
-    `swing.build_swing`. Raises InfeasibleError when `duration` is shorter than the fastest motion.
+    `swing` returns the largest swing (rad) of a motion (t, c, cd, cdd); see `swing.build_swing`.
+    Raises InfeasibleError if `duration` is shorter than the fastest motion.
     """
     curve = build_curve(space, rows)
     n, n_move = rows.shape[1], int(space[0]["n_move"])
@@ -267,7 +267,7 @@ def assign_times(
         factor = (duration - stretches * limits.smooth) / at[-1]
     for _ in range(200):
         timed = _sample(curve, x, at, factor, limits.smooth)
-        # averaging brings speed into bends that the fastest motion takes slowly
+        # averaging raises the speed in bends that the fastest motion takes slowly
         over = limits.smooth > 0.0 and bool(np.any(np.abs(timed.cdd) > most * (1.0 + 1e-3)))
         peak = 0.0 if swing is None or over else swing(timed.t, timed.c, timed.cd, timed.cdd)
         timed = timed._replace(swing=peak)
@@ -316,7 +316,7 @@ def _build_stretch(s: Array, x: Array, at: Array, factor: float) -> _Stretch:
 
 
 def _sample(curve: Curve, x: Array, at: Array, factor: float, smooth: float) -> Timed:
-    """Rows every `ROW` s of the motion with x = s'^2, stretched by `factor`, then averaged."""
+    """Return rows every `ROW` s of the motion x = s'^2, stretched by `factor`, then averaged."""
     stops = np.flatnonzero(curve.stop)
     stretches = [
         _build_stretch(curve.s[i : j + 1], x[i : j + 1], at[i : j + 1], factor)
@@ -344,7 +344,7 @@ def _sample(curve: Curve, x: Array, at: Array, factor: float, smooth: float) -> 
         piece[mine] = np.clip(i, first, last - 1)
     along = np.clip(s - curve.s[piece], 0.0, np.diff(curve.s)[piece])[:, None]
     d, bend = curve.d[piece], curve.dd[piece]
-    # after a stop the direction at the grid point is that of the interval behind it
+    # after a stop the direction at the grid point is that of the next interval
     c = curve.c[piece] + along * d + 0.5 * along**2 * bend
     slope = d + along * bend
     cd = slope * v[:, None]

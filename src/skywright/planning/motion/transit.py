@@ -1,9 +1,9 @@
 """Free flight in three dimensions between two configurations, platform and arms together.
 
-One planner for the ways of all missions: the scene that is simulated is its only source, so any
-robot and world will do. The platform moves in x, y, z and yaw; the arms move from the posture at
-the start to the one at the goal in step (one more coordinate). Where no way is found so, every
-joint gets a coordinate of its own.
+One planner serves the paths of all missions. Its only input is the simulated scene, so it works for
+any robot and world. The platform moves in x, y, z and yaw; the arms move in synchrony from the
+posture at the start to the one at the goal (one more coordinate). If this gives no path, every
+joint has its own coordinate.
 """
 
 import math
@@ -32,31 +32,31 @@ from skywright.planning.motion.space import (
 from skywright.planning.problem import BETWEEN_PARTS
 
 ROOM = 2.0
-"""m around start, goal and obstacles that a way may use."""
+"""m around start, goal and obstacles that a path may use."""
 SLICES = 24
-"""Slices of work, after which the cheapest way counts; not by the clock, so it repeats."""
+"""Number of slices of work before the cheapest path is returned: repeatable without a clock."""
 STEP = 0.01  # m of cost (6), between the samples of the reported clearance
 STILL = 1e-6  # rad, below which a joint does not move
 CORNER = 0.8
-EXCUSED = -1e3  # m, margin of a pair that is not judged
+EXCUSED = -1e3  # m, margin of a pair that is not checked
 
 
 class Configuration(NamedTuple):
-    """Where the robot is: the platform level, joints at rest."""
+    """Configuration of the robot: level platform, joints at rest."""
 
     p_WB: Array  # (3,) m
     yaw: float
-    q: Array  # (nj,) rad; a passive joint's value is not used, it hangs
+    q: Array  # (nj,) rad; the value of a passive joint is not used
 
 
 class Transit(NamedTuple):
-    """Way-points from start to goal, straight between each other, or what is in the way."""
+    """Waypoints from start to goal, connected by straight lines, or what blocks the path."""
 
     p_WB: Array  # (m, 3) m; empty: none
     yaw: Array  # (m,) rad, unwrapped
     q: Array  # (m, nj) rad
     cost: float  # of (6)
-    clearance: float  # m, smallest distance to anything on the way
+    clearance: float  # m, smallest distance to obstacles on the path
     blocked_by: str | None
     plan_s: float
 
@@ -79,11 +79,10 @@ def plan_transit(
 
     `key` names the input that sets the margin; the robot's parts keep `margin_self` (m) apart.
 
-    Where there is room for `wanted` (m) or half of it, that is kept, but for the corners: one that
-    `CORNER` of it can do without is dropped, since a flight slows down at each.
-    `passive` names a joint without a motor: it hangs in its static equilibrium. The same `rng`
-    gives the same way on every machine. Never raises for an impossible way: `blocked_by` says
-    what is in it.
+    If possible, the path keeps `wanted` (m) or half of it, except at corners: a corner is removed
+    if the rest keeps `CORNER` of it, because a flight slows down at each corner. `passive` names a
+    joint without a motor, which is in static equilibrium. The same `rng` gives the same path on
+    every machine. Does not raise for an impossible path: `blocked_by` states what blocks it.
     """
     began = time.perf_counter()
     turn = math.remainder(goal.yaw - start.yaw, 2.0 * math.pi)
@@ -101,7 +100,7 @@ def plan_transit(
         path = plan_path(space, ends[0], ends[1], rng, slices=slices)
     blocked_by: str | None = None
     if path.blocked >= 0:
-        k = int(check_state(space, ends[0], build_scratch(space)))  # the end that is not free
+        k = int(check_state(space, ends[0], build_scratch(space)))  # the blocked end
         blocked_by = f"{('start', 'goal')[k]}: {describe_pair(space, scene, path.blocked, key)}"
         near = _finish(space, path._replace(rows=ends[[k, k]]), margin)[2]
         if near < margin:
@@ -118,9 +117,9 @@ def plan_transit(
 
 
 def _finish(space: Space, path: Path, margin: float) -> tuple[Array, float, float]:
-    """Drop the corners that `margin` (m) can do without; return rows, cost and clearance (m).
+    """Remove the corners that `margin` (m) does not require; return rows, cost and clearance (m).
 
-    The clearance is the smallest distance to anything but the robot itself; NaN without a path.
+    The clearance is the smallest distance to anything except the robot itself; NaN without a path.
     """
     if not len(path.rows):
         return path.rows, math.inf, math.nan
@@ -147,7 +146,7 @@ def _build_blend(
     scene: PlanningScene, start: Configuration, goal: Configuration, moving: list[int],
     margin: float, margin_self: float, passive: str | None, low_z: float,
 ) -> tuple[Space, Array]:  # fmt: skip
-    """The space whose one coordinate of the arms leads from the start's posture to the goal's."""
+    """Build the space with one coordinate that moves the arms from start to goal posture."""
     coordinates = _platform(scene, start, goal, low_z)
     ends = [[*start.p_WB, start.yaw], [*goal.p_WB, goal.yaw]]
     if moving:
@@ -164,7 +163,7 @@ def _build_free(
     scene: PlanningScene, start: Configuration, goal: Configuration, driven: list[int],
     margin: float, margin_self: float, passive: str | None, low_z: float,
 ) -> tuple[Space, Array]:  # fmt: skip
-    """The space in which every joint with a motor moves by itself."""
+    """Build the space in which every joint with a motor moves independently."""
     coordinates = _platform(scene, start, goal, low_z)
     for j in driven:
         low = min(float(scene.q_min[j]), float(start.q[j]), float(goal.q[j])) - STILL
@@ -193,9 +192,9 @@ def _excuse_ends(
     scene: PlanningScene, coordinates: list[Coordinate], fixed: dict[str, float], ends: Array,
     margin: float, margin_self: float, passive: str | None,
 ) -> tuple[Space, Array]:  # fmt: skip
-    """Build the space; parts of the robot that are close at an end may be close on the way.
+    """Build the space; parts of the robot that are close at an end may be close on the path.
 
-    The platform is one box here, into which an arm may well be folded.
+    The platform is one box here, and a folded arm may lie inside it.
     """
     space = build_space(
         scene, coordinates, fixed, margin=margin, margin_self=margin_self, passive=passive
@@ -219,9 +218,9 @@ def _find_close(spaces: Space, scratch: Scratch, c: Array) -> Array:
 
 
 def describe_pair(space: Space, scene: PlanningScene, pair: int, key: str) -> str:
-    """Say which two things come closer than their margin, which `key` sets."""
+    """Return which two things are closer than their margin, which `key` sets."""
     a, b, kind = (int(x) for x in space[0]["pairs"][pair])
-    names = [*scene.names, "bar"]  # what is carried comes last
+    names = [*scene.names, "bar"]  # the carried bar comes last
     margin = float(space[0]["margin"][pair])
     if kind == PAIR_WORLD:
         other = scene.world_names[b]

@@ -1,8 +1,8 @@
 """The space of the bar transport: platform in the vertical plane, both arms on one bar.
 
-Both hands hold one rigid bar across the robot, so both arms have the same angles; the paper's six
-variables (q1, q3, and two joints an arm) become four. The costs and metrics still count both
-arms. The passive joint follows its equilibrium, the platform stays level.
+Both hands hold one rigid bar across the robot, so both arms have equal angles; the paper's six
+variables (q1, q3, and two joints per arm) become four. The costs and metrics still count both arms.
+The passive joint follows its equilibrium, the platform stays level.
 """
 
 import math
@@ -23,17 +23,17 @@ from skywright.planning.motion.space import Carried, Coordinate, Space, build_sp
 HANDS = ("hand0", "hand1")
 
 BENCHMARK = tuple((seed, 0.5 if seed <= 5 else 0.75) for seed in range(1, 11))
-"""Seed and difficulty of the ten drawn scenarios of the benchmark. Frozen."""
+"""Seed and difficulty of the ten random scenarios of the benchmark. Do not change them."""
 
 
 class Transport(NamedTuple):
-    """What is carried from where to where; configurations are (x m, z m, shoulders, elbows rad)."""
+    """The carried bar, its start and goal; configurations are (x m, z m, shoulders, elbows rad)."""
 
     start: tuple[float, float, float, float] = (0.0, 2.0, 0.0, -math.pi / 2)
     goal: tuple[float, float, float, float] = (9.0, 2.0, 0.0, -math.pi / 2)
-    margin: float = 0.2  # m, kept from everything
+    margin: float = 0.2  # m, clearance from obstacles
     margin_self: float = 0.02  # m, between parts of the robot
-    bar_length: float = 2.0  # m; 0: nothing is carried
+    bar_length: float = 2.0  # m; 0: no bar
     bar_radius: float = 0.02  # m
     bar_mass: float = 0.3  # kg
     p1: float = 1.0  # weights of cost (6)
@@ -41,7 +41,7 @@ class Transport(NamedTuple):
 
 
 class TransportProblem(NamedTuple):
-    """A space with its ends, and what messages need."""
+    """A space with its ends, and the data for messages."""
 
     space: Space
     start: Array
@@ -56,7 +56,7 @@ def build_transport(
 ) -> TransportProblem:
     """Build the planar problem of carrying a bar through a world's structures.
 
-    Raises InputError when the robot lacks the joints or limits cross.
+    Raises InputError if the robot lacks the joints or limits cross.
     """
     t, arm = transport or Transport(), robot.arm
     if arm is None or arm.sides != 2 or robot.pendulum is None:
@@ -93,5 +93,5 @@ def build_transport(
 
 
 def build_scenario(world: World, seed: int | None, difficulty: float = 0.5) -> World:
-    """Return the world with the structures that `seed` draws, or its own for None."""
+    """Return the world with the random structures of `seed`, or its own for None."""
     return world.model_copy(update={"scenario_seed": seed, "difficulty": difficulty})

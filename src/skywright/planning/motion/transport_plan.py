@@ -1,4 +1,4 @@
-"""From a transport problem to a plan file's rows: path, times, swing, joints."""
+"""Plan of a transport problem as the rows of a plan file: path, times, swing, joints."""
 
 import math
 from typing import NamedTuple
@@ -25,16 +25,16 @@ from skywright.planning.motion.transport import TransportProblem
 
 MARGIN_KEY = "mission.task.margin_m"
 
-RESOLUTION = 1e-3  # of the path in cost (6), between the samples of the reported clearance
+RESOLUTION = 1e-3  # spacing in cost (6) of the samples of the reported clearance
 
 
 class TransportPlan(NamedTuple):
-    """A transport's path, its times, and the rows of its plan file."""
+    """A transport's path, its time parametrisation, and the rows of its plan file."""
 
     path: Path
     timed: Timed
     file: PlanFile
-    clearance_m: float  # smallest distance to anything, the margin included
+    clearance_m: float  # smallest distance to obstacles, including the margin
     lower_bound: float
 
 
@@ -46,15 +46,15 @@ def build_swing_model(robot: Robot, problem: TransportProblem) -> PlanarLrm:
 
 
 def build_time_limits(robot: Robot, problem: TransportProblem) -> TimeLimits:
-    """Return the limits that a robot file sets, with the load on board.
+    """Return the limits of a robot file, with the load on board.
 
-    The motion is averaged over the period of the passive joint at the start, so that no swing is
-    left of it.
+    The motion is averaged over the period of the passive joint at the start, so that no residual
+    swing remains.
     """
     c, rotors = robot.control, robot.rotors
     space = problem.space[0]
     mass = float(np.sum(space["mass"][: int(space["nb"])]))
-    # the thrust of each rotor is bounded; a lifting force is shared by all of them alike
+    # the thrust of each rotor is bounded; all share a lifting force equally
     thrust = len(rotors.azimuth_deg) * rotors.thrust_max_n * rotors.thrust_fraction
     return TimeLimits(
         speed=c.speed_max_mps, acceleration=c.acceleration_max_mps2,
@@ -81,10 +81,10 @@ def plan_transport(
 
     `slices` ends the search by work instead of by `time_s`: the same plan on every machine.
 
-    Raises InputError when an end is blocked, InfeasibleError when no path is found within
-    `time_s`; its message names the narrowest passage.
+    Raises InputError if an end is blocked, InfeasibleError if no path is found within `time_s`; its
+    message names the narrowest passage.
     """
-    # a process's first call loads compiled code, which is no planning
+    # the first call of a process loads compiled code, which is not planning time
     plan_path(problem.space, problem.start, problem.goal, np.random.default_rng(0), slices=1)
     path = plan_path(
         problem.space, problem.start, problem.goal, build_stream(seed, "planner"), time_s,
@@ -125,7 +125,7 @@ def plan_transport(
 def build_plan_file(
     robot: str, problem: TransportProblem, timed: Timed, seed: int, metrics: dict[str, float]
 ) -> PlanFile:
-    """Expand coordinates to platform and joints; the passive joint at its equilibrium."""
+    """Expand coordinates to platform and joints, with the passive joint in equilibrium."""
     nj = len(problem.scene.joints)
     u, du = np.zeros((len(timed.t), JOINT0 + nj)), np.zeros((len(timed.t), JOINT0 + nj))
     _expand(problem.space, build_scratch(problem.space), timed.c, timed.cd, u, du)
@@ -150,7 +150,7 @@ def _name_end(problem: TransportProblem) -> str:
 
 
 def describe_narrowest(problem: TransportProblem, path: Path) -> str:
-    """Name the narrowest passage, or without any what was most in the way."""
+    """Return the narrowest passage, or without passages the most frequent obstacle."""
     t = problem.transport
     widths = list_passages(problem.world, problem.space, t.bar_length, t.margin)
     if widths:

@@ -1,1 +1,1 @@
-"""Figures of a run's report: one style, limits drawn, phases named."""
+"""Figures of a run's report, in one style, with limits and names of phases."""

@@ -1,7 +1,7 @@
-"""Time series as data: what a page needs to zoom in the panels of a figure that was drawn.
+"""Time series as data, with which a page can zoom in the panels of a figure.
 
-A figure is drawn once, by matplotlib; its lines, limits and phases are then read from it, so a
-mission kind's figures are interactive without code of their own.
+Matplotlib draws a figure once; its lines, limits and phases are then read from it. Therefore the
+figures of a mission kind are interactive without further code.
 """
 
 import base64
@@ -19,8 +19,8 @@ from skywright.core.arrays import Array
 from skywright.reports.figures.style import SPANS, WHOLE_LINES
 
 LEVELS, MOST = 65_534, 40_000
-"""Steps between the least and the largest value of a line, one more means that there is none;
-and samples of a line: of longer ones every second, third, ... is taken."""
+"""Quantization steps between the smallest and the largest value of a line (one more encodes NaN);
+and maximum number of samples of a line: longer ones are decimated."""
 RUN_CLOCK = "time since the start of the run (s)"
 _DASHES = {"--": [6, 4], ":": [2, 3], "-.": [6, 3, 2, 3]}
 
@@ -28,7 +28,7 @@ _DASHES = {"--": [6, 4], ":": [2, 3], "-.": [6, 3, 2, 3]}
 def build_plot(figure: Figure) -> str:
     """Return the panels of a figure over time as JSON for templates/plots.js; "" without any.
 
-    "" too where a panel shows something else: the plot takes the place of the picture.
+    Also returns "" if a panel has another x axis, because the plot replaces the picture.
     """
     if not all(find_clock(ax) for ax in figure.axes if ax.axison):
         return ""
@@ -49,14 +49,15 @@ def build_plot(figure: Figure) -> str:
 
 
 def find_clock(ax: Axes) -> str:
-    """Return the label of the time that panels below each other share, "" of other axes."""
+    """Return the label of the time axis that stacked panels share; "" for other axes."""
     siblings = ax.get_shared_x_axes().get_siblings(ax)
     label = next((x for a in siblings if (x := a.get_xlabel()).lower().startswith("time")), "")
     return RUN_CLOCK if label == "time (s)" else label
 
 
 def _pack(values: Array, data: bytearray) -> dict[str, float]:
-    """Append values (n,) in steps, as differences, low bytes before high ones; NaN is no value."""
+    """Append quantized values (n,) as differences, low bytes before high bytes; NaN has its own
+    code."""
     known = values[np.isfinite(values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
     step = (high - low) / LEVELS or 1.0

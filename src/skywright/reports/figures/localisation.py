@@ -1,4 +1,4 @@
-"""Localisation in flight: error of the estimate, and where the total station was not there."""
+"""Figure of the localisation in flight: error of the estimate, and outages of the total station."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -18,7 +18,7 @@ CAPTION = (
 
 
 def draw_localisation(result: RunResult) -> Figure | None:
-    """Error of the position, an axis each; None with motion capture."""
+    """Draw the position error per axis; None with motion capture."""
     s = result.samples
     if result.description.world.tracks_markers:
         return None

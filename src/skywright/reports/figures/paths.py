@@ -1,4 +1,4 @@
-"""Where the run went: the flight from above and from the side, the tip on the unrolled surface."""
+"""Paths of a run: the flight from above and from the side, the tip on the unrolled surface."""
 
 import math
 from typing import Any
@@ -43,11 +43,11 @@ _PARTS: dict[str, tuple[str, float]] = {
 
 
 WORK = ("force", "inspect", "carry", "transport")
-"""Phases in which missions without a scan do what they came for."""
+"""Main phases of missions without a scan."""
 
 
 def unroll_points(result: RunResult, p_W: Array) -> tuple[Array, Array]:
-    """Unrolled coordinates (s, c), each (n,) m, of points (n, 3) in W near the pipe."""
+    """Return unrolled coordinates (s, c), each (n,) m, of points (n, 3) in W near the pipe."""
     pipe = result.description.true_world.pipe
     assert pipe is not None
     cyl = surface.build_cylinder(pipe)
@@ -56,21 +56,21 @@ def unroll_points(result: RunResult, p_W: Array) -> tuple[Array, Array]:
 
 
 def join_angles(phi: Array) -> Array:
-    """Angles (n,) rad without the jump at ±pi where they lie on both sides of it."""
+    """Return angles (n,) rad without the jump at ±pi if they are on both sides of it."""
     middle = math.atan2(float(np.mean(np.sin(phi))), float(np.mean(np.cos(phi))))
     if abs(middle) > 0.75 * math.pi:
-        middle %= 2.0 * math.pi  # both sides agree on one turn
+        middle %= 2.0 * math.pi  # use one turn for both sides
     return np.asarray(middle + np.mod(phi - middle + math.pi, 2.0 * math.pi) - math.pi)
 
 
 def select_scan(result: RunResult) -> Samples:
-    """Samples taken in phases named scan."""
+    """Return the samples in phases named scan."""
     scanning = [i for i, p in enumerate(result.phases) if p.name == "scan"]
     return result.samples[np.isin(result.samples["phase"], scanning)]
 
 
 def draw_tip_path(result: RunResult) -> Figure | None:
-    """Desired and actual path of the tip on the unrolled pipe, and the tracking error on it."""
+    """Draw desired and actual path of the tip on the unrolled pipe, and samples without contact."""
     s = select_scan(result)
     if len(s) < 2 or result.description.world.pipe is None:
         return None
@@ -93,7 +93,7 @@ def draw_tip_path(result: RunResult) -> Figure | None:
 
 
 def draw_flight_path(result: RunResult) -> Figure | None:
-    """Platform and tip, from above and from the side, with robot and world to scale."""
+    """Draw platform and tip from above and from the side, with robot and world to scale."""
     s = result.samples
     if len(s) < 2:
         return None
@@ -146,7 +146,7 @@ def _outline_world(result: RunResult) -> list[Outline]:
 
 
 def _outline_robots(result: RunResult) -> list[tuple[list[Outline], float]]:
-    """Where the robot started, and in the middle of its work (or at its first way-point)."""
+    """Return the robot at its start, and in the middle of its work (or at its first way-point)."""
     robot, s = result.description.robot, result.samples
     n = len(posture(robot, "folded"))
     out = [(_place(result, s[0], s["q"][0][:n]), 0.35)]

@@ -1,4 +1,4 @@
-"""The plan: how close it comes to things, what it asks of the rotors, and how long it takes."""
+"""Figure of the plan: clearance and rotor margin over time."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -23,7 +23,7 @@ from skywright.run.run import RunResult
 
 
 def draw_plan(result: RunResult) -> Figure | None:
-    """Planned clearance and rotor margin along the plan's segments, end to end."""
+    """Draw planned clearance and rotor margin over the concatenated segments of the plan."""
     t, clearance, margin, spans = _join(result.plan.segments, result.plan.traces)
     if len(t) < 2:
         return None
@@ -59,7 +59,7 @@ def draw_plan(result: RunResult) -> Figure | None:
 def _join(
     segments: Mapping[str, NDArray[Any]], traces: Mapping[str, NDArray[Any]]
 ) -> tuple[Array, Array, Array, list[Span]]:
-    """Put the segments one after the other; times from the start of the first."""
+    """Concatenate the segments; times count from the start of the first."""
     times, clearances, margins, spans = [], [], [], list[Span]()
     start = 0.0
     for name, trace in traces.items():

@@ -1,4 +1,4 @@
-"""Time series of a run: what the probe did in contact, and how the whole flight went."""
+"""Time series of a run: the probe in contact, and the whole flight."""
 
 import math
 
@@ -31,11 +31,11 @@ from skywright.run.run import RunResult
 TOUCHING = ("touch", "settle", "scan", "back_off", "leave")
 """Phases near the surface."""
 
-GAP_SHOWN = 3.0  # mm; beyond it the probe is simply in the air
+GAP_SHOWN = 3.0  # mm; larger gaps are not shown
 
 
 def find_contact_window(result: RunResult) -> tuple[float, float] | None:
-    """Return the times (s) between which the probe was near the surface; None if it never was."""
+    """Return the times (s) between which the probe was near the surface; None if it was not."""
     near = [p for p in result.phases if p.name in TOUCHING]
     if not near or len(result.samples) == 0:
         return None
@@ -44,9 +44,9 @@ def find_contact_window(result: RunResult) -> tuple[float, float] | None:
 
 
 def compute_tip_errors(s: Samples) -> tuple[Array, Array]:
-    """Distances (n,) m of the tip from its desired point: along the surface, and into the air.
+    """Return distances (n,) m of the tip from its desired point: along the surface, and outward.
 
-    NaN in free flight, where there is no surface to speak of.
+    NaN in free flight, where there is no surface.
     """
     normal = s["ref_normal_W"]
     error = s["p_WT"] - s["ref_p_WT"]
@@ -57,23 +57,23 @@ def compute_tip_errors(s: Samples) -> tuple[Array, Array]:
 
 
 def compute_tilt(q_WB: Array) -> Array:
-    """Angle (n,) rad between z_B and the vertical."""
+    """Return the angle (n,) rad between z_B and the vertical."""
     return np.asarray(np.arccos(np.clip(1.0 - 2.0 * (q_WB[:, 1] ** 2 + q_WB[:, 2] ** 2), -1, 1)))
 
 
 def draw_contact_series(result: RunResult, push: float, depth: float) -> Figure | None:
-    """Tip error, gap, tilt, force, attitude and rotor loads while the probe is at the surface.
+    """Draw tip error, gap, tilt, force, attitude and rotor loads while the probe is at the surface.
 
-    `push` (N) and `depth` (m, of the desired tip in the surface) are what was planned.
+    `push` (N) and `depth` (m, of the desired tip inside the surface) are the planned values.
     """
     window = find_contact_window(result)
-    if window is None or result.description.world.structure is not None:  # has its own pictures
+    if window is None or result.description.world.structure is not None:  # has its own figures
         return None
     samples = result.samples
     s = samples[(samples["t"] >= window[0]) & (samples["t"] <= window[1])]
     along, out = compute_tip_errors(s)
     if np.count_nonzero(np.isfinite(along)) < 2:
-        return None  # a hand at work, not a probe: its kind draws that
+        return None  # a hand at work, not a probe: its kind draws the figure
     t = s["t"]
     figure = new_figure(WIDTH, 11.6)
     strip, axes = stack_panels(figure, 7)
@@ -96,7 +96,7 @@ def draw_contact_series(result: RunResult, push: float, depth: float) -> Figure 
 
 
 def draw_flight_series(result: RunResult) -> Figure | None:
-    """Position, attitude, estimate, rotor loads and power over the whole run, where it flew."""
+    """Draw position, attitude, estimate, rotor loads and power over the whole run, if it flew."""
     s = result.samples
     if len(s) < 2 or not np.any(s["rotor_thrust"]):
         return None
@@ -139,7 +139,7 @@ def _draw_single(ax: Axes, t: Array, y: Array, title: str, label: str, color: st
 
 
 def _fit_limit(ax: Axes, y: Array, limit: float | None) -> None:
-    """Show all values from 0 on, and the limit."""
+    """Set the range from 0 to include all values and the limit."""
     known = y[np.isfinite(y)]
     fit_y(ax, float(known.max()) if known.size else 0.0, limit or 0.0, low=0.0)
 
@@ -158,7 +158,7 @@ def _draw_tangential(ax: Axes, t: Array, along: Array, result: RunResult) -> Non
 
 
 def _draw_normal(ax: Axes, t: Array, out: Array, depth: float) -> None:
-    """`depth` (mm) is the planned one."""
+    """`depth` (mm) is the planned depth."""
     _draw_single(
         ax, t, 1e3 * out,
         "Tip error along the normal: the desired tip lies inside the surface; this offset "

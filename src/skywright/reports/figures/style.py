@@ -1,6 +1,6 @@
-"""The one style of all report figures, and what they share: phases, limits, thinning, SVG.
+"""The common style of all report figures, with functions for phases, limits, thinning and SVG.
 
-Colours are those of Okabe and Ito (2008), which colour-blind readers can tell apart.
+Colours are those of Okabe and Ito (2008), which colour-blind readers can distinguish.
 """
 
 import io
@@ -37,25 +37,26 @@ WIDTH = 9.6
 """Inches; the page shows figures at this width."""
 
 MAX_COLUMNS = 500
-"""Time bins a line is thinned to; each keeps its smallest and largest value."""
+"""Number of time bins of a thinned line; each keeps its smallest and largest value."""
 
 LETTER, KEY_WIDTH = 0.0078, 150
-"""Width of a letter of a phase's name, as a share of the panels' width; letters on a line."""
+"""Width of a letter of a phase's name, as a share of the panels' width; letters per line of the
+key."""
 MANY = 300
-"""Points from which a cloud is drawn as a picture."""
+"""Number of points from which a point cloud is rasterized."""
 
 SPANS: WeakKeyDictionary[Figure, Sequence["Span"]] = WeakKeyDictionary()
-"""The phases that a figure shows."""
+"""The phases of each figure."""
 WHOLE_LINES: WeakKeyDictionary[Line2D, tuple[Array, Array]] = WeakKeyDictionary()
 """Times and values of lines that are drawn thinned."""
 
 _STYLE: Any = {
-    "font.family": "DejaVu Sans",  # comes with matplotlib
+    "font.family": "DejaVu Sans",  # part of matplotlib
     "font.size": 8.5,
     "axes.titlesize": 9.5,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
-    "axes.titley": 1.0,  # fixed: looking for free room costs a third of the drawing time
+    "axes.titley": 1.0,  # fixed: the search for free space takes a third of the drawing time
     "axes.titlepad": 4.0,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -70,16 +71,16 @@ _STYLE: Any = {
     "legend.fontsize": 8,
     "xtick.color": "#444444",
     "ytick.color": "#444444",
-    "text.parse_math": False,  # a name with $ in it is a name
+    "text.parse_math": False,  # $ in a name has no meaning
     "svg.fonttype": "none",
-    "svg.hashsalt": "skywright",  # the same run gives the same file
+    "svg.hashsalt": "skywright",  # equal runs give equal files
     "path.simplify": True,
 }
 
 
 @contextmanager
 def house_style() -> Iterator[None]:
-    """Everything drawn inside has the report's style."""
+    """Apply the report's style inside this context."""
     with matplotlib.rc_context(_STYLE):
         yield
 
@@ -94,7 +95,7 @@ def new_figure(width: float = WIDTH, height: float = 4.0) -> Figure:
 def new_map(
     s: Array, c: Array, above: float, below: float = 0.5, right: float = 0.15
 ) -> tuple[Figure, Axes]:
-    """Return a figure as high as a map of (s, c) with equal scales needs; margins in inches."""
+    """Return a figure whose height fits a map of (s, c) with equal scales; margins in inches."""
     width, left = 7.4, 0.75
     across, up = float(np.ptp(s)), float(np.ptp(c))
     room = 0.12 * max(across, up, 1e-3)
@@ -107,7 +108,7 @@ def new_map(
 
 
 def render_svg(figure: Figure) -> bytes:
-    """Return the figure as SVG with real text; point clouds become pictures inside it."""
+    """Return the figure as SVG with real text; point clouds are rasterized."""
     for ax in figure.axes:
         for dots in ax.collections:
             if np.size(dots.get_offsets()) // 2 > MANY:
@@ -117,12 +118,13 @@ def render_svg(figure: Figure) -> bytes:
                 line.set_rasterized(True)
     buffer = io.BytesIO()
     figure.savefig(buffer, format="svg", dpi=150, metadata={"Date": None, "Creator": None})
-    # Verdana has the metrics of DejaVu Sans: text fits where the reader has only one of the two
+    # Verdana has the metrics of DejaVu Sans: text fits if only one of the two is installed
     return buffer.getvalue().replace(b"'DejaVu Sans'", b"'DejaVu Sans', Verdana, sans-serif")
 
 
 def write_png(draw: Callable[[RunResult], Figure | None], result: RunResult, path: Path) -> Path:
-    """Draw one figure of a run and write it as PNG. Raises InputError where there is none."""
+    """Draw one figure of a run and write it as PNG. Raises InputError if there is nothing to
+    draw."""
     with house_style():
         figure = draw(result)
         if figure is None:
@@ -134,7 +136,7 @@ def write_png(draw: Callable[[RunResult], Figure | None], result: RunResult, pat
 def thin(t: Array, y: Array, columns: int = MAX_COLUMNS) -> tuple[Array, Array]:
     """Reduce a line (n,), (n,) to the extremes of `columns` bins, so that no peak is lost.
 
-    NaN interrupts the line, as before.
+    NaN still interrupts the line.
     """
     n = len(t)
     if n <= 4 * columns:
@@ -153,7 +155,7 @@ def thin(t: Array, y: Array, columns: int = MAX_COLUMNS) -> tuple[Array, Array]:
 
 
 class Span(NamedTuple):
-    """A stretch of time that a phase fills."""
+    """Interval of a phase."""
 
     name: str
     start: float
@@ -162,7 +164,7 @@ class Span(NamedTuple):
 
 
 def clip_phases(phases: Sequence[PhaseRecord], start: float, end: float) -> list[Span]:
-    """Phases inside a time window, with readable names."""
+    """Return the phases inside a time window, with readable names."""
     return [
         Span(p.name.replace("_", " "), max(p.start_s, start), min(p.end_s, end), i)
         for i, p in enumerate(phases, 1)
@@ -171,9 +173,9 @@ def clip_phases(phases: Sequence[PhaseRecord], start: float, end: float) -> list
 
 
 def shade_phases(strip: Axes, axes: Sequence[Axes], spans: Sequence[Span]) -> None:
-    """Shade every other phase on all axes; the strip on top names those that are long enough.
+    """Shade every other phase on all axes; the strip on top shows the names of long phases.
 
-    Where a name does not fit, all phases are numbered, and a key below the panels names them.
+    If a name does not fit, all phases are numbered, and a key below the panels lists their names.
     """
     strip.set_axis_off()
     if not spans:
@@ -200,7 +202,7 @@ def shade_phases(strip: Axes, axes: Sequence[Axes], spans: Sequence[Span]) -> No
             strip.text(middle, 1.35 if all(wide) else 3.5, span.name, **style)
     if all(wide):
         return
-    least = min(2.2 * LETTER, 1.0 / len(spans)) * length  # so that numbers do not touch
+    least = min(2.2 * LETTER, 1.0 / len(spans)) * length  # avoids overlap of numbers
     for span, middle, x in zip(spans, middles, _spread(middles, least, end), strict=True):
         strip.plot([middle, x], [1.0, 1.9], color=GREY, lw=0.5, clip_on=False)
         strip.text(x, 1.9, f"{span.number}", **{**style, "fontsize": 7.0})
@@ -208,14 +210,14 @@ def shade_phases(strip: Axes, axes: Sequence[Axes], spans: Sequence[Span]) -> No
 
 
 def _spread(at: Sequence[float], least: float, end: float) -> list[float]:
-    """Move what lies closer than `least` apart, none beyond `end`."""
+    """Shift positions to a distance of at least `least`, none beyond `end`."""
     steps = least * np.arange(len(at))
     apart = np.maximum.accumulate(np.asarray(at) - steps) + steps
     return list(np.minimum(apart, end - steps[::-1]))
 
 
 def _write_key(figure: Figure, spans: Sequence[Span]) -> None:
-    """Write the phases' numbers and names below the panels; the figure grows by the lines."""
+    """Write the phases' numbers and names below the panels, and enlarge the figure accordingly."""
     numbers: dict[str, list[str]] = {}
     for span in spans:
         numbers.setdefault(span.name, []).append(str(span.number))
@@ -233,7 +235,7 @@ def _write_key(figure: Figure, spans: Sequence[Span]) -> None:
 
 
 def draw_line(ax: Axes, t: Array, y: Array, **style: Any) -> None:
-    """Draw a thinned time series; figures/interactive.py takes the whole one."""
+    """Draw a thinned time series; figures/interactive.py uses the whole one."""
     WHOLE_LINES[ax.plot(*thin(t, y), **style)[0]] = (t, y)
 
 
@@ -247,7 +249,7 @@ def draw_limit(
 ) -> None:
     """Draw a limit with its name at the right end of the line.
 
-    `spans` are the times (s) in which it applies; None: everywhere.
+    `spans` are the times (s) in which it applies; None: all times.
     """
     style: Any = {"color": LIMIT, "lw": 1.1, "ls": (0, (5, 3)), "zorder": 4, "label": f"_{label}"}
     if spans is None:
@@ -273,11 +275,11 @@ def draw_requirement(
     origin: float = 0.0,
     scale: float = 1.0,
 ) -> float | None:
-    """Draw the limit on a metric over the phases in which it is measured, and name them.
+    """Draw the limit of a metric over the phases in which it is measured, and name them.
 
-    `label` has the limit at {:g}; `spans` replace the phases, `origin` (s) is where the time of
-    the axes begins; a limit on a share is drawn times `scale`. Returns the limit, or None where
-    nothing is required.
+    `label` contains {:g} for the limit. `spans` replace the phases; `origin` (s) is the start time
+    of the axes; the limit of a share is multiplied by `scale`. Returns the limit, or None if the
+    metric has no requirement.
     """
     limit = next((scale * r.limit for r in result.requirements if r.name == name), None)
     if limit is None or math.isnan(limit):
@@ -292,7 +294,7 @@ def draw_requirement(
 
 
 def fit_y(ax: Axes, *values: float, low: float | None = None) -> None:
-    """Show all finite `values` with some room; `low` fixes the lower end."""
+    """Set the y range to all finite `values` with a margin; `low` fixes the lower end."""
     known = np.array([v for v in values if np.isfinite(v)])
     if known.size == 0:
         return
@@ -305,7 +307,8 @@ def fit_y(ax: Axes, *values: float, low: float | None = None) -> None:
 def draw_panels(
     height: float, phases: Sequence[PhaseRecord], t: Array, *panels: tuple[str, str]
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure of panels over times `t` (n,) s, each a (title, label), phases shaded."""
+    """Return a figure of panels over times `t` (n,) s, each a (title, label), with phases
+    shaded."""
     figure = new_figure(WIDTH, height)
     strip, axes = stack_panels(figure, len(panels))
     shade_phases(strip, axes, clip_phases(phases, float(t[0]), float(t[-1])))
@@ -315,7 +318,7 @@ def draw_panels(
 
 
 def stack_panels(figure: Figure, count: int, *, bottom: float = 0.5) -> tuple[Axes, list[Axes]]:
-    """Axes of equal height, one above the other, sharing the time, and a strip for the phases."""
+    """Return a strip for the phases, and stacked axes of equal height that share the time."""
     width, height = figure.get_size_inches()
     left, right, gap, names, band = 0.72, 0.15, 0.36, 0.52, 0.1
     top = names + band + 0.36

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from skywright.core.spec import NonNegative
 from skywright.run.faults._rule import Response, Rule
 
@@ -33,22 +31,25 @@ class ToolDropped(Rule):
 
     def __init__(self, name: str, table: Any = None) -> None:
         super().__init__(name, table)
-        self._hung: Any = None
+        self._hung: list[float] | None = None  # where it hung when it was lifted, in B
 
     def begin(self, v: Senses) -> None:
         from skywright.vehicle.arms.ports import Hands, Marker
+        from skywright.vehicle.bus import Estimate
 
-        self._marker, self._hands = v.get(Marker), v.get(Hands)
+        fields = (Marker, "p_WO"), (Hands, "p_WH"), (Estimate, "R_WB")
+        self._places = [v.place(*field) for field in fields]
 
     def look(self, v: Senses) -> float:
-        marker, hands = self._marker, self._hands
-        if marker is None or hands is None:
+        n = v.hands
+        if None in self._places or n == 0:
             return math.nan
         if max(v.told("load")) <= 0.0:
             self._hung = None
             return math.nan
-        R_WB = v.estimate["R_WB"]
-        place = R_WB.T @ (marker.p_WO - np.mean(hands.p_WH[: v.hands], axis=0))
+        p_WO, p_WH, R_WB = (place.tolist() for place in self._places)
+        away = [p_WO[i] - sum(p[i] for p in p_WH[:n]) / n for i in range(3)]
+        place = [sum(R_WB[i][j] * away[i] for i in range(3)) for j in range(3)]
         if self._hung is None:
             self._hung = place
-        return float(np.linalg.norm(place - self._hung))
+        return math.dist(place, self._hung)

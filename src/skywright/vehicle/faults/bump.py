@@ -9,6 +9,7 @@ import numpy as np
 from skywright.core.record import Record, Vec3
 from skywright.core.spec import Positive
 from skywright.errors import InputError
+from skywright.models.fixed_body import list_moving
 from skywright.vehicle.bus import Clock, MuJoCo
 from skywright.vehicle.component import Fault, words
 
@@ -37,7 +38,7 @@ class Bump(Fault):
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Look up the body; raises InputError where there is none of that name."""
         model = context.scene.model
-        names = [model.body(i).name for i in range(1, model.nbody)]
+        names = list_moving(model)
         if table.body not in names:
             raise InputError(
                 f"plant.faults.{self.name}.body: unknown body {table.body!r}; valid: "
