@@ -45,8 +45,7 @@ def has_forces(name: str) -> bool:
 
 
 def choose_backend(name: str) -> Callable[..., SimulatedVehicle]:
-    """Return the constructor of a back end that flies; raises InputError that lists the valid
-    ones."""
+    """Return the constructor of a back end that flies; raises InputError for another name."""
     kind, address = split_backend(name)
     if kind in LINKED:
         return import_module(LINKED[kind]).open_backend(address)
@@ -79,8 +78,7 @@ def check_backend(setup: Setup[Any], name: str) -> None:
 def build_for_mission(
     description: Description, setup: Setup[Any], backend: str, parts: Sequence[Component]
 ) -> SimulatedVehicle:
-    """Build a back end and check that it offers what the mission needs; raises InputError if
-    not."""
+    """Build a back end for a mission; raises InputError if it lacks what the mission needs."""
     vehicle = build_vehicle(description, setup=setup, backend=backend, parts=parts)
     kind = load_kind(description.mission.kind)
     try:

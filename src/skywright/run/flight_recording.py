@@ -21,8 +21,7 @@ EVERY = 2
 
 
 class Pace:
-    """Schedule of writes: every 1 s to 5 s of flight, at least 0.5 s of wall time apart if
-    possible."""
+    """Schedule of writes: every 1 s to 5 s of flight, 0.5 s of wall time apart."""
 
     SOON_S, LATE_S, WALL_S = 1.0, 5.0, 0.5
 

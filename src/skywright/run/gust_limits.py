@@ -57,8 +57,7 @@ def find_exceeded_motion(
     setup: Setup[Any], yaw: float, place: float, swing: float, rest: float, within: float,
     swing_sigmas: float,
 ) -> str | None:  # fmt: skip
-    """Return a message if gusts move the platform or its link by more than a mission allows, or
-    None.
+    """Return a message if gusts move the platform or its link too far, or None.
 
     The platform has the heading `yaw` (rad). `place` (m) is the permitted displacement from an
     earlier position: the difference of two gusts has sqrt(2) of the deviation of one, and

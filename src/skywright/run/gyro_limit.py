@@ -50,8 +50,7 @@ def compute_strain(nominal: Nominal, torque: Array) -> Strain:
 
 
 def find_noisy_gyroscope(setup: Setup[Any]) -> str | None:
-    """Return a message if the gyroscope's noise makes the attitude loop drive the rotors to their
-    limits, else None.
+    """Return a message if the gyroscope's noise drives the rotors to their limits, else None.
 
     In roll and pitch, the law answers a rate with the torque of `Law.compute_rate_torque` (I 2 zeta
     w of an attitude loop). (Yaw is slower where it is costly, and is reduced first.)
@@ -80,8 +79,7 @@ def find_noisy_gyroscope(setup: Setup[Any]) -> str | None:
 
 
 def explain_noise(vehicle: Backend, sigmas: float) -> str:
-    """Return a message if the law answers the gyroscope's noise with more than the rotors have,
-    else "".
+    """Return a message if the law's answer to gyroscope noise exceeds the rotors, else "".
 
     Measured on the law's own step in flight, so that it holds for laws that do not provide a
     torque.

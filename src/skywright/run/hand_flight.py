@@ -1,5 +1,4 @@
-"""Flight by a pilot's stick: it commands the platform's velocity, its tilt in place, or its
-attitude."""
+"""Flight by a pilot's stick: it commands the platform's velocity, tilt in place, or attitude."""
 
 from __future__ import annotations
 
@@ -114,8 +113,7 @@ class HandFlight:
 
 
 def find_tilt_in_place(s: Supervisor) -> float:
-    """Return the tilt (rad) at full deflection in angle mode; 0 if the robot cannot tilt in
-    place."""
+    """Return the tilt (rad) at full deflection in angle mode; 0 if the robot has no such mode."""
     v = s.vehicle
     q = np.array(v.reference["q"][: v.n_joints])
     tilt = ANGLE_SHARE * compute_hover_tilt(v.robot, q, v.world.gravity_mps2)

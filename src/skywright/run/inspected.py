@@ -20,8 +20,7 @@ class InspectedFlaw(NamedTuple):
     contact: bool
     """Whether the probe covered the flaw, within its tolerances, in at least one pass."""
     signal: float | None = None
-    """Largest signal at the flaw in the instrument's units, reported or not; None if none was
-    read."""
+    """Largest signal at the flaw in the instrument's units, reported or not; None: none read."""
     conditions: dict[str, float] = {}
     """Quantities on which detection may depend at this position, such as gap_mm."""
 

@@ -150,8 +150,7 @@ class MissionKind(ABC, Generic[T, P]):
     def leave_out(
         asked: dict[str, Requirement], left_out: dict[str, bool]
     ) -> dict[str, Requirement]:
-        """Return the requirements without those whose names begin with a key of `left_out` that is
-        True."""
+        """Return the requirements except those whose names begin with a true key of `left_out`."""
         skipped = tuple(name for name, out in left_out.items() if out)
         return {k: v for k, v in asked.items() if not k.startswith(skipped)}
 
@@ -171,8 +170,7 @@ class MissionKind(ABC, Generic[T, P]):
         return {}
 
     def inspected(self, run: Flown[T, P]) -> Inspected | None:
-        """Return the detection results for the flaws of the true world; None if it searched for
-        none.
+        """Return the detection results for the true flaws; None if the flight searched for none.
 
         Also for a flight that ended early: a flaw that was not reached was not found.
         """

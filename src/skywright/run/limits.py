@@ -212,8 +212,7 @@ def compute_wind_drag(nominal: Nominal) -> float:
 
 
 def compute_gust_drag(nominal: Nominal, speed: float) -> Array:
-    """Return the drag (3,) N due to a gust of 1 m/s along a mean wind of `speed`, across it, and
-    from above.
+    """Return the drag (3,) N of a gust of 1 m/s along a mean wind of `speed`, across it and above.
 
     The hubs' drag lies in the rotors' plane, so a vertical gust acts on the body only.
     """
@@ -224,8 +223,7 @@ def compute_gust_drag(nominal: Nominal, speed: float) -> Array:
 
 
 def compute_equivalent_wind(nominal: Nominal, p_WB: Array, yaw: float, turn: float = 0.0) -> Array:
-    """Return the uniform wind (3,) m/s whose drag on a level robot at p_WB equals that of the mean
-    wind.
+    """Return the uniform wind (3,) m/s with the drag of the mean wind on a level robot at p_WB.
 
     A jet is narrower than a robot, so the drag of body and hubs (hovering rotors, each in its local
     wind) is summed and a v^2 + b v = F is solved for the speed. The torque of the uneven drag is

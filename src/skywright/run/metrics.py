@@ -100,8 +100,7 @@ def _judge_response(s: Samples, phases: list[PhaseRecord]) -> dict[str, float]:
 
 
 def _find_longest(on: NDArray[np.bool_], dt: Array) -> float:
-    """Return the longest uninterrupted time (s) of `on`; `dt` (s) is the duration of each
-    sample."""
+    """Return the longest uninterrupted time (s) of `on`; `dt` (s) are the sample durations."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]]).astype(int)))
     t = np.concatenate([[0.0], np.cumsum(dt)])
     return float(np.max(t[edges[1::2]] - t[edges[::2]], initial=0.0))

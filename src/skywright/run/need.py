@@ -56,8 +56,7 @@ def estimate_need(setup: Setup[Any], duration_s: float) -> Need | None:
 
 
 def find_lacking_energy(setup: Setup[Any], duration_s: float, what: str) -> str | None:
-    """Return a message if one battery is not sufficient for a plan, or None; `what` names the
-    flight."""
+    """Return a message if one battery does not suffice for a plan, or None; `what` names it."""
     need = estimate_need(setup, duration_s)
     if need is None or need.batteries <= 1.0:
         return None

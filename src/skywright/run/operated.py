@@ -33,8 +33,7 @@ def check_operator(description: Description) -> None:
 
 
 def write_mission(partial: Path, description: Description, plan: MissionPlan[Any]) -> None:
-    """Write mission.toml, and the files that it refers to: the operator's recording, a kind's
-    file."""
+    """Write mission.toml and the files that it refers to: operator's recording, a kind's file."""
     if plan.operator is not None:
         keep_operator(partial, description, plan.operator.rows(), plan.operator.starts)
     else:
@@ -47,8 +46,7 @@ def keep_operator(
     rows: Sequence[tuple[float, Stick]],
     starts: Sequence[float],
 ) -> None:
-    """Write the operator's input, then refer to it in mission.toml; each file is written
-    atomically.
+    """Write the operator's input, then refer to it in mission.toml; both are written atomically.
 
     `starts` (s) are the beginnings of the pieces of work. Raises InputError if the disk is full.
     """

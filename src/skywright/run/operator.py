@@ -60,8 +60,7 @@ class Operator(Protocol):
     """A person or a program at a stick."""
 
     def read(self, t: float, sight: Sight) -> Stick | None:
-        """Return the stick at `t` (s since the operator took over); None if the operator is
-        absent."""
+        """Return the stick at `t` (s since the operator took over); None: operator absent."""
 
 
 class Recording:

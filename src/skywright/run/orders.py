@@ -28,8 +28,7 @@ if TYPE_CHECKING:
 R = TypeVar("R")
 
 PATIENCE_S = 120.0
-"""s without an order after a retract; the robot then comes home, or completes the work if it
-can."""
+"""s without an order after a retract; the robot then comes home, or completes the work."""
 BY_ORDER = "left out by the operator's order"
 WAITING = "wait for order"
 """The phase after a retract."""

@@ -87,8 +87,7 @@ class Pilot:
         self._heard = 0.0
 
     def take_over(self) -> Result:
-        """Hand control to the pilot from the next tick on; refused only while the motors are
-        off."""
+        """Give the pilot control from the next tick on; refused only while the motors are off."""
         says = ""
         if not self._s.kind.flies:
             says = "take_over refused: the robot does not fly in this mission"
@@ -144,8 +143,7 @@ class Pilot:
 
     @property
     def lacks(self) -> str:
-        """Why the selected mode is not in effect, or why the pilot cannot give back; ""
-        otherwise."""
+        """Why the selected mode or giving back is not possible; "" otherwise."""
         return "" if self._hand is None else self._hand.says or self._hand.find_refusal()
 
     def fly(self) -> None:
@@ -189,8 +187,7 @@ class Pilot:
         self.away_s += s.vehicle.t - started
 
     def _follow_stick(self, phase: str) -> bool:
-        """Fly by the stick until the pilot gives back; returns whether the stick was used to the
-        end."""
+        """Fly by the stick until the pilot gives back; returns False if the stick fell silent."""
         s = self._s
         hand = self._hand = HandFlight(s, self.mode)
         while True:

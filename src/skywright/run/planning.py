@@ -114,8 +114,7 @@ def plan_mission(description: Description[T], setup: Setup[T] | None = None) -> 
 
 
 def _find_blocked_climb(setup: Setup[Any]) -> str | None:
-    """Return a message if an object blocks the path between the ground and the hover point, or
-    None."""
+    """Return a message if an object blocks the path from the ground to the hover point, or None."""
     robot, hover, query = setup.robot, setup.hover, setup.clearance_aloft
     folded, attitude = posture(robot, "folded"), rot_z(float(hover[3]))
     ground, margin = robot.platform.gear_height_m, setup.description.mission.climb_clearance_m

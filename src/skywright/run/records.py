@@ -147,8 +147,7 @@ class FlightRecords:
     def start(
         self, directory: Path, started: datetime | None = None
     ) -> Callable[[Measurement], None]:
-        """Store the flight, which begins now or `started`; returns the function that stores its
-        contacts."""
+        """Store the flight, which begins now or `started`; returns the storing function."""
         d = self._setup.description
         self._directory = directory
         self._store.add_asset(d.world.name, frame=describe_frame(self._setup))

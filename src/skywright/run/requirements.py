@@ -86,8 +86,7 @@ def judge(
 def judge_run(
     kind: MissionKind[Any, Any], run: Flown[Any, Any], metrics: dict[str, float]
 ) -> tuple[list[Verdict], dict[str, str]]:
-    """Evaluate the requirements of a flight; returns verdicts, and those that do not apply to
-    it."""
+    """Evaluate the requirements of a flight; returns verdicts, and those that do not apply."""
     required = kind.requirements(run.setup, run.way)
     waived = {k: why for k, why in kind.list_waived(metrics).items() if k in required}
     asked = {k: r for k, r in required.items() if k not in waived}

@@ -169,8 +169,7 @@ def compute_sensitivities(
 
 
 def _bin(x: Sequence[Value], numeric: bool) -> NDArray[np.int64]:
-    """Return the group (n,) of each value: the value itself if there are few, else bins of equal
-    size."""
+    """Return the group (n,) of each value: the value itself if few, else bins of equal size."""
     values, group = np.unique(np.array(x if numeric else [str(v) for v in x]), return_inverse=True)
     if numeric and len(values) > 6:
         count = int(np.clip(len(x) // 10, 2, 10))

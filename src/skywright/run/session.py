@@ -238,8 +238,7 @@ class Vehicle(Uav):
                 self.recover_from_manual(wait=False)
 
     def _answer(self, s: Supervisor[Any], acted: RuleActed) -> Ticked:
-        """Fly the response of the rules; afterwards the vehicle has landed and its commands have
-        failed."""
+        """Fly the response of the rules; the vehicle is then down, and its commands have failed."""
         s.respond(acted)
         self.acted += [a.says for a in s.faults.acted[len(self.acted) :]]
         s.faults.rank = -1

@@ -158,8 +158,7 @@ class Supervisor(Generic[T]):
     # --- the pilot ---------------------------------------------------------------------------
 
     def take_over(self) -> Result:
-        """Hand control of the platform to a pilot from the next tick on; the arms keep their
-        posture.
+        """Give a pilot control of the platform from the next tick on; the arms keep their posture.
 
         Accepted at any time while the motors run; the result has the reason of a refusal.
         """

@@ -25,8 +25,7 @@ from skywright.run.rows import (
 )
 
 LIMIT_USE = "limit use"
-"""Derived metric of a row: distance from the median as a share of that to the limit; worst
-requirement."""
+"""Derived metric of a row: share of the way from the median to a limit; worst requirement."""
 
 GO, NO_GO, NOT_YET = "GO", "NO-GO", "NO-GO YET"
 
@@ -122,8 +121,7 @@ def add_limit_use(rows: Sequence[Row], headroom: Sequence[Headroom]) -> list[Row
 
 
 def _count_more_runs(succeeded: int, runs: int, target: float) -> int:
-    """Return the runs needed until the interval's lower end reaches the target at the present
-    rate."""
+    """Return the runs needed until the interval's lower end reaches the target at this rate."""
     rate = succeeded / runs
     if rate <= target:
         return 0

@@ -13,8 +13,7 @@ if TYPE_CHECKING:
 
 
 class Where(NamedTuple):
-    """The samples in which a metric is measured; metrics select them by it, and reports state
-    it."""
+    """The samples in which a metric is measured; metrics select and reports state them."""
 
     phases: tuple[str, ...] = ()
     """Names; a name that ends in * matches all phases that begin with it."""

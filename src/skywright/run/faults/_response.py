@@ -132,8 +132,7 @@ def retract(s: Supervisor) -> None:
 def back_off(
     s: Supervisor, away: Array, far: float, acceleration: float = RETRACT_ACCELERATION
 ) -> None:
-    """Fly `far` (m) along `away` (3,) from the commanded position, with the arm's posture
-    unchanged.
+    """Fly `far` (m) along `away` (3,) from the commanded position, the arm's posture unchanged.
 
     A robot that was pushed away starts from its estimated position instead: returning to the
     commanded one would push it against the object that it must leave. The motion is fast after a
@@ -183,8 +182,7 @@ def _build_table(
 
 
 def _wait_until_good(s: Supervisor) -> None:
-    """Hover until the value of the rule that acted has been within its limit for AGREES_S, or
-    WAIT_S ends."""
+    """Hover until the value of the rule that acted is within its limit, at most for WAIT_S."""
     s.body.track(build_rest(s)[None])
     name = s.faults.acted[-1].rule
     rule = next(rule for rule in s.faults.rules if rule.name == name)

@@ -48,8 +48,7 @@ class Rule:
     source: ClassVar[str] = ""
     """Source of the limit."""
     from_take_off: ClassVar[bool] = False
-    """Whether the rule is active from the start of the motors; otherwise from the end of
-    take-off."""
+    """Whether it is active from the start of the motors; otherwise from the end of take-off."""
 
     shows_control: ClassVar[bool] = False
     """Whether the rule acts if the platform does not follow the law. A noisy gyroscope may be the

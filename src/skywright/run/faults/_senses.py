@@ -147,8 +147,7 @@ class Senses:
 
     @property
     def engaged(self) -> bool:
-        """Whether hands are commanded in task space, or the robot is in contact: it is near a
-        structure."""
+        """Whether the robot is in contact or its hands are commanded in task space."""
         return self.touching or self.leads_hands
 
     @property
@@ -157,8 +156,7 @@ class Senses:
         return any(t != TASK_JOINTS for t in self.told("task")[: self.hands])
 
     def find_pressed(self) -> Array | None:
-        """Return the direction in which hands press, unit (3,) in W; None if they do not press or
-        carry.
+        """Return the unit vector (3,) in W in which hands press; None if they carry or do not.
 
         The commanded direction where a force is commanded, otherwise the estimated one. A hand
         below the platform may press up. An arm with a stuck joint measures its own swinging, so its

@@ -54,8 +54,7 @@ class Watch:
                 self._begun.append(rule)
 
     def land(self) -> None:
-        """Called when the robot lands: contact is expected, so only the rules from take-off stay
-        active."""
+        """Called when the robot lands: only the rules from take-off stay active."""
         self._begun = [rule for rule in self._begun if rule.from_take_off]
 
     def answer(self, rule: Rule, s: Supervisor) -> Response:

@@ -16,8 +16,7 @@ if TYPE_CHECKING:
 
 
 PATIENCE = 0.25
-"""Factor of the distance while another rule's response is flown: the robot may recover from a
-push."""
+"""Factor of the distance while another rule's response is flown, which may recover the robot."""
 
 
 class LostControl(Rule):
