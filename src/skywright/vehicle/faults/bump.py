@@ -35,7 +35,7 @@ class Bump(Fault):
         f_W: Vec3  # N
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Look up the body; raises InputError where there is none of that name."""
+        """Look up the body; raises InputError if there is none of that name."""
         model = context.scene.model
         names = [model.body(i).name for i in range(1, model.nbody)]
         if table.body not in names:
