@@ -101,8 +101,10 @@ class Gauges:
         self._v = vehicle
 
     def zero(self) -> None:
-        """Start the measurement of the wrench on the platform; raises InputError without a
-        plate."""
+        """Tare the wrench on the platform and reset its peaks.
+
+        Raises InputError without a plate.
+        """
         try:
             found = self._v.find(gauges.Gauges)
         except InputError:

@@ -341,7 +341,7 @@ class SimulatedVehicle(NoPilotSwitch):
     def give_up_rotor(self, i: int) -> RotorsLeft | None:
         """Allocate to the other rotors from now on; returns None if they cannot hold the robot.
 
-        A law that points its thrust by tilting does not track the resulting tilt.
+        No tilt is planned for a law that directs its thrust by tilting the platform.
         """
         body, law, allocation = self.read(Body), self.find(Law), self.find(RotorAllocation)
         left = allocation.give_up(
