@@ -1,7 +1,7 @@
-"""What a collision does to the platform: wrench of arms or link on it, and the force on the pads.
+"""Loads of a collision: wrench of arms or link on the platform, and force on the pads.
 
-Read after every physics step (1 kHz): a blow lasts milliseconds, and a sample of the recording
-(100 Hz) would miss its peak.
+They are read after every physics step (1 kHz), because an impact lasts milliseconds, and samples of
+the recording (100 Hz) would not contain its peak.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ TOUCH = 0.1  # N, force above which a pad counts as touched
 
 
 class Loads(Output):
-    """Wrench of what the platform carries, on it; force of the robot on the pads."""
+    """Wrench of the carried bodies on the platform; force of the robot on the pads."""
 
-    f_B: Vec3  # N, beyond the wrench that is counted from
+    f_B: Vec3  # N, relative to the wrench at `zero`
     t_B: Vec3  # N m, about the origin of B
-    f_peak: float  # N, largest size since the last sample
+    f_peak: float  # N, largest magnitude since the last sample
     t_peak: float  # N m
     pad_f_W: Vec3  # N, contact force on the pads
     pad_peak: float  # N, since the last sample
-    impulse_W: Vec3  # N s, given to the pads so far
+    impulse_W: Vec3  # N s, on the pads so far
     touch_s: float  # s, in contact so far
 
 
@@ -57,7 +57,7 @@ class Gauges(Component):
         n_pads: int
         pad: Annotated[Integers, MAX_PADS]
         dt: float  # s, physics step
-        zero: int  # 1: the next step's wrench is the one to count from
+        zero: int  # 1: the wrench of the next step becomes the zero
         f_zero_B: Vec3
         t_zero_B: Vec3
 
@@ -74,7 +74,7 @@ class Gauges(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Scenes with gauges have one."""
+        """Scenes with gauges have it."""
         if find_gauges(context.scene.model)[1] >= 0:
             yield cls("gauges")
 
@@ -87,11 +87,11 @@ class Gauges(Component):
         me.zero = 1
 
     def get_period(self, step: str, context: Any) -> float:
-        """Peaks last for a sample."""
+        """Peaks are reset once per sample."""
         return 1.0 / SAMPLE_RATE if step == "rest" else 0.0
 
     def zero(self) -> None:
-        """Count the wrench on the platform from now on."""
+        """Measure the wrench on the platform relative to its value at the next step."""
         self._me.zero = 1
 
     @staticmethod
@@ -110,7 +110,8 @@ class Gauges(Component):
 def add_mounts(me: Any, mj: Any, f_W: Any, t_W: Any) -> None:
     """Fill force and torque on the platform, about the origin of B, in W.
 
-    MuJoCo's sensors give what holds the child, in the site's axes; the platform feels the opposite.
+    MuJoCo's sensors give the wrench on the child, in the axes of the site; that on the platform is
+    the opposite.
     """
     sensordata = words(mj.sensordata, mj.nsensor)
     xpos, xmat = table(mj.site_xpos, mj.nsite, 3), table(mj.site_xmat, mj.nsite, 9)
@@ -133,7 +134,7 @@ def add_mounts(me: Any, mj: Any, f_W: Any, t_W: Any) -> None:
 
 @helper
 def feel_platform(me: Any, mj: Any, f_W: Any, t_W: Any, loads: Any) -> None:
-    """Fill the wrench beyond the one that is counted from, and its peaks."""
+    """Fill the wrench relative to its zero, and its peaks."""
     xmat, o = table(mj.site_xmat, mj.nsite, 9), me.origin
     force = torque = 0.0
     if me.zero:
@@ -155,7 +156,7 @@ def feel_platform(me: Any, mj: Any, f_W: Any, t_W: Any, loads: Any) -> None:
 
 @helper
 def feel_pads(me: Any, mj: Any, loads: Any) -> None:
-    """Fill force, impulse and time of touch of the pads."""
+    """Fill force, impulse and contact time of the pads."""
     sensordata = words(mj.sensordata, mj.nsensor)
     for i in range(3):
         loads.pad_f_W[i] = 0.0
