@@ -1,4 +1,4 @@
-"""Outputs of estimators besides Estimate; an estimator of a user need not fill them."""
+"""Outputs of estimators in addition to Estimate; user-defined estimators may omit them."""
 
 from __future__ import annotations
 
