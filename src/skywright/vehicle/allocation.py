@@ -67,7 +67,7 @@ class RotorAllocation(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Every vehicle has one."""
+        """Every vehicle has it."""
         yield cls("allocation")
 
     def build(self, me: Any, table: Any, context: Any) -> None:
@@ -220,7 +220,7 @@ class SpeedServos(Component):
             yield cls("servos")
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the nominal belt."""
+        """Copy the nominal belt matrix."""
         me.belt_inv = context.model["belt_inv"]
 
     @staticmethod
@@ -258,7 +258,7 @@ class TorqueServos(Component):
             yield cls("servos")
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the nominal belt."""
+        """Copy the nominal belt matrix."""
         me.belt = context.model["belt"]
 
     @staticmethod

@@ -100,7 +100,7 @@ NEEDS: dict[Need, str] = {
 class Entry(NamedTuple):
     """When a command is accepted, and its effect on the state."""
 
-    states: tuple[State, ...]  # in which it is accepted
+    states: tuple[State, ...]  # states in which it is accepted
     during: State | None  # state during execution; None: unchanged
     after: State | None  # state after success; None: unchanged
     interrupts: bool  # whether it ends the present motion

@@ -105,12 +105,12 @@ class Context:
     h: float  # s, physics step
     law: str  # kind of the platform's law
     asked: frozenset[type[Record]]  # records that law, estimator and parts have as ports
-    records: dict[Any, NDArray[Any]]  # (1,) by (class, name); only those of the robot's side
+    records: dict[Any, NDArray[Any]]  # (1,) by (class, name); robot's side: its own only
     springs: Springs  # nominal springs of joints and force sensor
     named: tuple[Component, ...] = ()
-    """Law, estimator and further parts of the description; only those of the robot's side."""
+    """Law, estimator and further parts of the description; robot's side: its own only."""
     alive: list[Any] = field(default_factory=list)
-    components: Sequence[Component] = ()  # of the vehicle, at build; robot's side only
+    components: Sequence[Component] = ()  # at build; robot's side: its own only
     carried: list[Any] = field(default_factory=list)  # of a link (vehicle/assembly.py: Carried)
 
     @property
@@ -372,7 +372,7 @@ class Fault(Component):
         start_s: NonNegative = 0.0
 
     def resolve(self, robot: Robot, world: World, rng: np.random.Generator) -> Fault:
-        """Return the fault to inject: this one, or for `random` one that `rng` draws."""
+        """Return the fault to inject: this one, or one that `rng` draws (kind `random`)."""
         return self
 
     @classmethod

@@ -25,7 +25,7 @@ class CommandGuard(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Every vehicle has one."""
+        """Every vehicle has it."""
         yield cls("command guard")
 
     @staticmethod
@@ -64,7 +64,7 @@ class StateGuard(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Every vehicle has one."""
+        """Every vehicle has it."""
         yield cls("state guard")
 
     @staticmethod

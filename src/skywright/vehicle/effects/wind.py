@@ -43,7 +43,7 @@ class WindField(Effect):
     class Me(Record):
         kind: int
         still_W: Vec3  # m/s, uniform mean wind
-        R_WG: Mat3  # gust axes: along the mean wind, across it, and the third
+        R_WG: Mat3  # gust axes: along the mean wind, horizontally across it, and normal to both
         n: int  # rotors
         rotor_p: Annotated[Array, MAX_ROTORS, 3]  # m
         # fan

@@ -21,7 +21,7 @@ class Bump(Fault):
     """A force on a body at its centre of mass for `for_s`."""
 
     class Table(Fault.Table):
-        """Which body, how long, and the force in W."""
+        """The body, the duration, and the force in W."""
 
         body: str = "platform"
         for_s: Positive = 0.3

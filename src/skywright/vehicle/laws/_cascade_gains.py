@@ -95,7 +95,7 @@ class CascadeGains(NamedTuple):
     k_rate: Array  # 1/s, angular acceleration per rate error
     k_integral: Array  # 1/s, integral gain of the torque
     lead: float  # s, remaining lag of the rotors behind the lead
-    rotor_tau: float  # s, believed rotor lag
+    rotor_tau: float  # s, nominal rotor lag
     wrench: Array  # rad/s, bandwidth of the estimated external force
     pose: float = 0.0  # rad/s, low-pass of the arms' pose; 0: the pose is not used
 

@@ -44,7 +44,7 @@ THRUST_WEIGHT = 1e-2
 class Wanted(NamedTuple):
     """Desired values before any limit, and their geometry."""
 
-    axes: Array  # (3, 3) columns in W: against the sliding, across it, surface normal
+    axes: Array  # (3, 3) columns in W: opposite to the sliding, across it, surface normal
     contact: Array  # (3,) N, force of the surface on the tip, along the axes
     qdd: Array  # (MAX_JOINTS,) rad/s^2
     thrust: Array  # (MAX_ROTORS,) N

@@ -75,7 +75,7 @@ class Cascade(Law):
         k_rate: Vec3  # 1/s, angular acceleration per rate error
         k_integral: Vec3  # 1/s, integral gain of the torque about the axes of B
         lead: float  # s, remaining lag of the rotors behind the lead
-        rotor_tau: float  # s, believed rotor lag
+        rotor_tau: float  # s, nominal rotor lag
         speed_max: float  # m/s, limit of the velocity command of the position loop
         f_external_max: float  # N, largest external force that is cancelled
         t_integral_max: float  # N m
@@ -314,7 +314,10 @@ def turn_of_pose(me: Any, est: Any, floating: Any) -> float:
     arms, and the link turns to keep their mass below the joint. This turn is not a swing: damping
     it would feed the motion of the platform back to itself.
     """
-    sine, cosine = 0.0, 0.0  # of the line's angle: L_s is horizontal where the mass hangs
+    sine, cosine = (
+        0.0,
+        0.0,
+    )  # of the line's angle; L_s is horizontal if the mass hangs straight down
     side, up = local(3), local(3)
     up[0], up[1], up[2] = 0.0, 0.0, 1.0
     cross(floating.axis, up, side)
