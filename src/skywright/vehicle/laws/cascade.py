@@ -314,10 +314,7 @@ def turn_of_pose(me: Any, est: Any, floating: Any) -> float:
     arms, and the link turns to keep their mass below the joint. This turn is not a swing: damping
     it would feed the motion of the platform back to itself.
     """
-    sine, cosine = (
-        0.0,
-        0.0,
-    )  # of the line's angle; L_s is horizontal if the mass hangs straight down
+    sine, cosine = 0.0, 0.0  # of the line's angle; L_s is horizontal with the mass straight below
     side, up = local(3), local(3)
     up[0], up[1], up[2] = 0.0, 0.0, 1.0
     cross(floating.axis, up, side)
