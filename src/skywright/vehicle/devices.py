@@ -2,7 +2,7 @@
 
 They are a helper who pushes the robot, a bench that moves its clamp, motion capture that surveys a
 thing, and the force plates of the pads. A simulation has all of them. Other back ends declare which
-they have, and refuse a mission that declares others before the flight.
+they have; a mission that declares another device is refused before the flight.
 """
 
 from __future__ import annotations

@@ -94,14 +94,14 @@ class CascadeGains(NamedTuple):
     k_attitude: Array  # 1/s, rate per attitude error
     k_rate: Array  # 1/s, angular acceleration per rate error
     k_integral: Array  # 1/s, integral gain of the torque
-    lead: float  # s, remaining lag of the rotors behind the lead
+    lead: float  # s, rotor lag that remains after the lead
     rotor_tau: float  # s, nominal rotor lag
     wrench: Array  # rad/s, bandwidth of the estimated external force
     pose: float = 0.0  # rad/s, low-pass of the arms' pose; 0: the pose is not used
 
 
 def compute_lead(k_rate: float, rotor_tau: float, delay: float, margin: float) -> float:
-    """Return the lag (s) that may remain of `rotor_tau` behind the lead for a phase margin (rad).
+    """Return the lag (s) that may remain of `rotor_tau` after the lead for a phase margin (rad).
 
     Raises InputError if the delay alone uses up the margin.
     """

@@ -74,7 +74,7 @@ class Cascade(Law):
         k_attitude: Vec3  # 1/s, rate per attitude error about the axes of B
         k_rate: Vec3  # 1/s, angular acceleration per rate error
         k_integral: Vec3  # 1/s, integral gain of the torque about the axes of B
-        lead: float  # s, remaining lag of the rotors behind the lead
+        lead: float  # s, rotor lag that remains after the lead
         rotor_tau: float  # s, nominal rotor lag
         speed_max: float  # m/s, limit of the velocity command of the position loop
         f_external_max: float  # N, largest external force that is cancelled
