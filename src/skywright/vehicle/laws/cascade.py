@@ -152,7 +152,7 @@ class Cascade(Law):
 
 @helper
 def begin(me: Any, ref: Any, est: Any, body: Any, cmd: Any) -> bool:
-    """Fill `cmd.qd`; return whether the motors are on. If not, reset the states and the command."""
+    """Fill `cmd.qd`; return whether the motors are on. If not, reset the states and the wrench."""
     arm_velocity(me, ref, est, body, cmd.qd)
     if ref.active >= 0.5:
         return True
