@@ -1,4 +1,4 @@
-"""Converts the law's command to commands of rotors and servos."""
+"""Conversion of the command of a law to commands of rotors and servos."""
 
 from __future__ import annotations
 
@@ -33,18 +33,19 @@ from skywright.vehicle.bus import (
 from skywright.vehicle.component import Component, Out, Recorded, helper
 
 MISSED = 1e-6
-"""Of the weight, N or N m: by so much thrusts that a law tells may miss the wrench they are for."""
+"""Tolerance of the wrench (N, N m) of thrusts that a law commands itself, over the weight."""
 
 
 class RotorAllocation(Component):
     """Fills RotorDrive and Allocated from the commanded wrench (models/allocation.py).
 
-    Force is given up where it turns the platform nowhere: at the centre of mass, or, with a link on
-    a joint without a servo, at the point p with p x f = A f (models/floating.py), f along z_B.
+    At a limit the force is reduced at the point where this does not turn the platform: the centre
+    of mass, or, with a link on a joint without a servo, the point p with p x f = A f
+    (models/floating.py), f along z_B.
 
-    Thrusts that a law commands itself (port ThrustCommand) are taken as they are, within the limits
-    of the rotors in use; `saturated` then says that they do not make the commanded wrench and that
-    a rotor is at a limit. Where the law gives up force for another reason, no rotor is saturated.
+    Thrusts that a law commands itself (port ThrustCommand) are used within the limits of the rotors
+    in use. `saturated` is then 1 if they do not produce the commanded wrench and a rotor is at a
+    limit; a wrench that the law reduces for another reason does not count.
     """
 
     slot = "allocate"
@@ -57,23 +58,23 @@ class RotorAllocation(Component):
         full: int
         n: int  # rotors
         k_f: float  # N/(rad/s)^2
-        missed: float  # N, N m: more than this is saturation
-        share: float  # of the way to a commanded torque about z in a tick, for the spin-up's push
-        t_z: float  # N m, on its way
+        missed: float  # N, N m: error of the wrench above which the rotors count as saturated
+        share: float  # per tick, low-pass of the torque about z, for the spin-up reaction
+        t_z: float  # N m, low-passed torque about z
         thrust: Annotated[Array, MAX_ROTORS]  # N
         preload: Annotated[Array, MAX_ROTORS]  # N
-        R_AB: Annotated[Array, 3, 3]  # to the frame A in which the rotors in use lift along z
+        R_AB: Annotated[Array, 3, 3]  # to the frame A with z along the lift of the rotors in use
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Every vehicle has one."""
+        """Every vehicle has it."""
         yield cls("allocation")
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the nominal rotors, a copy: one may be given up.
+        """Copy the nominal rotors, because the allocation changes when a rotor is given up.
 
-        About z the rotors make (1 + T s) of what they are told (models/rotor_reaction.py): told
-        1 / (1 + T s) of it, they make what the law asks for.
+        About z the rotors produce (1 + T s) times their command (models/rotor_reaction.py). The
+        allocation therefore low-passes the torque about z by 1 / (1 + T s).
         """
         a, weight = context.allocator, context.mass * context.world.gravity_mps2
         me.share, me.missed = compute_yaw_share(context), MISSED * weight
@@ -88,10 +89,10 @@ class RotorAllocation(Component):
     def give_up(
         self, me: Any, i: int, weight: float, p_BC: NDArray[Any], tilt_max: float
     ) -> RotorsLeft | None:
-        """Use rotor `i` no more; None where the others cannot hold `weight` (N) at p_BC (3,) m.
+        """Stop using rotor `i`; return None if the others cannot hold `weight` (N) at p_BC (3,) m.
 
-        What is given up at a limit is given up about the axis along which they lift: `allocate`
-        works in a frame that has it for z.
+        `allocate` then works in a frame with z along the lift of the remaining rotors, and reduces
+        the command at a limit about this axis.
         """
         own, left = self._own, compute_rotors_left(self._own, i, weight, p_BC, tilt_max)
         if left is None:
@@ -103,12 +104,12 @@ class RotorAllocation(Component):
         return left
 
     def save(self) -> Any:
-        """Return which rotors are used, and how."""
+        """Return the present allocation."""
         own = self._own
         return [x.copy() for x in (own.P, own.t_min, own.t_max, own.preload)]
 
     def restore(self, saved: Any) -> None:
-        """Use them so again."""
+        """Restore a saved allocation."""
         own = self._own
         for x, was in zip((own.P, own.t_min, own.t_max, own.preload), saved, strict=True):
             x[:] = was
@@ -141,7 +142,7 @@ class RotorAllocation(Component):
             mat_vec(me.R_AB, est.R_WB[2], up)
             for i in range(3):
                 p[i] = body.p_BC[i]
-            if floating is not None:  # a link that swings does not turn with the platform
+            if floating is not None:  # a swinging link does not turn with the platform
                 p[0], p[1], p[2] = -floating.A[1, 2], floating.A[0, 2], -floating.A[0, 1]
             mat_vec(me.R_AB, p, c)
             flag = allocate(
@@ -169,10 +170,10 @@ def follow_told(
     told: Any, t_min: Any, t_max: Any, preload: Any, B: Any, f_B: Any, t_B: Any, missed: float,
     saturated: float, thrust: Any,
 ) -> float:  # fmt: skip
-    """Replace `thrust` (n,) N by what is told, within the limits, if that is something.
+    """Replace `thrust` (n,) N by the thrusts that the law commands, if any, within the limits.
 
-    Returns whether it misses the wrench by more than `missed` (N, N m) with a rotor at a limit;
-    `saturated` where nothing is told.
+    Returns 1 if their wrench differs from the command by more than `missed` (N, N m) and a rotor is
+    at a limit, else 0; without commanded thrusts it returns `saturated`.
     """
     n, total = t_min.shape[0], 0.0
     for i in range(n):
@@ -195,9 +196,9 @@ def follow_told(
 
 
 def compute_yaw_share(context: Any) -> float:
-    """Return by how much of the way a told torque about z follows the commanded one in a tick.
+    """Return the share per tick of the low-pass 1 / (1 + T s) of the torque about z.
 
-    About z the rotors make (1 + T s) of what they are told (models/rotor_reaction.py).
+    About z the rotors produce (1 + T s) times their command (models/rotor_reaction.py).
     """
     weight = context.mass * context.world.gravity_mps2
     reaction = float(compute_reaction_times(context.rotors, context.allocator, weight)[2])
@@ -214,12 +215,12 @@ class SpeedServos(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Arms with springs take angles."""
+        """Arms with velocity servos have it: neither springs nor torque servos."""
         if not is_compliant(context.robot) and not takes_torque(context.robot):
             yield cls("servos")
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the nominal belt."""
+        """Copy the nominal belt matrix."""
         me.belt_inv = context.model["belt_inv"]
 
     @staticmethod
@@ -252,12 +253,12 @@ class TorqueServos(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Arms whose servos take torques have it."""
+        """Arms with torque servos have it."""
         if takes_torque(context.robot):
             yield cls("servos")
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the nominal belt."""
+        """Copy the nominal belt matrix."""
         me.belt = context.model["belt"]
 
     @staticmethod

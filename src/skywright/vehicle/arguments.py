@@ -1,4 +1,4 @@
-"""Arguments of commands: numbers that are finite, or one clear line."""
+"""Checks of the arguments of commands, with an InputError of one line."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LARGEST = 1000.0  # m, as in world files, m/s, N
 
 
 def check_number(name: str, value: Any, most: float = math.inf) -> float:
-    """Return a finite number of size up to `most`; raises InputError naming the argument."""
+    """Return a finite number of magnitude up to `most`; raise InputError with its name."""
     try:
         out = float(value)
     except (TypeError, ValueError):
@@ -28,7 +28,7 @@ def check_number(name: str, value: Any, most: float = math.inf) -> float:
 
 
 def check_positive(name: str, value: Any) -> float:
-    """Return a finite number above 0; raises InputError naming the argument."""
+    """Return a finite number above 0; raise InputError with the argument's name."""
     out = check_number(name, value)
     if out <= 0.0:
         raise InputError(f"{name} = {out:g}; valid: a number above 0")
@@ -36,7 +36,7 @@ def check_positive(name: str, value: Any) -> float:
 
 
 def check_bounded(name: str, value: ArrayLike) -> Array:
-    """Return a place, velocity or force (3,) in SI units up to LARGEST; raises InputError."""
+    """Return a position, velocity or force (3,) in SI units up to LARGEST; raise InputError."""
     out = check_vector(name, value)
     if np.max(np.abs(out)) > LARGEST:
         raise InputError(f"{name} = {value!r}; valid: 3 numbers within +-{LARGEST:g}")
@@ -44,7 +44,7 @@ def check_bounded(name: str, value: ArrayLike) -> Array:
 
 
 def check_vector(name: str, value: ArrayLike | None, n: int = 3) -> Array:
-    """Return n finite numbers (n,); raises InputError naming the argument."""
+    """Return n finite numbers (n,); raise InputError with the argument's name."""
     try:
         out = np.array(value, dtype=float)
     except (TypeError, ValueError):

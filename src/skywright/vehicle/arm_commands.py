@@ -1,4 +1,4 @@
-"""The vocabulary of a vehicle's arms: commands, and one table of what they need.
+"""Commands of a vehicle's arms, and the table of their conditions.
 
 `ARM_TABLE` is read by `vehicle.commanded_arms.CommandedArms`, by the documentation
 (docs/generate_commands.py) and by the tests. The tasks and equation numbers are those of Suarez
@@ -76,7 +76,7 @@ ARM_TABLE: dict[ArmCommand, Entry] = {
         "follow a stream of forces in W: (25) to (28); if it stops, reduce them to zero", *_FORCE
     ),
 }  # fmt: skip
-"""Every command of the arms: where it is accepted, whether it interrupts, what it needs."""
+"""Every command of the arms: its states, whether it interrupts, and its conditions."""
 
 ARM_STREAMS = (A.SET_HANDS, A.HANDS_VELOCITY, A.SET_FORCES)
 

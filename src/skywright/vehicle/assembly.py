@@ -1,7 +1,7 @@
-"""Assembling a vehicle: components become records in one arena and rows of a schedule.
+"""Assembly of a vehicle: components become records in one arena and rows of a schedule.
 
-Records are keyed by (class, name): the name is empty for what only one component fills, else that
-of the component. A component's `Me` is always keyed by its component's name.
+Records are keyed by (class, name). The name is empty if only one component fills the class, else it
+is the name of the component. `Me` is always keyed by the name of its component.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from skywright.vehicle.schedule import ROW
 from skywright.vehicle.sensor_tables import get_table
 
 BLOCK = 1000
-"""Control ticks for which random numbers are drawn at a time; at least one mission tick."""
+"""Control ticks per block of random numbers; at least one mission tick."""
 FAST_BLOCK = 2000
-"""The same for steps of the slot `fast`, in physics steps."""
+"""Physics steps per block of random numbers, for steps of the slot `fast`."""
 ALIGN = 64  # bytes
 Key = tuple[type[Record], str]
 
@@ -46,13 +46,13 @@ class Carried(NamedTuple):
 
 
 class Block(NamedTuple):
-    """Random numbers of one component, drawn at a time."""
+    """Random numbers of one component, drawn as a block."""
 
     component: Component
     draws: type[Draws]
     rng: np.random.Generator
     fast: bool
-    places: list[tuple[int, int]]  # (row, index of the draw in it) that read it
+    places: list[tuple[int, int]]  # (row, index of the draw in it) of the readers
 
 
 class State(NamedTuple):
@@ -66,12 +66,12 @@ class State(NamedTuple):
 class Assembly:
     """The records and the schedule of a vehicle.
 
-    `rows` is the table of the schedule (ROW), `n_control` of its rows run each control tick, the
+    `rows` is the table of the schedule (ROW). The first `n_control` rows run each control tick, the
     others after each physics step.
     """
 
     def __init__(self, components: Sequence[Component], context: Context, seed: int) -> None:
-        """Build all components; raises InputError where they do not fit together."""
+        """Build all components; raise InputError if they do not fit together."""
         check_calls()
         self.components = list(components)
         names = [c.name for c in self.components]
@@ -94,7 +94,7 @@ class Assembly:
         self._own_records(context)
         context = dataclasses.replace(context, records=self.records, components=self.components)
         self.context, limited = context, self.limit(context)
-        for c in dict.fromkeys(step.component for step in self.steps):  # who fills before who reads
+        for c in dict.fromkeys(step.component for step in self.steps):  # writers before readers
             me = self.records.get((_me(c), c.name))
             given = limited if c.side == "robot" else context
             given = dataclasses.replace(given, carried=self._list_carried(c))
@@ -145,7 +145,7 @@ class Assembly:
         return issubclass(record, Output) and any(s.slot == "sense" for s in fillers)
 
     def _check_ports(self, steps: list[Step]) -> None:
-        """Refuse ports that no component fills, and the plant's records on the robot's side."""
+        """Raise InputError for unfilled ports, and for plant records on the robot's side."""
         for step in steps:
             for port in step.ports:
                 record = port.record
@@ -174,7 +174,7 @@ class Assembly:
         return any(s.component.side == "plant" for s in fillers) and not self._goes_up(record)
 
     def limit(self, context: Context) -> Context:
-        """Return the context of the robot's side: no record, object or memory of the plant's."""
+        """Return the context of the robot's side, without records and components of the plant."""
         robot = [c for c in self.components if c.side == "robot"]
         named = tuple(c for c in context.named if c.side == "robot")
         memories = {(_me(c), c.name) for c in self.components if c.side == "plant"}
@@ -190,7 +190,7 @@ class Assembly:
     # --- records ---------------------------------------------------------------------------------
 
     def _own_records(self, context: Context) -> None:
-        """Lay all records into one arena; `self.records` are (1,) views of it."""
+        """Allocate all records in one arena; `self.records` are (1,) views of it."""
         keys: dict[Key, None] = {(Clock, ""): None, (MuJoCo, ""): None}
         for c in self.components:
             if _me(c) is not Record:
@@ -202,7 +202,7 @@ class Assembly:
                     far = name_far(key[1])
                     keys[key] = keys[key[0], far] = None
                     if issubclass(key[0], Setpoint) and "downlink" in self._linked:
-                        keys[key[0], name_near(far)] = None  # which a mission fills
+                        keys[key[0], name_near(far)] = None  # filled by a mission
         sizes = [-(-r.dtype.itemsize // ALIGN) * ALIGN for r, _ in keys]
         raw = np.zeros(sum(sizes) + ALIGN, np.uint8)
         first = -raw.ctypes.data % ALIGN
@@ -216,14 +216,14 @@ class Assembly:
         self.alive = context.alive
 
     def get(self, record: type[Record], name: str = "") -> Any:
-        """Return the record that components fill (at the robot's end of a link), as a view.
+        """Return a view of a record, at the robot's end of a link.
 
-        Raises KeyError where nothing fills it.
+        Raises KeyError if no component fills it.
         """
         return self.records[record, name][0]
 
     def address(self, record: type[Record], name: str = "") -> int:
-        """Return the address of a record; raises KeyError if no component fills it."""
+        """Return the address of a record; raise KeyError if no component fills it."""
         return int(self.records[record, name].ctypes.data)
 
     def _list_carried(self, component: Component) -> list[Carried]:
@@ -271,7 +271,7 @@ class Assembly:
     def _compile(self, step: Step, types: list[np.dtype[Any] | None]) -> int:
         try:
             address, code = compile_step(step.compiled, types)
-        except Exception as error:  # numba raises what its passes raise
+        except Exception as error:  # numba raises errors of any class
             code_ = step.function.__code__
             raise InputError(
                 f"{step.label} does not compile ({code_.co_filename}:{code_.co_firstlineno}): "
@@ -309,7 +309,7 @@ class Assembly:
             if name not in STREAMS or (name in generators and _is_repeated(component, self)):
                 name = f"{component.name} {draws.__qualname__}"
             if name not in generators:
-                key = zlib.crc32(name.encode()) + (1 << 32)  # beyond the named ones
+                key = zlib.crc32(name.encode()) + (1 << 32)  # beyond the keys of named streams
                 generators[name] = (
                     build_stream(seed, name)
                     if name in STREAMS
@@ -323,7 +323,7 @@ class Assembly:
         clock["block"], clock["fast"] = BLOCK, FAST_BLOCK
 
     def refill(self, n_ticks: int, n_steps: int) -> None:
-        """Draw anew where a mission tick of `n_ticks` control ticks would leave a block."""
+        """Draw new blocks if the present ones end within the next `n_ticks` control ticks."""
         clock = self.get(Clock)
         for fast, name, size, need in (
             (False, "block", BLOCK, n_ticks), (True, "fast", FAST_BLOCK, n_ticks * n_steps),
@@ -355,12 +355,12 @@ class Assembly:
     # --- save and restore ------------------------------------------------------------------------
 
     def save(self) -> State:
-        """Return all records, and the state of the random streams; blocks are never changed."""
+        """Return copies of all records and random states; blocks are immutable and not copied."""
         states = [g.bit_generator.state for g in self._generators]
         return State(self.arena.copy(), list(self._drawn), states)
 
     def restore(self, state: State, seed: int | None = None) -> None:
-        """Go back to a saved state; with a `seed` the random numbers from here on are its own."""
+        """Restore a saved state; with a `seed` the following random numbers are drawn from it."""
         self.arena[:] = state.arena
         for i, drawn in enumerate(state.blocks):
             self._place(i, drawn)
@@ -371,7 +371,7 @@ class Assembly:
 
 
 def _check_side(component: Component) -> None:
-    """Refuse laws of the plant's side, and estimators of it that do not say so in reports."""
+    """Raise InputError for a law or an estimator on the plant's side, unless it `is_truth`."""
     if component.side == "robot" or component.group not in ("law", "arms_law", "estimator"):
         return
     if not getattr(component, "is_truth", False):
@@ -394,7 +394,7 @@ def _shorten(error: Exception) -> str:
     """Return the lines of numba's message that state the error and its location."""
     if isinstance(error, KeyError):
         return f"a record has no field {error}"
-    text = re.sub(r"\x1b\[\d*m", "", str(error))  # numba writes in colour
+    text = re.sub(r"\x1b\[\d*m", "", str(error))  # numba's messages contain colour codes
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     kept = [x for x in lines if not x.startswith(("During:", "Failed in", "This error", "<"))]
     return " ".join(kept[:3] + [x for x in lines if x.startswith("File ")][-1:])

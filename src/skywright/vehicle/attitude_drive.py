@@ -1,4 +1,4 @@
-"""A stream of attitudes and body forces, from a computer that closes the loops of place itself."""
+"""A stream of attitudes and body forces, from a computer with its own position loops."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 
 def check_attitude(R_WB: ArrayLike) -> Array:
-    """Return a rotation (3, 3); raises InputError for any other matrix."""
+    """Return a rotation (3, 3); raise InputError for any other matrix."""
     R = np.asarray(R_WB, dtype=float)
     if R.shape != (3, 3) or not np.all(np.isfinite(R)):
         raise InputError(f"R_WB has the shape {R.shape}; valid: (3, 3) finite numbers")
@@ -28,8 +28,8 @@ def check_attitude(R_WB: ArrayLike) -> Array:
 class AttitudeDrive(Drive):
     """Follows attitudes and forces.
 
-    Place and speed of the reference follow the estimate, so that the position loops add nothing to
-    the acceleration R f / m - g that is asked for.
+    Position and velocity of the reference follow the estimate, so that the position loops add
+    nothing to the commanded acceleration R f / m - g.
     """
 
     def __init__(self, backend: Backend) -> None:
@@ -41,7 +41,7 @@ class AttitudeDrive(Drive):
         self._flew = True
 
     def tell(self, R_WB: Array, f_B: Array) -> None:
-        """Take a new reference: (3, 3), and (3,) N in B."""
+        """Set a new reference: attitude (3, 3), force (3,) N in B."""
         self._R, self._f, self.heard = R_WB, f_B, self.backend.t
         if not self._told:
             self._told, self._flew = True, False
@@ -49,11 +49,11 @@ class AttitudeDrive(Drive):
 
     @property
     def has_touched_down(self) -> bool:
-        """Likewise; or the robot flew, is commanded less thrust than its weight, and is at rest."""
+        """As in Drive, or the robot has flown, is at rest, and its thrust is below its weight."""
         return (self._flew and self._stands >= DOWN_S - 1e-9) or super().has_touched_down
 
     def lead(self) -> Array:
-        """As commanded, or towards rest."""
+        """Return the commanded acceleration; if stale, brake."""
         if self.is_stale:
             self._stands = 0.0
             return self._towards(np.zeros(3))
@@ -66,5 +66,5 @@ class AttitudeDrive(Drive):
         return np.asarray(a)
 
     def tilt(self, yaw: float) -> Array:
-        """As commanded, or level."""
+        """Return the commanded attitude; if stale, level."""
         return super().tilt(yaw) if self.is_stale else self._R

@@ -1,4 +1,4 @@
-"""The nominal rigid body at the estimated joints, every tick."""
+"""The nominal rigid body at the estimated joint angles, in every tick."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class JointAngles(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Arms with springs have their own estimate."""
+        """Arms without springs have it; others have their own estimator."""
         if not is_compliant(context.robot):
             yield cls("joints")
 
@@ -41,7 +41,7 @@ class NominalBody(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Every vehicle has one."""
+        """Every vehicle has it."""
         yield cls("body")
 
     def build(self, me: Any, table: Any, context: Any) -> None:

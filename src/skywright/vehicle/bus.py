@@ -1,4 +1,4 @@
-"""The bus: the few records that most components of a vehicle read or write.
+"""The bus: records that most components of a vehicle read or write.
 
 Units are SI and radians. Frames: W world (ENU), B body (FLU), T tip (z along the probe, out of the
 robot), S surface (z = outward normal). All other data between components are an `Output` of the
@@ -64,7 +64,7 @@ class Truth(Record):
     R_WB: Mat3
     v_WB: Vec3
     w_WB_B: Vec3  # in B
-    p_WT: Vec3  # tip; one physics step old, as all positions of sites and all forces
+    p_WT: Vec3  # tip; one physics step old, as are all positions of sites and all forces
     R_WT: Mat3
     f_contact: Vec3  # N, force of the surface on the tip, in W
     f_collision: float  # N, largest unintended contact force since the last sample

@@ -1,4 +1,4 @@
-"""Execution of commands: the state of a vehicle, one motion at a time, refusals, ticks."""
+"""Execution of commands: state of the vehicle, motions one at a time, refusals, ticks."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ class Commanded:
     def find_refusal(
         self, command: Command | ArmCommand, goal: Array | None = None, hand: int = 0
     ) -> str:
-        """Return why a command would be refused now, "" if it would be accepted.
+        """Return the reason why a command would be refused now, "" if it would be accepted.
 
         `goal` (3,) m is its goal.
         """

@@ -29,14 +29,14 @@ Array = NDArray[np.float64]
 Points = Mapping[str, ArrayLike]
 
 NEAR_M, DWELL_S, PATIENCE_S = 0.02, 0.3, 8.0
-"""Distance (m) and dwell (s) of an arrival of a hand; a motion fails PATIENCE_S after its planned
+"""Tolerance (m) and dwell time (s) of a hand's arrival; a motion fails PATIENCE_S after its planned
 end."""
-FELT, GRIPPED = 0.8, 0.6  # share of a push that must be measured; of a grasp (friction)
-LOOSE_N, LOOSEN_S = 0.1, 2.0  # N of a grasp before the hands part, and s until then
+FELT, GRIPPED = 0.8, 0.6  # share of the force that must be measured: push, grasp (friction)
+LOOSE_N, LOOSEN_S = 0.1, 2.0  # force (N) before the hands part, and time (s) to reach it
 APART_M = 0.1
 STILL_M, EMPTY_M = 2e-5, 1e-3
-"""Fingers that move less than STILL_M in a tick are at rest; slow ones below half the speed of
-their motor. Grippers within EMPTY_M of an end are at that end."""
+"""Fingers are at rest if they move less than STILL_M per tick, or less than half as far as at the
+commanded speed. Grippers within EMPTY_M of an end are at that end."""
 
 
 class PositionSensor:

@@ -66,8 +66,8 @@ class Need(StrEnum):
     FENCE = "fence"  # the goal lies within the geofence
     ORIGIN = "origin"  # the world has a geodetic origin
     HOME = "home"  # a home is set
-    ESTIMATE = "estimate"  # the robot knows where it is, now
-    HOLDABLE = "holdable"  # attitude and speed are such that the position loops can take over
+    ESTIMATE = "estimate"  # the estimator has a position, from a fresh fix
+    HOLDABLE = "holdable"  # attitude and speed allow the position loops to take over
     FREE_LINK = "free_link"  # no link of the robot lies on the ground
     CONFIRMED = "confirmed"  # `confirm = True` is given
     ARMS = "arms"
@@ -100,7 +100,7 @@ NEEDS: dict[Need, str] = {
 class Entry(NamedTuple):
     """When a command is accepted, and its effect on the state."""
 
-    states: tuple[State, ...]  # in which it is accepted
+    states: tuple[State, ...]  # states in which it is accepted
     during: State | None  # state during execution; None: unchanged
     after: State | None  # state after success; None: unchanged
     interrupts: bool  # whether it ends the present motion

@@ -1,18 +1,18 @@
-"""Base classes of components: everything that the author of a sensor or a law imports.
+"""Base classes of components, with all names that the author of a sensor or a law imports.
 
 A component is a class with
 - `Table`: its TOML table (a Spec: units in the keys, ranges);
-- `Me`: a Record of its parameters and memory, and further Records: `Output`s that others may ask
-  for as ports, `Normal` and `Uniform` draws;
-- `build(me, table, context)`, which fills `Me` from the table, once, in Python;
-- steps: static methods whose annotations are their ports. A step of the name `step` runs in the
-  component's `slot`; `slots` names others. `Out[X]` marks the port that a step fills (one row
-  does), `InOut[X]` one that it changes after that, everything else is read. `X | None` is an
-  optional port: None where nothing in the vehicle fills it, at no cost.
+- `Me`: a Record of its parameters and memory, and further Records: `Output`s, which others may
+  declare as ports, and `Normal` and `Uniform` draws;
+- `build(me, table, context)`, which fills `Me` from the table once, in Python;
+- steps: static methods whose annotations are their ports. A step with the name `step` runs in the
+  component's `slot`; `slots` declares others. `Out[X]` is a port that the step fills (only one step
+  may), `InOut[X]` one that it modifies afterwards; all other ports are read-only. `X | None` is an
+  optional port: None if no component of the vehicle fills it, at no cost.
 
-Steps are compiled by numba (`helper` decorates what they call; `words` and `table` read arrays by
-address), or run as plain Python (`compiled = False`, interactive mode only). They must not
-allocate: scratch is `local(3)` (core/scratch.py), memory belongs into `Me`.
+Numba compiles the steps (`helper` decorates the functions that they call; `words` and `table` read
+arrays by address), or they run as plain Python (`compiled = False`, interactive mode only). They
+must not allocate: use `local(3)` (core/scratch.py) for scratch, and `Me` for memory.
 """
 
 from __future__ import annotations
@@ -57,41 +57,41 @@ _T = TypeVar("_T")
 Out = Annotated[_T, "out"]
 """A port that the step fills."""
 InOut = Annotated[_T, "inout"]
-"""A port that the step changes after its owner filled it."""
+"""A port that the step modifies after its owner has filled it."""
 
 
 class Output(Record):
     """A record that a component fills and that others may declare as a port.
 
-    Over a delayed link the far end gets the latest one. With a first field `fresh` (float) it is
-    delivered when it is new (`fresh` 1, cleared by the framework each tick); with first fields
-    `t`, `n` (int) and arrays of rows it is a batch of samples, all of which are delivered.
+    A delayed link delivers the latest record. If the first field is `fresh` (float), it delivers
+    new records only (`fresh` 1, cleared by the framework each tick). If the first fields are `t`,
+    `n` (int) and arrays of rows, the record is a batch of samples, and all samples are delivered.
     """
 
 
 class ReferenceBlock(Output):
-    """A part of the reference that a component owns: the plan's rows fill it (follower.py).
+    """A part of the reference that a component owns; the rows of the plan fill it (follower.py).
 
-    Its fields are fields of a row (core/types.py: REFERENCE) that no other record has; `rules` tell
-    how each is interpolated between rows, linear where it tells nothing.
+    Its fields are fields of a row (core/types.py: REFERENCE) that no other record has. `rules`
+    define the interpolation of each field between rows; the default is linear.
     """
 
     rules: ClassVar[dict[str, int]] = {}
 
 
 class Draws(Record):
-    """Random numbers, new at each call of the step: a row of a block."""
+    """Random numbers, new at each call of the step."""
 
     stream: ClassVar[str] = ""
-    """Names a stream of core/streams.py; a component from a file has one of its own."""
+    """Name of a stream of core/streams.py; a component from a file has its own stream."""
 
 
 class Normal(Draws):
-    """Unit normal numbers."""
+    """Standard normal numbers."""
 
 
 class Uniform(Draws):
-    """Numbers from 0 to 1."""
+    """Uniform numbers from 0 to 1."""
 
 
 @dataclass(frozen=True)
@@ -104,14 +104,14 @@ class Context:
     dt: float  # s, control period
     h: float  # s, physics step
     law: str  # kind of the platform's law
-    asked: frozenset[type[Record]]  # records that law, estimator and parts ask for
-    records: dict[Any, NDArray[Any]]  # (1,) by (class, name); the robot's side has its own only
-    springs: Springs  # of joints and force sensor, as believed
+    asked: frozenset[type[Record]]  # records that law, estimator and parts have as ports
+    records: dict[Any, NDArray[Any]]  # (1,) by (class, name); robot's side: its own only
+    springs: Springs  # nominal springs of joints and force sensor
     named: tuple[Component, ...] = ()
-    """Law, estimator and further parts, which the description names; likewise."""
+    """Law, estimator and further parts of the description; robot's side: its own only."""
     alive: list[Any] = field(default_factory=list)
-    components: Sequence[Component] = ()  # all of the vehicle, at build; likewise
-    carried: list[Any] = field(default_factory=list)  # by a link (vehicle/assembly.py: Carried)
+    components: Sequence[Component] = ()  # at build; robot's side: its own only
+    carried: list[Any] = field(default_factory=list)  # of a link (vehicle/assembly.py: Carried)
 
     @property
     def robot(self) -> Robot:
@@ -130,15 +130,15 @@ class Context:
 
     @property
     def allocator(self) -> Allocator:
-        """From wrenches to thrusts of the nominal rotors."""
+        """The allocation of wrenches to thrusts of the nominal rotors."""
         return self.nominal.allocator
 
     def limit(self) -> Context:
-        """Return the part that components on the robot's side may read."""
+        """Return the context for components on the robot's side."""
         return self
 
     def keep(self, array: NDArray[Any]) -> int:
-        """Return the address of a C-contiguous array, which lives as long as the vehicle."""
+        """Return the address of a C-contiguous array, and keep it as long as the vehicle."""
         assert array.flags.c_contiguous
         self.alive.append(array)
         return int(array.ctypes.data)
@@ -146,12 +146,12 @@ class Context:
 
 @dataclass(frozen=True)
 class PlantContext(Context):
-    """What a component of the plant's side is built from: the truth as well.
+    """Data for `build` of a component on the plant's side, including the truth.
 
-    `world` is the one flown in, with pipe or structure where they truly are.
+    `world` is the true world, with pipe or structure at their true poses.
     """
 
-    known: World = None  # type: ignore[assignment]  # `world` as the map has it
+    known: World = None  # type: ignore[assignment]  # the world of the map
     deviation: Deviation = None  # type: ignore[assignment]
     true: Nominal = None  # type: ignore[assignment]  # robot and world with the true surfaces
     scene: Scene = None  # type: ignore[assignment]
@@ -160,23 +160,23 @@ class PlantContext(Context):
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def limit(self) -> Context:
-        """Return the part for the robot's side: the nominal robot and the map."""
+        """Return the context of the robot's side: the nominal robot and the map."""
         seen = {f.name: getattr(self, f.name) for f in fields(Context)}
         return Context(**{**seen, "world": self.known})
 
     def stream(self, name: str) -> np.random.Generator:
-        """Return a new generator of a named stream of this run."""
+        """Return a new generator of a named random stream of this run."""
         from skywright.core.streams import build_stream
 
         return build_stream(self.seed, name)
 
 
 class Recorded(NamedTuple):
-    """A column of the samples, and the field of a record that it is copied from.
+    """A column of the samples, and the field of a record from which it is copied.
 
-    `rotation`: the field is a rotation matrix, the column its quaternion (wxyz). `item` is that of
-    the field's first axis, such as a hand. `per` cuts that axis at the number of joints, rotors,
-    hands or objects that there are.
+    `rotation`: the field is a rotation matrix, the column its quaternion (wxyz). `item` is an index
+    of the field's first axis, such as a hand. `per` limits this axis to the actual number of
+    joints, rotors, hands or objects.
     """
 
     name: str
@@ -190,13 +190,13 @@ class Recorded(NamedTuple):
 
 
 class Streamed(NamedTuple):
-    """Raw samples of a sensor, recorded each at its own time (vehicle/streams.py).
+    """Raw samples of a sensor, each recorded at its own time (vehicle/streams.py).
 
-    `columns` show fields of one Output: with `fresh`, a row whenever it is new, at its `t` where it
-    has one; a batch, a row for each of its rows, a physics step apart and the last one at `t`. The
-    topic is /sensors/COMPONENT, and `name` below it where a component has several. `paths` say
-    where a message of the ROS 2 type `kind` holds the columns, `numbers` what else it holds;
-    without a kind the message has the columns as they are.
+    `columns` are fields of one Output. An Output with `fresh` gives a row when it is new, at its
+    `t` if it has one; a batch gives all its rows, one physics step apart, the last one at `t`. The
+    topic is /sensors/COMPONENT, or /sensors/COMPONENT/`name` if a component has several. `paths`
+    map columns to fields of a ROS 2 message of type `kind`, `numbers` are its constant fields;
+    without a kind the message has the columns as fields.
     """
 
     columns: tuple[Recorded, ...]
@@ -208,24 +208,24 @@ class Streamed(NamedTuple):
 
 
 class Component:
-    """Base of everything that runs every tick; subclass a group below."""
+    """Base of all components; derive from one of the groups below."""
 
     group: ClassVar[str] = ""
     slot: ClassVar[str] = ""
     slots: ClassVar[dict[str, str]] = {}
-    """Name of a step -> its slot, of components with several."""
+    """Name of a step -> its slot, for components with several steps."""
     side: ClassVar[Literal["robot", "plant"]] = "robot"
     compiled: ClassVar[bool] = True
-    """False: steps run as plain Python, which flies in interactive mode only."""
+    """False: the steps run as plain Python, in interactive mode only."""
     ports: dict[str, str] = {}
-    """Parameter of a step -> name of the component that fills it, where several do; an optional
-    port that names a component which the vehicle lacks is None."""
+    """Parameter of a step -> name of the component that fills it, if several do. An optional port
+    with a component that the vehicle lacks is None."""
     columns: ClassVar[tuple[Recorded, ...]] = ()
-    """What samples tell of it, where the vehicle has the records."""
+    """Columns of the samples, if the vehicle has their records."""
     streams: ClassVar[tuple[Streamed, ...]] = ()
-    """What is recorded of it at its own rate."""
+    """Raw samples that are recorded at their own rate."""
     limits: Mapping[str, tuple[float, float]] = {}
-    """Least and most of columns that a mission sets; `build` may take them from the table."""
+    """Range of each column that a mission sets; `build` may read it from the table."""
     Table: ClassVar[type[Spec]] = Spec
 
     def __init__(self, name: str, table: Any = None) -> None:
@@ -233,25 +233,25 @@ class Component:
         self.table: Any = self.Table() if table is None else table
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Fill `Me` (a NumPy record with named fields) from the table; once, in Python.
+        """Fill `Me` (a NumPy record with named fields) from the table, once, in Python.
 
-        `context` is a Context, on the plant's side a PlantContext.
+        `context` is a Context, or a PlantContext on the plant's side.
         """
 
     def get_period(self, step: str, context: Any) -> float:
-        """Return the time (s) between calls of a step: `rate_hz` of the table, else each tick."""
+        """Return the period (s) of a step: that of the table's `rate_hz`, 0 for every tick."""
         rate = getattr(self.table, "rate_hz", None)
         return 0.0 if rate is None or self.slot == "fast" else 1.0 / rate
 
     def draw(self, what: type[Draws], rng: np.random.Generator, n: int) -> Array:
-        """Return `n` rows of draws, (n, words); white by default."""
+        """Return `n` rows of random numbers (n, words); white by default."""
         size = (n, what.dtype.itemsize // 8)
         return rng.random(size) if issubclass(what, Uniform) else rng.standard_normal(size)
 
     def extend_scene(self, spec: Any) -> None:
-        """Add to the plant's scene (a mujoco.MjSpec), such as a sensor, before it is compiled.
+        """Add elements, such as a sensor, to the scene (a mujoco.MjSpec) before its compilation.
 
-        Called for components that a description names, before `build`.
+        Called before `build`, for components of the description only.
         """
 
     def before_tick(self, t: float, n_ticks: int) -> None:
@@ -261,14 +261,14 @@ class Component:
         """Called in Python after a mission tick that ended at `t` (s)."""
 
     def save(self) -> Any:
-        """Return the state of this object that is not in its records."""
+        """Return the state of this object outside its records."""
 
     def restore(self, saved: Any) -> None:
         """Restore the state that `save` returned."""
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Yield the instances that robot and world ask for by tables of their own."""
+        """Yield the instances that robot and world require."""
         return ()
 
 
@@ -284,13 +284,13 @@ class Estimator(Component):
     group, slot = "estimator", "estimate"
     needs_motion_capture: ClassVar[bool] = False
     is_truth: ClassVar[bool] = False
-    """Whether it tells the truth instead of estimating it."""
+    """Whether it copies the truth instead of estimating the state."""
 
     @classmethod
     def assemble(cls, table: Any, context: Any) -> list[Component]:
-        """Return the components of this estimator for a robot in a world: most often one.
+        """Return the components of this estimator, usually one.
 
-        `context` is a Context, of one that `is_truth` a PlantContext.
+        `context` is a Context, or a PlantContext if the estimator `is_truth`.
         """
         return [cls("estimator", table)]
 
@@ -300,13 +300,13 @@ class Law(Component):
 
     group, slot = "law", "control"
     needs_full_actuation: ClassVar[bool] = False
-    """Whether it asks for force in any direction, whatever the attitude."""
+    """Whether it commands forces in any direction at any attitude."""
     presses_with_arm: ClassVar[bool] = False
-    """Whether its arm controls the force of the block Press (vehicle/follower.py)."""
+    """Whether it controls the force of the block Press with the arm (vehicle/follower.py)."""
     knows_modes: ClassVar[bool] = False
     """Whether it follows `Reference.mode`."""
     commands_torque: ClassVar[bool] = False
-    """Whether it tells the servos torques instead of speeds."""
+    """Whether it commands servo torques instead of speeds."""
 
     def check_robot(self, robot: Robot) -> None:
         """Raise InputError if the robot lacks parts that the law requires."""
@@ -315,7 +315,7 @@ class Law(Component):
         """Called after the loss of a rotor; laws that command thrusts override this."""
 
     def get_attitude_loop(self, robot: Robot) -> AttitudeGains | None:
-        """Return the attitude loop, to check it against a link's delay; None: not known."""
+        """Return the attitude loop, for the check of a link's delay; None if unknown."""
         return None
 
     def compute_borne_delay(self, nominal: Nominal, spare: float) -> float:
@@ -323,7 +323,7 @@ class Law(Component):
         return float("nan")
 
     def compute_rate_torque(self, nominal: Nominal, I_C: Array) -> Array | None:
-        """Return N m (3, 2) for 1 rad/s of roll and pitch, of inertia `I_C` (3, 3), or None."""
+        """Return the torque (3, 2) N m per rad/s of roll and pitch for `I_C` (3, 3), or None."""
         loop = self.get_attitude_loop(nominal.robot)
         return None if loop is None else I_C[:, :2] * (2.0 * loop.damping * loop.bandwidth)
 
@@ -332,23 +332,23 @@ class Law(Component):
         return None
 
     def build_gust_model(self, nominal: Nominal, yaw: float) -> GustModel | None:
-        """Return how a wind's gusts move a platform that heads `yaw` (rad); None: not known."""
+        """Return a model of the motion in gusts at a heading `yaw` (rad), None if unknown."""
         return None
 
     def compute_push_share(self, nominal: Nominal) -> float:
-        """Return the law's push over what law (4)'s stiffness m w^2 makes at a plan's depth."""
+        """Return the ratio of the push at a plan's depth to that of law (4)'s stiffness m w^2."""
         return 1.0
 
     def compute_gust_response(
         self, robot: Robot, world: World, frequencies: Array, h: float
     ) -> Array | None:
         """Return the change (n,) of the contact force per newton of a gust along the probe, at
-        `frequencies` (n,) rad/s and a physics step `h` (s); None: no loop on it, so 1 if slow."""
+        `frequencies` (n,) rad/s and a physics step `h` (s); None: no force loop, 1 if slow."""
         return None
 
 
 class ArmsLaw(Component):
-    """A law of arms with position servos: fills ShaftCommand at the servos' rate."""
+    """A control law of arms with position servos: fills ShaftCommand at the servo rate."""
 
     group, slot = "arms_law", "control"
 
@@ -364,7 +364,7 @@ class Fault(Component):
 
     group, slot, side = "fault", "effects", "plant"
     needs_link: ClassVar[bool] = False
-    """Whether there must be a control link that it acts on."""
+    """Whether it requires a control link."""
 
     class Table(Spec):
         """Keys of every fault: its start."""
@@ -372,14 +372,14 @@ class Fault(Component):
         start_s: NonNegative = 0.0
 
     def resolve(self, robot: Robot, world: World, rng: np.random.Generator) -> Fault:
-        """Return the fault that this one stands for: itself, but for what `rng` draws."""
+        """Return the fault to inject: this one, or one that `rng` draws (kind `random`)."""
         return self
 
     @classmethod
     def draw_table(
         cls, rng: np.random.Generator, robot: Robot, world: World
     ) -> dict[str, Any] | None:
-        """Draw the keys of a fault of this kind, but for its time; None where it cannot happen."""
+        """Draw the keys of a fault except its start; None if it does not apply."""
         return None
 
 
@@ -390,11 +390,11 @@ class Effect(Component):
 
 
 class Actuator(Component):
-    """An actuator beside rotors and servos: acts on a Setpoint. `[robot.actuators.NAME]`."""
+    """An actuator other than rotors and servos: applies a Setpoint. `[robot.actuators.NAME]`."""
 
     group, slot, side = "actuator", "actuate", "plant"
 
 
 def overrides(component: Component, method: str) -> bool:
-    """Whether a component's class has a method of its own in place of Component's."""
+    """Return whether the class of a component overrides a method of Component."""
     return getattr(type(component), method) is not getattr(Component, method)

@@ -1,4 +1,4 @@
-"""Conditions of a command other than the state, checked when it is given."""
+"""Conditions of a command other than the state, checked when the command is received."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ Array = NDArray[np.float64]
 ARM_NEEDS = (
     Need.ARMS, Need.HANDS, Need.FORCE_SENSING, Need.GRASPING, Need.MARKER, Need.TOUCH,
 )  # fmt: skip
-FELT_N = 0.3  # N, of a hand that rests on something
+FELT_N = 0.3  # N, force of a hand in contact
 FRESH_S = 0.5  # s, age of the newest fix with which a robot counts as localised
 TILT_MAX, SPEED_SHARE, ROOM = math.radians(40.0), 2.0, 0.2
-"""What `recover_from_manual` takes over: tilt (rad), speed over the limit, room below (m)."""
+"""Limits of `recover_from_manual`: tilt (rad), speed over its limit, clearance below (m)."""
 
 
 def find_lack(
     need: Need, b: Backend, fence: Fence | None, goal: Array | None, hand: int = 0
 ) -> str:
-    """Return why a condition is not met, "" if it is; `goal` (3,) m is the command's goal."""
+    """Return why a condition is not met, or ""; `goal` (3,) m is the goal of the command."""
     if need == Need.ESTIMATE and not (b.localised and b.fix_age <= FRESH_S):
         age = f"the last position is {b.fix_age:.2f} s old, limit {FRESH_S:g} s"
         return age if b.localised else "the estimator has no position"
@@ -42,7 +42,7 @@ def find_lack(
 
 
 def find_arms_lack(need: Need, b: Backend, hand: int = 0) -> str:
-    """Return why a condition of the arms is not met, "" if it is."""
+    """Return why a condition of the arms is not met, or ""."""
     if need == Need.ARMS:
         return "" if "arms" in b.offers else "the vehicle offers no arms"
     if need == Need.GRASPING and list_grippers(b.robot):
@@ -65,7 +65,7 @@ def find_arms_lack(need: Need, b: Backend, hand: int = 0) -> str:
 
 
 def find_unholdable(b: Backend) -> str:
-    """Return why the position loops cannot take over from a pilot now, "" where they can."""
+    """Return why the position loops cannot take over from a pilot now, or ""."""
     est = b.estimate
     tilt, v = math.acos(min(max(est["R_WB"][2, 2], -1.0), 1.0)), est["v_WB"]
     speed, limit = float(np.linalg.norm(v)), SPEED_SHARE * b.limits.speed

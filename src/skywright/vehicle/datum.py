@@ -1,7 +1,7 @@
-"""Where the datum mark is, as the robot believes: what the probe's camera saw of it, added up.
+"""Estimated position of the datum mark, from the images of the probe's camera.
 
-Each image is put into W with the estimated pose of the tip, by which the surface is found and
-worked on too: what that pose is off by for good shifts mark, touches and work alike.
+Each image is transformed to W with the estimated pose of the tip. The surface is found and worked
+on with the same pose, so a constant error of it shifts mark, touches and work alike.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from skywright.vehicle.readings import DatumImage
 
 
 class DatumMark(Output):
-    """What was seen of the datum mark so far; the mean of a while is a difference of sums."""
+    """Sums over the images of the datum mark; a difference gives the mean over an interval."""
 
-    sum_W: Vec3  # m, of the mark's places
+    sum_W: Vec3  # m, sum of the measured positions
     images: float
 
 
@@ -37,7 +37,7 @@ class DatumEstimate(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Yield one for a robot with a camera at its probe, where there is a datum."""
+        """Robots with a camera at the probe have it, in worlds with a datum."""
         if find_seen_datum(context.robot, context.world):
             yield cls("datum")
 

@@ -1,8 +1,8 @@
-"""Devices beside the robot that a mission may use: a kind of mission declares them.
+"""Devices other than the robot that a mission may use: the kind of mission declares them.
 
-They are not part of the robot: a helper who pushes it, a bench that moves its clamp, motion capture
-that surveys a thing, the pads' force plates. A simulation has them all. Other back ends state which
-they have, and a mission that declares others is refused before the flight.
+They are a helper who pushes the robot, a bench that moves its clamp, motion capture that surveys a
+thing, and the force plates of the pads. A simulation has all of them. Other back ends declare which
+they have; a mission that declares another device is refused before the flight.
 """
 
 from __future__ import annotations

@@ -23,14 +23,14 @@ from skywright.vehicle.moves import TURN_ACCELERATION, level
 Array = NDArray[np.float64]
 
 TICK = 0.02  # s, of a mission tick
-LEASH = 0.3  # m, by which a reference may lead a robot that is held up or blown away
+LEASH = 0.3  # m, largest distance of a reference from a robot that cannot follow
 TURN_MAX = 0.8  # rad/s
 TILT_RATE = 0.3  # rad/s, of a tilt in place
-APPROACH = 2.0  # 1/s, speed towards a pose for a metre of distance
+APPROACH = 2.0  # 1/s, speed towards a pose per distance
 CLIMB_ACCELERATION = 2.0  # m/s^2
-DOWN_M, DOWN_S = 0.08, 0.3  # m above its reference, and s, for a touch-down
-LIGHT = 0.9  # thrust over weight, below which a robot that does not fall is on the ground
-ASKED = 0.03  # m/s of descent, below which no touch-down is detected
+DOWN_M, DOWN_S = 0.08, 0.3  # height above the reference (m) and time (s) of a touch-down
+LIGHT = 0.9  # thrust over weight below which a robot at rest stands on the ground
+ASKED = 0.03  # m/s, least commanded descent for a touch-down; speed of a robot at rest
 
 
 class Stick(NamedTuple):
@@ -39,16 +39,16 @@ class Stick(NamedTuple):
     roll: float = 0.0  # rad, about x of B: positive moves to the right
     pitch: float = 0.0  # rad, about y of B: positive moves ahead
     yaw_rate: float = 0.0  # rad/s, counter-clockwise from above
-    climb: float = 0.0  # m/s, held where `thrust` is None
-    thrust: float | None = None  # in place of it: thrust over weight
+    climb: float = 0.0  # m/s, used if `thrust` is None
+    thrust: float | None = None  # thrust over weight, replaces `climb`
 
 
 LET_GO = Stick()
-"""Level, and the present height."""
+"""A released stick: level, at the present height."""
 
 
 class Drive:
-    """Base: a reference that starts at the present one and is updated tick by tick."""
+    """Base class: a reference that starts at the present one and is updated each tick."""
 
     stale_s = 0.5
 
@@ -60,7 +60,7 @@ class Drive:
         self.rate = float(row["w_WB_B"][2])
         self.heard = backend.t  # s, time of the last command
         self._held_up = 0.0  # s
-        self._q: Array | None = None  # rad, of a stream of joint angles
+        self._q: Array | None = None  # rad, reference of a stream of joint angles
         self._q_to: Array | None = None
         self._q_heard = 0.0
         self._hands = HandStream(backend)
@@ -71,12 +71,12 @@ class Drive:
         self._hands = other._hands
 
     def tell_hand(self, hand: int, told: Told) -> None:
-        """Set the reference of a hand; its arm's joints follow no other stream from then on."""
+        """Set the reference of a hand; this ends a stream of joint angles."""
         self._q = self._q_to = None
         self._hands.tell(hand, told)
 
     def tell_joints(self, q: Array) -> None:
-        """Move the joints to q (n_joints,) rad within their speed; if stale, they stay."""
+        """Move the joints to q (n_joints,) rad within their speed limit; if stale, hold them."""
         if self._q is None:
             self._q = find_led_joints(self.backend)
             self._hands = HandStream(self.backend)
@@ -173,7 +173,7 @@ class Drive:
 class VelocityDrive(Drive):
     """Follows a velocity (m/s in W) and a rate of the heading (rad/s); if stale, it brakes.
 
-    A robot with lateral thrust may be commanded a tilt as well; it changes at TILT_RATE.
+    For robots with lateral thrust it also follows a tilt, which changes at TILT_RATE.
     """
 
     def __init__(self, backend: Backend) -> None:
@@ -188,26 +188,26 @@ class VelocityDrive(Drive):
         self._rate = float(np.clip(yaw_rate, -TURN_MAX, TURN_MAX))
 
     def lead(self) -> Array:
-        """Towards the commanded velocity, or to rest."""
+        """Accelerate towards the commanded velocity; if stale, brake."""
         return self._towards(np.zeros(3) if self.is_stale else self._v)
 
     def turn(self) -> float:
-        """The commanded rate."""
+        """Return the commanded rate; zero if stale."""
         return 0.0 if self.is_stale else self._rate
 
     def step(self) -> Table:
-        """Likewise; the tilt follows the command, or returns to level."""
+        """As in Drive; the tilt follows the command, or returns to level if stale."""
         way = (np.zeros(2) if self.is_stale else self._tilt_to) - self._tilt
         self._tilt = self._tilt + np.clip(way, -TILT_RATE * TICK, TILT_RATE * TICK)
         return super().step()
 
     def tilt(self, yaw: float) -> Array:
-        """Heading, then roll and pitch."""
+        """Return the heading, then tilted by roll and pitch."""
         return tilt_heading(yaw, *self._tilt)
 
 
 class PoseDrive(Drive):
-    """Follows positions (m in W) and headings (rad); without a new one it stays at the last."""
+    """Follows positions (m in W) and headings (rad); if stale, it stays at the last one."""
 
     def __init__(self, backend: Backend) -> None:
         super().__init__(backend)
@@ -220,7 +220,7 @@ class PoseDrive(Drive):
         self._v, self._rate = self._cut(v), float(np.clip(yaw_rate, -TURN_MAX, TURN_MAX))
 
     def lead(self) -> Array:
-        """Towards the pose, at a speed from which it can brake."""
+        """Accelerate towards the pose, at a speed that allows braking at the goal."""
         way, limits = self._p - self.p, self.backend.limits
         v = np.zeros(3) if self.is_stale else self._v
         far = float(np.linalg.norm(way))
@@ -230,7 +230,7 @@ class PoseDrive(Drive):
         return self._towards(self._cut(v + way * (speed / far)))
 
     def turn(self) -> float:
-        """In the shorter direction."""
+        """Return the rate towards the heading, in the shorter direction."""
         off = (self._yaw - self.yaw + math.pi) % (2.0 * math.pi) - math.pi
         size = min(TURN_MAX, APPROACH * abs(off), math.sqrt(TURN_ACCELERATION * abs(off)))
         rate = math.copysign(size, off) + (0.0 if self.is_stale else self._rate)
@@ -253,7 +253,7 @@ class StickDrive(Drive):
         self.v[2] = 0.0 if row["active"] > 0.5 else est["v_WB"][2]
         self._gravity = float(backend.world.gravity_mps2)
         self._tilt_max = math.radians(backend.robot.control.tilt_max_deg)
-        self._floor = float(est["p_WB"][2])  # m, when it took over
+        self._floor = float(est["p_WB"][2])  # m, height at the start of the drive
         self._flew, self._stands = False, 0.0
 
     def tell(self, stick: Stick) -> None:
@@ -266,12 +266,12 @@ class StickDrive(Drive):
 
     @property
     def has_touched_down(self) -> bool:
-        """Likewise, once the robot has left the ground."""
+        """As in Drive, or at rest with little thrust, after the robot has left the ground."""
         stands = self._stands >= DOWN_S - 1e-9 or super().has_touched_down
         return self._flew and stands
 
     def lead(self) -> Array:
-        """Follow the estimate, and command the acceleration of the tilt."""
+        """Follow the estimate, and return the acceleration of the tilt."""
         stick = LET_GO if self.is_stale else self.stick
         est = self.backend.estimate
         self._flew = self._flew or float(est["p_WB"][2]) > self._floor + 0.15
@@ -289,24 +289,24 @@ class StickDrive(Drive):
         return np.asarray(a)
 
     def turn(self) -> float:
-        """The rate of the stick."""
+        """Return the rate of the stick; zero if stale."""
         return 0.0 if self.is_stale else float(np.clip(self.stick.yaw_rate, -TURN_MAX, TURN_MAX))
 
     def tilt(self, yaw: float) -> Array:
-        """Heading, then pitch and roll."""
+        """Return the heading, then tilted by the stick; level if stale."""
         stick = LET_GO if self.is_stale else self.stick
         return tilt_heading(yaw, stick.roll, stick.pitch)
 
 
 def tilt_heading(yaw: float, roll: float, pitch: float) -> Array:
-    """Return the attitude (3, 3) of a heading that is then tilted about (roll, pitch, 0) (rad)."""
+    """Return the attitude (3, 3) of a heading, then tilted about (roll, pitch, 0) (rad)."""
     R = np.empty((3, 3))
     exp_so3(np.array([roll, pitch, 0.0]), R)
     return np.asarray(rot_z(yaw) @ R)
 
 
 def build_row_here(backend: Backend) -> Any:
-    """Return a REFERENCE row, level, with the estimated position and velocity."""
+    """Return a level REFERENCE row at the estimated position and velocity."""
     row, est = np.array(backend.reference), backend.estimate
     for name in ("t", "a_WB", "w_WB_B", "wd_WB_B", "qd", "track_tip", "dead_zone"):
         row[name] = 0.0

@@ -1,4 +1,4 @@
-"""A vehicle that cannot be flown any further."""
+"""The error of a vehicle that no longer accepts commands."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from skywright.errors import SimulationError
 
 
 class VehicleEnded(SimulationError):
-    """What flies follows no command any more, or refused to begin: the mission is over.
+    """The vehicle no longer follows commands, or refused to start; the mission ends.
 
-    Raised by `tick` of a back end whose vehicle is not simulated here.
+    Raised by `tick` of a back end with a vehicle outside the simulation.
     """

@@ -1,4 +1,4 @@
-"""Outputs of estimators besides Estimate; an estimator of a user need not fill them."""
+"""Outputs of estimators in addition to Estimate; user-defined estimators may omit them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class EstimatorState(Output):
     heard: float  # s, time of the last data from the localisation
     fix_age: float  # s, since the newest fix used, if fixes arrive separately
     p_std: Vec3  # m, standard deviations of the position
-    pose_std: float  # m, the largest of them; NaN where it is not known
+    pose_std: float  # m, the largest of them; NaN if unknown
     rejected: float  # consecutive position measurements that contradict the estimate
     restarts: float  # number of resets to the measurements
 

@@ -1,4 +1,4 @@
-"""Response to the failure of a step of the robot's own computer."""
+"""Response to the failure of a step of the robot's computer."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from skywright.vehicle.component import ArmsLaw, Component, Law
 from skywright.vehicle.ticker import StepFailed
 
 RESTART_S = 0.06
-"""s, until a watchdog has started a control law again: three of its periods of 20 ms."""
+"""s, until a watchdog has restarted a control law: three of its periods of 20 ms."""
 
 
 class Watchdog:
-    """Starts a control law that failed in the air again, once, and stops one that fails again.
+    """Restarts a failed control law in flight once, and stops a law that fails again.
 
-    The law begins anew with the memory that it had before its first step (`memories`): what it had
-    gathered in flight is lost, as in a process that is started again. Until then the rotors hold
-    their speed and the servos their angle. An estimator is not started again: it would not know
-    where it is.
+    The law restarts with its memory before the first step (`memories`), as a restarted process
+    does; integrals and other states of the flight are lost. Until then the rotors hold their speed
+    and the servos their angle. An estimator is not restarted, because it would have no initial
+    position.
     """
 
     def __init__(self, assembly: Assembly) -> None:
@@ -36,11 +36,11 @@ class Watchdog:
             if key[0] in assembly.memories and key[1] in names
         }
         self._due_at = assembly.rows[["every", "phase"]].copy()
-        self._due = math.inf  # s, when the law is started again
+        self._due = math.inf  # s, time of the restart
         self._used = False
 
     def stop(self, failed: StepFailed, t: float) -> bool:
-        """Stop the step that failed at time t (s); returns whether it is restarted."""
+        """Stop the step that failed at time t (s); return whether it is restarted."""
         again = not self._used and (failed.component is None or failed.component in self._laws)
         self._used, self._due = True, t + RESTART_S if again else math.inf
         self._leave_out([failed.component, *self._laws])
@@ -48,7 +48,7 @@ class Watchdog:
         if again:
             self._forget(failed)
             given, made = records[WrenchCommand, ""], records[Allocated, ""]
-            given.view(np.float64)[:] = 0.0  # of joints: speeds, torques
+            given.view(np.float64)[:] = 0.0  # also speeds and torques of the joints
             given["f_B"], given["t_B"] = made["f_B_alloc"], made["t_B_alloc"]
         else:
             for record in (WrenchCommand, RotorDrive):
@@ -59,7 +59,7 @@ class Watchdog:
         return again
 
     def look(self, t: float) -> None:
-        """Start the law again when it is time."""
+        """Restart the law when it is due."""
         if t >= self._due - 1e-9:
             self._due = math.inf
             self.assembly.rows[["every", "phase"]] = self._due_at
@@ -68,10 +68,10 @@ class Watchdog:
         rows = self.assembly.rows
         for i, step in enumerate(self.assembly.steps):
             if step.component in components:
-                rows["every"][i], rows["phase"][i] = 2, 2  # never due; every = 1 always is
+                rows["every"][i], rows["phase"][i] = 2, 2  # never due, unlike every = 1
 
     def _forget(self, failed: StepFailed) -> None:
-        """Give what failed its first memory; the arms' law keeps its own while that is finite."""
+        """Reset the memory of the failed law, and that of another law if it is not finite."""
         for (record, name), first in self.memories.items():
             rows = self.assembly.records[record, name]
             law = next(c for c in self._laws if c.name == name)
@@ -81,7 +81,7 @@ class Watchdog:
 
 
 def explain_not_finite(assembly: Assembly, law: str, t: float) -> SimulationError:
-    """Return the error to raise if a command, or else the simulated state, is not finite."""
+    """Return the error for a command or, if all are finite, a state that is not finite."""
     records = assembly.records
     given = [records[k, ""][0] for k in (WrenchCommand, ShaftCommand) if (k, "") in records]
     values = np.concatenate([np.ravel(r[name]) for r in given for name in r.dtype.names])

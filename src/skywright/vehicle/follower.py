@@ -1,8 +1,8 @@
-"""The reference of now: rows of a plan, interpolated each tick.
+"""The present reference: rows of a plan, interpolated in each tick.
 
-A row (core/types.py: REFERENCE) holds the fields of several records: the bus' Reference and blocks
-that components own, such as Press here. Each field goes to the record that has it, by the rule that
-the record declares in `rules`; linear where it declares none.
+A row (core/types.py: REFERENCE) contains the fields of several records: Reference of the bus, and
+blocks that components own, such as Press. Each field is interpolated into the record that has it,
+by the rule in the record's `rules`; the default is linear.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ MAX_RULES = 64
 
 
 class Press(ReferenceBlock):
-    """Pressing with a probe that measures its force, and resting on docking feet."""
+    """Reference of a pressing probe with a force sensor, and of docking feet in contact."""
 
     rules: ClassVar[dict[str, int]] = {"press": HOLD, "docked": HOLD}
 
-    press: float  # 1: the arm controls the force, 0: its joints
-    force: float  # N, that the tip shall exert along the probe's axis
-    docked: float  # 1: feet rest on the structure, so the platform's integrals rest
+    press: float  # 1: the arm controls the force; 0: it controls its joints
+    force: float  # N, desired force of the tip along the probe's axis
+    docked: float  # 1: feet in contact with the structure; the platform's integrals are held
     f_feet_B: Vec3  # N, planned force of the structure on the docking feet
     t_feet_B: Vec3  # N m, about the origin of B
 
 
 class Rule(NamedTuple):
-    """Words of a row that go to one place in one way."""
+    """Consecutive words of a row with one target and one rule."""
 
     first: int
     last: int
@@ -48,9 +48,9 @@ class Rule(NamedTuple):
 
 
 def list_rules(records: dict[Any, NDArray[Any]]) -> list[Rule]:
-    """Return where each field of a row goes, among (1,) arrays by (class, name).
+    """Return the targets and rules of the fields of a row, in (1,) arrays by (class, name).
 
-    Fields that no record has are left out; neighbours that go on in the same way become one rule.
+    Fields that no record has are omitted; contiguous fields with the same rule are merged.
     """
     owners = [(k[0], v) for k, v in records.items() if _is_told(k[0])]
     out: list[Rule] = []
@@ -94,9 +94,9 @@ def _is_told(record: type[Record]) -> bool:
 
 
 def copy_row(row: Any) -> Any:
-    """Return a copy of a REFERENCE row, as an array of no dimension.
+    """Return a copy of a REFERENCE row as a 0-dimensional array.
 
-    NumPy's `np.array(row)` is no copy but a view where `row` is an element of an array, and
+    NumPy's `np.array(row)` returns a view, not a copy, if `row` is an element of an array, and
     `row.copy()` takes 14 times as long.
     """
     return np.frombuffer(bytearray(row.tobytes()), row.dtype).reshape(())
@@ -115,13 +115,13 @@ class RowNow:
         return self._follower.first[name] if field is None else field[0]
 
     def place(self, name: str) -> memoryview | None:
-        """Return where a field stands, to be read by `.tolist()`; None where no record has it."""
+        """Return the memory of a field, for `.tolist()`; None if no record has the field."""
         field = self._follower.fields.get(name)
         return None if field is None else memoryview(field.reshape(field.shape[1:]))
 
 
 class Follower(Component):
-    """Fills Reference and its blocks from the rows that are tracked."""
+    """Fills Reference and its blocks from the tracked rows."""
 
     slot = "reference"
 
@@ -136,11 +136,11 @@ class Follower(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Every vehicle has one."""
+        """Every vehicle has it."""
         yield cls("reference")
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Find the records that the rows fill."""
+        """Look up the records that the rows fill."""
         self._me = me
         told = [(r, view) for (r, _), view in context.records.items() if _is_told(r)]
         self.fields = dict[str, Any]()
@@ -158,7 +158,7 @@ class Follower(Component):
     def track(self, rows: NDArray[Any], t: float) -> None:
         """Follow `rows` (REFERENCE, C-contiguous) from mission time `t` (s) on.
 
-        What is commanded before the next tick builds on the first row.
+        The first row is the present reference until the next tick.
         """
         assert rows.flags.c_contiguous
         self._rows, me = rows, self._me
@@ -172,7 +172,7 @@ class Follower(Component):
 
     @property
     def first(self) -> Any:
-        """The first row of the table: fields that no record here takes stay as they are in it."""
+        """The first row of the table, with the values of fields that no record has."""
         return self._rows[0]
 
     def read_row(self) -> Any:
@@ -183,11 +183,11 @@ class Follower(Component):
         return row[()]
 
     def save(self) -> Any:
-        """Return the rows that are tracked; where they stand is in the record."""
+        """Return the tracked rows; their progress is in the record."""
         return self._rows
 
     def restore(self, saved: Any) -> None:
-        """Keep those rows alive again."""
+        """Restore the reference to the tracked rows."""
         self._rows = saved
 
     @staticmethod
@@ -208,7 +208,7 @@ class Follower(Component):
 
 @njit(cache=True, error_model="numpy")
 def copy_fields(rules: Any, row: int, back: bool) -> None:
-    """Write the row at an address to where the rules say, or `back` from there into the row."""
+    """Copy the row at an address to the targets of the rules, or with `back` from them."""
     for r in range(len(rules)):
         here, there, n = row + 8 * rules[r, 0], rules[r, 3], rules[r, 1] - rules[r, 0]
         if back:
@@ -219,7 +219,7 @@ def copy_fields(rules: Any, row: int, back: bool) -> None:
 
 @helper
 def interpolate(rule: Any, lo: Any, hi: Any, u: float) -> None:
-    """Write the words of a rule at the share `u` (0 to 1) of the way from row `lo` to `hi`."""
+    """Write the words of a rule, interpolated at `u` (0 to 1) from row `lo` to `hi`."""
     first, n = rule[0], rule[1] - rule[0]
     out = words(rule[3], n)
     if rule[2] == HOLD or (rule[2] == HOLD_END and u < 1.0):

@@ -1,4 +1,4 @@
-"""Places on the earth as places in W: WGS 84, by pymap3d."""
+"""Conversion between WGS 84 positions and points in W, by pymap3d."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ Array = NDArray[np.float64]
 
 
 class Geodetic(NamedTuple):
-    """A place in WGS 84."""
+    """A position in WGS 84."""
 
     latitude_deg: float
     longitude_deg: float
-    altitude_m: float  # above the same zero as that of the origin
+    altitude_m: float  # same reference as the altitude of the origin
 
     @classmethod
     def check(cls, latitude: float, longitude: float, altitude: float) -> Geodetic:
-        """Return a position; raises InputError if it is invalid."""
+        """Return a position; raise InputError if it is invalid."""
         place = cls(
             check_number("latitude", latitude), check_number("longitude", longitude),
             check_number("altitude", altitude),
@@ -36,7 +36,7 @@ class Geodetic(NamedTuple):
 
 
 def to_local(origin: Origin, place: Geodetic) -> Array:
-    """Return the place (3,) m in W, whose origin lies at `origin` (x east, y north, z up)."""
+    """Return the point (3,) m in W of a position; W has its origin at `origin` (ENU)."""
     from pymap3d import geodetic2enu
 
     at = geodetic2enu(

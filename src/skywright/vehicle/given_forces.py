@@ -1,4 +1,4 @@
-"""External forces begin anew in each tick, from those that somebody asked for; effects add."""
+"""External forces of each tick: initialised with the commanded ones; effects add to them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from skywright.vehicle.component import Component, words
 
 
 class GivenForces(Component):
-    """The one row that clears MuJoCo's external forces."""
+    """Sets MuJoCo's external forces at the start of a tick; no other component resets them."""
 
     slot, side = "clear", "plant"
 
@@ -29,7 +29,7 @@ class GivenForces(Component):
         me.given = context.keep(self.given)
 
     def push(self, body: str, f_W: Array) -> None:
-        """Apply a force (3,) N to a body of the robot, at its centre of mass, until told otherwise.
+        """Apply a force (3,) N to a body of the robot, at its centre of mass, until the next call.
 
         Raises InputError for an unknown body.
         """
@@ -43,7 +43,7 @@ class GivenForces(Component):
         return self.given.copy()
 
     def restore(self, saved: Any) -> None:
-        """Push that again."""
+        """Restore the saved forces."""
         self.given[:] = saved
 
     @staticmethod
@@ -54,5 +54,5 @@ class GivenForces(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Every vehicle has them."""
+        """Every vehicle has it."""
         yield cls("given forces")

@@ -12,20 +12,20 @@ from skywright.vehicle.component import Component
 
 NOT_FINITE, CONTACT_MADE, CONTACT_LOST, COLLISION, LOST_CONTROL = 1, 2, 4, 8, 16
 
-ERROR_MAX = 0.8  # m between estimate and nominal pose: the robot no longer follows
-UP_MIN = 0.3  # cosine of the tilt below which it has tipped over
+ERROR_MAX = 0.8  # m, largest distance of the estimate from the reference
+UP_MIN = 0.3  # cosine of the largest tilt
 
 
 class CommandGuard(Component):
-    """Stops the tick where a command is not finite, so that NaN never reaches an actuator; ends the
-    mission tick where the robot no longer follows.
+    """Stops the tick if a command is not finite, so that NaN never reaches an actuator; ends the
+    mission tick if the robot no longer follows its reference.
     """
 
     slot = "guard"
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Every vehicle has one."""
+        """Every vehicle has it."""
         yield cls("command guard")
 
     @staticmethod
@@ -50,7 +50,7 @@ class CommandGuard(Component):
             return
         if ref.active > 0.5:
             error = 0.0
-            # standard stabilisation lets go of the place: it drifts, at the height of the reference
+            # standard stabilisation controls the height only: the horizontal position drifts
             for i in range(2 if ref.mode == MODE_STANDARD else 0, 3):
                 error += (ref.p_WB[i] - est.p_WB[i]) ** 2
             if error > ERROR_MAX * ERROR_MAX or est.R_WB[2, 2] < UP_MIN:
@@ -58,13 +58,13 @@ class CommandGuard(Component):
 
 
 class StateGuard(Component):
-    """Stops the tick where the simulated state is not finite."""
+    """Stops the tick if the simulated state is not finite."""
 
     slot, side = "guard", "plant"
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Every vehicle has one."""
+        """Every vehicle has it."""
         yield cls("state guard")
 
     @staticmethod

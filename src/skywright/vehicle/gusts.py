@@ -1,4 +1,4 @@
-"""What gusts do to a platform that holds its place with a link hanging from it."""
+"""Motion of a hovering platform in gusts, with or without a hanging link."""
 
 from collections.abc import Callable
 from typing import NamedTuple, TypeAlias
@@ -7,11 +7,11 @@ from skywright.description.world.spec import Wind
 
 
 class GustMotion(NamedTuple):
-    """In one wind."""
+    """Motion in one wind."""
 
-    place: float  # m, rms, level
+    place: float  # m, rms of the horizontal position
     swing: float  # rad, rms of the joint
-    settle: Callable[[float], float]  # share of the angle of a link let go -> s until it is below
+    settle: Callable[[float], float]  # share of a released link's angle -> settling time (s)
 
 
 GustModel: TypeAlias = Callable[[Wind], GustMotion]

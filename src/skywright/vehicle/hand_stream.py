@@ -1,7 +1,8 @@
-"""Streams of hand references: points, velocities or forces, each of which ages.
+"""Streams of hand references: points, velocities or forces, each of which expires.
 
-The newest reference counts for 0.5 s. Then a hand that was led to a point or by a velocity stays
-where it was led, and a force falls to zero over another 0.5 s while the hand stays.
+The newest reference is valid for 0.5 s. Afterwards a hand with a point or velocity reference holds
+its present reference position. A force falls to zero over another 0.5 s; then the hand holds its
+position.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from skywright.vehicle.interface import Backend, Table
 Array = NDArray[np.float64]
 
 STALE_S, FALL_S = 0.5, 0.5
-LEAST_N = 1e-3  # N, a direction and no force
+LEAST_N = 1e-3  # N, least force, which only defines a direction
 
 
 class Told(NamedTuple):
@@ -26,11 +27,11 @@ class Told(NamedTuple):
 
     what: str
     value: Array
-    speed: float | None = None  # m/s, to a point
+    speed: float | None = None  # m/s, towards a point
 
 
 class HandStream:
-    """What hands were told, and when."""
+    """The last reference of each hand, with its time."""
 
     def __init__(self, backend: Backend) -> None:
         self._backend = backend
@@ -38,12 +39,12 @@ class HandStream:
         self._stays: dict[int, Array] = {}
 
     def tell(self, hand: int, told: Told) -> None:
-        """Take a new reference."""
+        """Set a new reference of a hand."""
         self._told[hand] = told, self._backend.t
         self._stays.pop(hand, None)
 
     def fill(self, table: Table) -> None:
-        """Write the hands' tasks into rows."""
+        """Write the tasks of the hands into rows."""
         b = self._backend
         for h, (told, heard) in self._told.items():
             age = b.t - heard
@@ -64,7 +65,7 @@ class HandStream:
                 self._lead(table, h, stays, float(b.look(HandState).speed_hand))
 
     def _find_rest(self, h: int, told: Told) -> Array:
-        """Return the position at which a hand without new references stays."""
+        """Return the position that a hand with an expired reference holds."""
         led = self._backend.look(HandState).p_ref[h]
         return np.array(self._backend.look(Hands).p_WH[h] if told.what == "f" else led)
 

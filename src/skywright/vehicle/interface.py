@@ -1,7 +1,7 @@
 """Interface of missions to any back end: the protocol Backend, and WholeBody and Probe.
 
 Moves (vehicle/moves.py) and Arms (vehicle/arms_interface.py) complete it. A back end (physics,
-kinematic animation, a recording; an autopilot) tracks tables of REFERENCE rows and declares which
+kinematic animation, a recording, an autopilot) tracks tables of REFERENCE rows and declares which
 of the four classes it supports. The four classes convert commands to tables.
 """
 
@@ -96,7 +96,7 @@ class Backend(Protocol):
         """
 
     def look(self, record: type[R]) -> R:
-        """Return a record itself, which must not be modified; raises as `read` does."""
+        """Return a record itself, which must not be modified; raise InputError as `read` does."""
 
     @property
     def localised(self) -> bool:
@@ -112,17 +112,17 @@ class Backend(Protocol):
 
     @property
     def saturated(self) -> bool:
-        """Whether the rotors could not produce the wrench commanded at the last control tick."""
+        """Whether the rotors could not produce the wrench of the last control tick."""
 
     @property
     def pose_std(self) -> float:
         """Standard deviation (m) of the platform's position, from the estimator; NaN if unknown."""
 
     def take_control(self) -> str:
-        """Take control of the platform from a pilot; returns why it is refused, or ""."""
+        """Take control of the platform from a pilot; return why it is refused, or ""."""
 
     def give_control(self) -> str:
-        """Give a pilot control of the platform; returns why it is refused, or ""."""
+        """Give a pilot control of the platform; return why it is refused, or ""."""
 
     def track(self, table: Table) -> None:
         """Follow `table` from now on; its last row holds."""
@@ -156,7 +156,7 @@ class Backend(Protocol):
         """Set the operator's input (3,), each from -1 to 1, and button for the recording."""
 
     def tip_of(self, row: Any) -> tuple[Array, Array]:
-        """Nominal (p_WT, R_WT) of a row's platform pose and joints."""
+        """Return the nominal (p_WT, R_WT) of a row's platform pose and joints."""
 
 
 def require(
@@ -170,7 +170,7 @@ def check_offers(
     offers: frozenset[str], beside: frozenset[str], needs: frozenset[str], mission: str,
     devices: frozenset[str] = frozenset(),
 ) -> None:  # fmt: skip
-    """Raise as `require` does, for the offers of a back end and the devices of the vehicle."""
+    """Do the same as `require` with the offers of a back end and the devices of the vehicle."""
     missing = sorted(needs - offers)
     if missing:
         raise InputError(
@@ -217,7 +217,7 @@ class Probe:
         return self.backend.in_contact()
 
     def calibrate(self, contact: complex, axis: complex) -> None:
-        """Set the signal in `contact` and its `axis` towards air, by which contact is detected."""
+        """Set the signal in `contact` and its `axis` towards air, for the detection of contact."""
         self.backend.calibrate_probe(
             np.array([contact.real, contact.imag]), np.array([axis.real, axis.imag])
         )

@@ -1,4 +1,4 @@
-"""Which components a vehicle has: those that robot and world ask for, and those that are named."""
+"""Components of a vehicle: those that robot and world require, and the named ones."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from skywright import vehicle
 from skywright.vehicle.component import Component, Context
 
 BY_KIND = ("laws", "estimators", "faults")
-"""Packages whose components are named in a description (core/find.py)."""
+"""Packages of components that a description selects by name (core/find.py)."""
 
 
 def list_wanted(context: Context) -> list[Component]:
-    """Return the built-in components that robot and world require by tables of their own."""
+    """Return the built-in components that robot and world require."""
     return [c for cls in list_built_in() for c in cls.wanted(context)]
 
 
 @lru_cache
 def list_built_in() -> tuple[type[Component], ...]:
-    """Return the classes in this package that say themselves when they are wanted."""
+    """Return the component classes of this package that override `wanted`."""
     found: dict[type[Component], None] = {}
     for module in _import_all(vehicle.__path__, vehicle.__name__ + "."):
         for cls in vars(module).values():

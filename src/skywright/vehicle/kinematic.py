@@ -1,8 +1,8 @@
-"""The kinematic back end: the robot is where its reference says, without mass, force or contact.
+"""The kinematic back end: the robot has the pose of its reference, without mass or contact.
 
 Sensors, estimator, law and plant are built as for a flight, so that records and recordings have the
-same names; of the schedule only what follows references, observes and records runs. The estimate is
-the truth. The ground holds the feet up; nothing else is touched.
+same names. Only the steps that follow references, observe and record run. The estimate is the
+truth. The ground limits the height of the platform; there are no other contacts.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ from skywright.vehicle.ticker import list_stretches
 Array = NDArray[np.float64]
 
 OFFERS = frozenset({"uav", "arms", "whole_body"})
-"""What it can show: it has neither contacts nor hands that follow a force, nor a probe's signal."""
+"""Offers of this back end: without contacts, forces of hands, and the signal of a probe."""
 KEPT = (Body, Estimate, EstimatorState, Reference, ImuBatch, Telemetry)
-"""Records that mean something; what sensors, laws and observers of a flight fill does not exist."""
+"""Records that can be read. Those of sensors, laws and observers are not filled."""
 SLOTS = ("observe", "derive", "record")
-"""Rows of the plant's side that run, besides those that follow references."""
+"""Slots of the plant's side that run, in addition to the slot `reference`."""
 
 
 class KinematicVehicle(SimulatedVehicle):
-    """A back end (vehicle.interface.Backend) that is moved along its references."""
+    """A back end (vehicle.interface.Backend) that moves the robot along its references."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
-        """Take what SimulatedVehicle takes."""
+        """Take the same arguments as SimulatedVehicle."""
         super().__init__(*args, **kwargs)
         self.offers = self.offers & OFFERS
         a = self.assembly
@@ -65,33 +65,33 @@ class KinematicVehicle(SimulatedVehicle):
         self._gauge: Any = None
         if (Telemetry, "") in a.records:
             self._gauge = a.get(Telemetry)
-            self._gauge["charge"] = self._gauge["speed"] = math.nan  # no rotor turns, no power
+            self._gauge["charge"] = self._gauge["speed"] = math.nan  # no rotors, no power
         self._bench = find_first(self.world.things, Fixture)
         self._floor = self.robot.platform.gear_height_m
-        self._posture, self._tip = b"", (np.zeros(3), np.eye(3))  # joints, and the tip in B there
+        self._posture, self._tip = b"", (np.zeros(3), np.eye(3))  # joints, and the tip in B at them
 
     def run_also(self, rows: list[int]) -> None:
-        """Run further rows of the schedule, such as those of a law."""
+        """Also run further rows of the schedule, such as those of a law."""
         self._seen = _list_runs(sorted({*self._after_move, *rows}))
 
     def look(self, record: type[R], name: str = "") -> R:
-        """Return a record of KEPT itself; raises InputError for every other one."""
+        """Return a record of KEPT itself; raise InputError for any other record."""
         if record not in KEPT:
             raise InputError(f"the back end fills no {record.__name__}")
         return super().look(record, name)
 
     @property
     def actuators(self) -> Actuators:
-        """There are none."""
+        """No actuators."""
         return Actuators({}, "none, the back end moves no actuators")
 
     @property
     def devices(self) -> Devices:
-        """There are none."""
+        """No devices."""
         return Devices(self, frozenset())
 
     def release(self) -> None:
-        """Open the clamp: from now on the platform follows its reference."""
+        """Open the clamp, so that the platform follows its reference."""
         super().release()
         self._bench = None
 
@@ -101,7 +101,7 @@ class KinematicVehicle(SimulatedVehicle):
         return False
 
     def tick(self, guards: int = 0) -> Ticked:
-        """Move the robot along its reference for a mission tick; guards never fire."""
+        """Move the robot along its reference for one mission tick; guards never fire."""
         a, clock = self.assembly, self._clock
         a.refill(self.n_ticks, self.n_steps)
         at, clock_at = int(a.rows.ctypes.data), a.address(Clock)
@@ -124,7 +124,7 @@ class KinematicVehicle(SimulatedVehicle):
                     run_rows(at, i, j, clock_at)
 
     def _move(self) -> None:
-        """Take the pose of the reference, on or above the ground."""
+        """Move to the pose of the reference, on or above the ground."""
         ref, d = self._ref, self.sim.data
         if self._bench is not None:
             self._show(d.qpos[:3].copy(), d.qvel[:3].copy(), ref["R_WB"], d.qvel[3:6].copy(), False)
@@ -135,10 +135,10 @@ class KinematicVehicle(SimulatedVehicle):
         self._show(p, v, ref["R_WB"], ref["w_WB_B"])
 
     def _show(self, p: Array, v: Array, R: Array, w: Array, moves: bool = True) -> None:
-        """Put the robot at a pose, p (3,) m, v (3,) m/s, R (3, 3), w (3,) rad/s in B.
+        """Set the state of the robot: p (3,) m, v (3,) m/s, R (3, 3), w (3,) rad/s in B.
 
-        The joints follow their reference; truth and estimate are told. One that does not move is
-        held by the bench.
+        The joints follow their reference; truth and estimate are updated. With `moves` False the
+        bench holds the platform.
         """
         ref, truth, est, d = self._ref, self._truth, self._est, self.sim.data
         if moves:
@@ -146,23 +146,23 @@ class KinematicVehicle(SimulatedVehicle):
             rot_to_quat(np.ascontiguousarray(R), d.qpos[3:7])
         places, n = self.scene.places, self.n_joints
         d.qpos[places.joint_qpos], d.qvel[places.joint_dof] = ref["q"][:n], ref["qd"][:n]
-        d.actuator_force[:] = 0.0  # those of the scene's start would stay
+        d.actuator_force[:] = 0.0  # else the forces of the scene's start remain
         mujoco.mj_kinematics(self.scene.model, d)
         fill(est, truth)
         est["t"] = self._state["heard"] = self.t
         if self._imu is not None:
-            self._imu["t"][0] = self.t  # the link is not silent
+            self._imu["t"][0] = self.t  # the link counts as alive
         est["p_WB"], est["v_WB"], est["w_WB_B"] = p, v, w
         est["R_WB"] = R
         est["q"], est["qd"] = ref["q"], ref["qd"]
-        if (q := est["q"].tobytes()) != self._posture:  # most flights hold their arms still
+        if (q := est["q"].tobytes()) != self._posture:  # the arms are mostly at rest
             self._posture, self._tip = q, compute_tip(self.model, est["q"])
         p_BT, R_BT = self._tip
         est["p_WT"], est["R_WT"] = est["p_WB"] + est["R_WB"] @ p_BT, est["R_WB"] @ R_BT
 
 
 def _list_runs(rows: list[int]) -> list[tuple[int, int]]:
-    """Return neighbours among row numbers as (first, last + 1)."""
+    """Return consecutive row numbers as ranges (first, last + 1)."""
     out: list[tuple[int, int]] = []
     for i in rows:
         if out and out[-1][1] == i:

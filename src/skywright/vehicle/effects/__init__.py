@@ -1,1 +1,1 @@
-"""Effects: forces on the plant besides its rotors and servos."""
+"""Effects: forces on the plant in addition to those of its rotors and servos."""

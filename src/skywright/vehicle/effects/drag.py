@@ -1,7 +1,7 @@
 """Drag of body and rotors in the wind, applied to the platform at its centre of mass.
 
-Body: rho/2 C_D A |v| v along the body axes, at the origin of B. Rotors: -c w v in the disc plane,
-at the hub, in the air at that hub where the wind differs over the robot.
+Body: -rho/2 C_D A |v| v along the body axes, at the origin of B. Rotors: -c w v in the disc plane,
+at the hub. v is relative to the air; if the wind varies over the robot, to the air at each hub.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Drag(Effect):
     columns = (Recorded("f_wind_W", AirForce, "f_W", "N", "aerodynamic drag on the robot"),)
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take areas and rotors; the deviation scales all drag."""
+        """Read areas and rotors; the deviation scales all drag."""
         rotors, p, dev = context.rotors, context.robot.platform, context.deviation
         n = len(rotors.thrust_min)
         areas = np.array([p.drag_area_x_m2, p.drag_area_y_m2, p.drag_area_z_m2])
@@ -95,5 +95,5 @@ class Drag(Effect):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Every robot has some."""
+        """Every robot has this effect."""
         yield cls("drag")

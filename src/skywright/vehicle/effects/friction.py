@@ -1,4 +1,4 @@
-"""Friction that varies along a pipe: a stationary random field, read where the tip is."""
+"""Friction that varies over a pipe: a stationary random field, evaluated at the tip."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from skywright.vehicle.component import Component, Effect, helper, table
 from skywright.vehicle.plant import Surface
 
 MODES = 32
-NEAR = 0.005  # m, gap beyond which the coefficient does not matter
+NEAR = 0.005  # m, gap up to which the coefficient is updated
 
 
 class Friction(Effect):
@@ -35,13 +35,13 @@ class Friction(Effect):
         phase: Annotated[Array, MODES]
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Draw the field; mean and relative deviation are the pipe's."""
+        """Draw the field, with the mean and relative deviation of the pipe."""
         rng = context.stream("friction")
         me.middle = table.friction
         me.sigma = math.sqrt(math.log1p(table.friction_variation**2))
         me.ks[:], around = rng.standard_normal((2, MODES)) / table.friction_length_m
         radius = table.diameter_m / 2
-        me.kc[:] = np.round(around * radius) / radius  # whole waves: it closes behind the pipe
+        me.kc[:] = np.round(around * radius) / radius  # whole waves: continuous around the pipe
         me.phase[:] = rng.uniform(0.0, 2.0 * math.pi, MODES)
 
     @staticmethod
@@ -54,7 +54,7 @@ class Friction(Effect):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Probes that touch a pipe whose friction varies."""
+        """Robots with a probe in a world with a pipe of varying friction."""
         pipe = context.world.pipe
         if pipe is not None and pipe.friction_variation > 0.0 and context.robot.probe is not None:
             yield cls("friction", pipe)

@@ -1,18 +1,18 @@
-"""Wind and the rotors' downwash on a robot's link and arms, as forces on these bodies.
+"""Forces of the wind and of the rotors' downwash on a robot's link and arms.
 
-Every link is a cylinder in SEGMENTS pieces. Independence principle: only the air's velocity across
-the cylinder makes a force, f = rho/2 C_D d |v_n| v_n per length (Hoerner, Fluid-Dynamic Drag, 1965,
-chapter 3: C_D of a circular cylinder 1.0 to 1.2 below the critical Reynolds number).
+Every link is a cylinder in SEGMENTS pieces. By the independence principle only the velocity of the
+air across the cylinder matters: f = rho/2 C_D d |v_n| v_n per length (Hoerner, Fluid-Dynamic Drag,
+1965, chapter 3: C_D of a circular cylinder 1.0 to 1.2 below the critical Reynolds number).
 
 Downwash: momentum theory gives a rotor's wake the radius R / sqrt 2 and the speed 2 v_i,
 v_i = sqrt(T / (2 rho A)) (Leishman, Principles of Helicopter Aerodynamics, 2nd ed., section 2.2);
-further down it spreads as a free jet. The wakes' momentum fluxes add (Reichardt's hypothesis, in
-Rajaratnam, Turbulent Jets, 1976, chapter 1), each with the profile
+further down it spreads as a free jet. The momentum fluxes of the wakes add (Reichardt's hypothesis,
+in Rajaratnam, Turbulent Jets, 1976, chapter 1), each with the profile
 
     rho v^2 = T / (pi b^2) exp(-r^2 / b^2),   b^2 = R^2 / 2 + (C z)^2,
 
 which carries the thrust T at every distance z below the rotor and has 2 v_i on its axis at the
-rotor. Wakes go straight down the rotors' axis: wind does not bend them, limbs do not block them.
+rotor. Wakes follow -z_B below the rotors; neither wind nor limbs deflect them.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from skywright.vehicle.plant import AirForce, RotorState, Wind
 
 SEGMENTS = 3  # of a link
 SPREAD = 0.075  # width of a round free jet over its length (Reichardt)
-FAR = 16.0  # r^2 / b^2 beyond which a wake is not felt: exp(-16) = 1e-7 of its momentum flux
+FAR = 16.0  # r^2 / b^2 beyond which a wake is ignored: exp(-16) = 1e-7 of its momentum flux
 
 
 class LimbDrag(Effect):
@@ -47,8 +47,8 @@ class LimbDrag(Effect):
         n: int  # links
         ready: int
         body: Annotated[Integers, MAX_LINKS]  # index in MuJoCo
-        com: Annotated[Array, MAX_LINKS, 3]  # m, in the link's frame: where the force is applied
-        point: Annotated[Array, MAX_LINKS, SEGMENTS, 3]  # m, middles of the pieces, in the same
+        com: Annotated[Array, MAX_LINKS, 3]  # m, centre of mass in the link's frame
+        point: Annotated[Array, MAX_LINKS, SEGMENTS, 3]  # m, middles of the pieces, link frame
         along: Annotated[Array, MAX_LINKS, 3]
         coefficient: Annotated[Array, MAX_LINKS]  # kg/m, rho/2 C_D d l of a piece
         density: float  # kg/m^3
@@ -59,13 +59,13 @@ class LimbDrag(Effect):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Robots with an arm that has a drag coefficient have one."""
+        """Robots with an arm that has a drag coefficient have this effect."""
         arm = context.robot.arm
         if arm is not None and arm.drag_coefficient != 0.0:
             yield cls("limb drag")
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Cut the links into pieces."""
+        """Divide the links into pieces."""
         robot, model, rotors = context.robot, context.scene.model, context.rotors
         density = context.world.air_density_kg_m3
         limbs = list_limbs(robot)
@@ -105,7 +105,7 @@ class LimbDrag(Effect):
 
 
 def add_bar(me: Any, bar: Bar, factor: float, model: mujoco.MjModel) -> None:
-    """Add a bar between the arms as one more link."""
+    """Add a bar between the arms as a further link."""
     i, piece = me.n, bar.length_m / SEGMENTS
     me.n, me.body[i] = i + 1, model.body("bar").id
     me.along[i] = [0.0, 1.0, 0.0]

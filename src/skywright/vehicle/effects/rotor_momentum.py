@@ -1,9 +1,9 @@
-"""Angular momentum of the rotors: the gyroscopic torque, and that of a rotor that speeds up.
+"""Angular momentum of the rotors: gyroscopic torque, and reaction to a change of speed.
 
 Relative to the platform the rotors carry h = J sum_i s_i w_i n_i (J inertia about the axis, s spin,
-w speed, n axis; the inertia of rotors at rest is part of the platform's). What drives them reacts
-on the platform with -d(h)/dt in W, in B: -dh/dt - w_WB x h. The propellers' drag torque, which the
-motors also pass on, is in the thrust actuators (models/scene.py).
+w speed, n axis; the inertia of rotors at rest is part of the platform's). The motors exert the
+reaction -d(h)/dt, taken in W, on the platform; in B it is -dh/dt - w_WB x h. The drag torque of the
+propellers is part of the thrust actuators (models/scene.py).
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ class RotorMomentum(Effect):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Robots whose rotors have an inertia."""
+        """Robots with a rotor inertia have this effect."""
         if context.rotors.inertia > 0.0:
             yield cls("rotor momentum")
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the rotors' axes."""
+        """Read the rotors' axes."""
         rotors = context.rotors
         n = len(rotors.spin)
         me.platform = context.scene.places.platform_body

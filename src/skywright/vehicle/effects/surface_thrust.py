@@ -1,15 +1,15 @@
-"""Thrust near surfaces: any floor below a rotor, the inspected structure above it.
+"""Thrust near surfaces: floors below a rotor, the inspected structure above it.
 
-Floor: T / T_inf = 1 / (1 - (R / 4 z)^2), z the height of the rotor (Cheeseman and Bennett 1955), no
-nearer than half a radius. Floors are the ground and the upper faces of boxes and of upright
-cylinders that stand still (benches, decks, blocks); of several the one that acts most counts. Where
-a disc is partly beside one, that part of it feels nothing.
+Floor: T / T_inf = 1 / (1 - (R / 4 z)^2), z the height of the rotor (Cheeseman and Bennett 1955), at
+least half a radius. Floors are the ground and the upper faces of fixed boxes and upright cylinders
+(benches, decks, blocks); of several floors the one with the largest effect counts. The part of a
+disc that lies beside a floor gains no thrust.
 
 Ceiling: T / T_inf = 1 / (1 - (R / (z + c2 R))^2 / c1), z the distance from the rotor to the
-surface: the form that the group of Sanchez-Cuevas 2020 fits to benches in earlier work; its
-constants could not be had, c1 = 7 and c2 = 0.1 are ours (a rotor of 0.12 m gains 16 % at one
-radius, 1 % at the docking gear's 0.45 m). A sloped surface acts with the cosine of its slope. Each
-rotor for itself: no fountain, no neighbours.
+surface: the form that the group of Sanchez-Cuevas 2020 fitted to bench tests in earlier work. Its
+constants are not published; c1 = 7 and c2 = 0.1 are assumed (a rotor of 0.12 m gains 16 % at one
+radius, 1 % at the docking gear's 0.45 m). The gain is scaled with the cosine of the slope. Each
+rotor is treated alone, without fountain flow or neighbours.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ from skywright.vehicle.plant import RotorGain
 CEILING_C1, CEILING_C2 = 7.0, 0.1
 NEAREST = 0.5  # radii
 FLOOR = 15
-"""Numbers of a floor."""
-STEEPEST = 0.7  # cosine of the slope of a floor
-FARTHEST = 8.0  # radii, beyond which a surface is not felt
+"""Size of the row of a floor."""
+STEEPEST = 0.7  # cosine of the largest slope of a floor
+FARTHEST = 8.0  # radii, distance beyond which a surface has no effect
 
 
 class SurfaceThrust(Effect):
@@ -60,7 +60,7 @@ class SurfaceThrust(Effect):
         rotor_axis: Annotated[Array, MAX_ROTORS, 3]
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take floors, structure and rotors."""
+        """Read floors, structure and rotors."""
         rotors, structure = context.rotors, context.world.structure
         floors = find_floors(context.scene.model)
         me.floors, me.n_floors = context.keep(floors), len(floors)
@@ -94,15 +94,15 @@ class SurfaceThrust(Effect):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Every world has a ground."""
+        """Every vehicle has this effect: every world has a ground."""
         yield cls("surface thrust")
 
 
 def find_floors(model: mujoco.MjModel) -> NDArray[np.float64]:
-    """Return the floors (n, FLOOR) of a scene: what stands still, touches and faces upward.
+    """Return the floors (n, FLOOR) of a scene: upward faces of fixed bodies with contacts.
 
-    A row is the middle of the face (3) m in W, its axes (9) as the columns of a matrix, row by row,
-    the third outward, half its sizes along the first two (m), and 1 for a round one.
+    A row contains the centre of the face (3) m in W, its axes (9) as the columns of a row-major
+    matrix, the third outward, its half sizes along the first two (m), and 1 for a round face.
     """
     rows = []
     fixed = model.body_weldid[model.geom_bodyid] == 0
@@ -133,7 +133,7 @@ def find_floors(model: mujoco.MjModel) -> NDArray[np.float64]:
 
 @helper
 def compute_floor_gain(floor: Array, hub: Array, radius: float) -> float:
-    """T / T_inf of a rotor at `hub` (3,) m in W over one of `find_floors`' rows."""
+    """Return T / T_inf of a rotor at `hub` (3,) m in W above a floor, a row of `find_floors`."""
     x, y, z = 0.0, 0.0, 0.0
     for i in range(3):
         d = hub[i] - floor[i]
@@ -152,13 +152,13 @@ def compute_floor_gain(floor: Array, hub: Array, radius: float) -> float:
 
 @helper
 def compute_ground_gain(z: float, radius: float) -> float:
-    """T / T_inf of a rotor at the height z (m) over ground (Cheeseman and Bennett 1955)."""
+    """Return T / T_inf of a rotor at a height z (m) above ground (Cheeseman and Bennett 1955)."""
     near = max(z, NEAREST * radius)
     return 1.0 / (1.0 - (radius / (4.0 * near)) ** 2)
 
 
 @helper
 def compute_ceiling_gain(z: float, radius: float) -> float:
-    """T / T_inf of a rotor z (m) below a ceiling."""
+    """Return T / T_inf of a rotor at a distance z (m) below a ceiling."""
     near = max(z, NEAREST * radius) + CEILING_C2 * radius
     return 1.0 / (1.0 - (radius / near) ** 2 / CEILING_C1)

@@ -1,4 +1,4 @@
-"""Double-sided tape on a hand: what pressing leaves and pulling breaks."""
+"""Double-sided tape on a hand: pressing builds up a bond, pulling breaks it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from skywright.vehicle.arms.truth import HandTruth, TapePull
 from skywright.vehicle.bus import Clock, MuJoCo
 from skywright.vehicle.component import Component, Effect, Out, table
 
-TOUCH = 0.02  # N, force above which the tape is being pressed
+TOUCH = 0.02  # N, force above which the tape is pressed
 
 
 class Tape(Effect):
@@ -27,14 +27,14 @@ class Tape(Effect):
         press: float  # N s
         release: float  # N
         stiffness: float  # N/m
-        impulse: float  # N s, pressed so far
+        impulse: float  # N s, impulse of pressing so far
         bond: float  # N
-        anchor_W: Vec3  # m, where the hand was while it pressed
-        parted: int  # 1: the holder let go, the sensor stays; 2: the bond gave way
+        anchor_W: Vec3  # m, position of the hand when it last pressed
+        parted: int  # 1: the holder released, the sensor stays attached; 2: the bond broke
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Worlds with a tape have one, where the robot has that hand."""
+        """Worlds with a tape have this effect if the robot has that hand."""
         tape = find_first(context.world.things, TapeThing)
         if tape is not None and is_compliant(context.robot):
             bodies, hand = context.scene.places.hand_bodies, int(tape.hand == "right")
@@ -42,7 +42,7 @@ class Tape(Effect):
                 yield cls("tape", tape)
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the tape's data."""
+        """Read the data of the tape."""
         me.hand = int(table.hand == "right")
         me.body = context.scene.places.hand_bodies[me.hand]
         me.strength, me.press = table.strength_n, table.press_n_s
@@ -55,7 +55,7 @@ class Tape(Effect):
         p_WH, f_WH = hands.p_WH[me.hand], hands.f_WH[me.hand]
         if me.bond == 0.0:
             force = math.sqrt(f_WH[0] ** 2 + f_WH[1] ** 2 + f_WH[2] ** 2)
-        else:  # tension is no pressing
+        else:  # only compression along the normal counts as pressing
             force = 0.0
             for a in range(3):
                 force += f_WH[a] * out.normal_W[a]

@@ -1,7 +1,7 @@
-"""The air around the robot: steady wind, the jet of a fan, Dryden turbulence.
+"""Air velocity around the robot: steady wind, the jet of a fan, Dryden turbulence.
 
-Gusts are linear filters of unit white noise, stepped by their exact discretisation, so their
-variance does not depend on the control rate. What the air does to the robot is in drag.py.
+Gusts are linear filters of unit white noise in exact discretisation, so their variance does not
+depend on the control rate. The forces of the air on the robot are in drag.py and limb_drag.py.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from skywright.vehicle.plant import Wind
 
 STILL, STEADY, FAN, DRYDEN = 0, 1, 2, 3
 KINDS = {"none": STILL, "steady": STEADY, "fan": FAN, "dryden": DRYDEN}
-POINTS = MAX_ROTORS + 1  # the body and every rotor
-NOISE = 3 * POINTS  # normal numbers a control tick at most
-SLOWEST = 0.1  # of the fan's speed, for the time in which eddies pass
+POINTS = MAX_ROTORS + 1  # the body and all rotors
+NOISE = 3 * POINTS  # normal numbers per control tick at most
+SLOWEST = 0.1  # least speed over that of the fan, for the time in which eddies pass
 
 
 class WindField(Effect):
@@ -42,8 +42,8 @@ class WindField(Effect):
 
     class Me(Record):
         kind: int
-        still_W: Vec3  # m/s, mean wind where it is the same everywhere
-        R_WG: Mat3  # gust axes: along the mean wind, across it, and the third
+        still_W: Vec3  # m/s, uniform mean wind
+        R_WG: Mat3  # gust axes: along the mean wind, horizontally across it, and normal to both
         n: int  # rotors
         rotor_p: Annotated[Array, MAX_ROTORS, 3]  # m
         # fan
@@ -57,7 +57,7 @@ class WindField(Effect):
         sweep_phase: float  # rad at t = 0
         mix: Annotated[Array, POINTS, POINTS]  # lower Cholesky factor of the points' correlation
         eddy: Annotated[Array, POINTS, 3]  # unit variance
-        # Dryden, one filter an axis: x+ = phi x + noise w, gust = out x
+        # Dryden, one filter per axis: x+ = phi x + noise w, gust = out x
         phi: Annotated[Array, 3, 2, 2]
         noise: Annotated[Array, 3, 2, 2]  # lower triangle
         out: Annotated[Array, 3, 2]
@@ -68,7 +68,7 @@ class WindField(Effect):
         w: Annotated[Array, NOISE]
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Draw the turbulence at the start (stationary), and where in its sweep the fan begins."""
+        """Draw the stationary initial turbulence, and the initial phase of the fan's sweep."""
         rng, rotor_p = context.stream("wind_start"), context.rotors.position
         me.kind, me.n = KINDS[table.kind], len(rotor_p)
         me.rotor_p[: me.n], self._n_rotors = rotor_p, me.n
@@ -86,7 +86,7 @@ class WindField(Effect):
             wind[0]["body_W"] = me.still_W
         if me.kind == DRYDEN:
             scales = compute_dryden_scales(table)
-            lags = scales.length / max(speed, 1e-9)  # turbulence hardly passes in next to no wind
+            lags = scales.length / max(speed, 1e-9)  # almost frozen turbulence without wind
             for axis in range(3):
                 me.phi[axis], me.noise[axis], me.out[axis] = build_dryden_filter(
                     float(scales.sigma[axis]), float(lags[axis]), context.dt, axis == 0
@@ -94,7 +94,7 @@ class WindField(Effect):
             start = np.where(
                 [[True, False], [True, True], [True, True]], [[1.0], [0.5], [0.5]], 0.0
             )
-            me.gust[:] = start * rng.standard_normal((3, 2))  # their stationary deviations
+            me.gust[:] = start * rng.standard_normal((3, 2))  # stationary standard deviations
 
     def _build_fan(self, me: Any, fan: Any, speed: float, rng: np.random.Generator) -> None:
         me.place[:] = [fan.x_m, fan.y_m, fan.z_m]
@@ -111,7 +111,7 @@ class WindField(Effect):
         me.eddy[:n] = mix @ rng.standard_normal((n, 3))
 
     def draw(self, what: type[Draws], rng: np.random.Generator, n: int) -> Array:
-        """Draw as many numbers as this wind uses."""
+        """Draw the random numbers that this kind of wind uses; the others are zero."""
         used = {"fan": 3 * (self._n_rotors + 1), "dryden": 6}.get(self.table.kind, 0)
         out = np.zeros((n, NOISE))
         out[:, :used] = rng.standard_normal((n, used))
@@ -130,7 +130,7 @@ class WindField(Effect):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Every vehicle has air around it."""
+        """Every vehicle has this effect."""
         yield cls("wind", context.world.wind)
 
 
@@ -139,10 +139,10 @@ def build_dryden_filter(
 ) -> tuple[Array, Array, Array]:
     """Return (phi (2, 2), noise (2, 2), out (2,)) of one exactly discretised Dryden filter.
 
-    `lag` T = L / V (s). Driven by unit white noise, MIL-F-8785C's spectra are
+    `lag` is T = L / V (s). The filters of MIL-F-8785C, driven by unit white noise, are
     H_u = sigma sqrt(2 T) / (1 + T s) and H_v = H_w = sigma sqrt(T) (1 + sqrt(3) T s) / (1 + T s)^2.
-    The second in states z with z1' = z2 / T, z2' = -(z1 + 2 z2) / T + w / sqrt(T) and output
-    sigma (z1 + sqrt(3) z2) has the stationary covariance 1/4 for each state, hence rms sigma.
+    The second with the states z1' = z2 / T, z2' = -(z1 + 2 z2) / T + w / sqrt(T) and the output
+    sigma (z1 + sqrt(3) z2) has the stationary variance 1/4 of each state, and thus the rms sigma.
     """
     h = dt / lag
     if longitudinal:
@@ -153,7 +153,7 @@ def build_dryden_filter(
             np.array([sigma, 0.0]),
         )
     phi = math.exp(-h) * np.array([[1.0 + h, h], [-h, 1.0 - h]])
-    # covariance of the noise over one tick; by quadrature, for the closed form cancels
+    # covariance of the noise over one tick, by quadrature; the closed form suffers cancellation
     x, weight = np.polynomial.legendre.leggauss(16)
     s, weight = 0.5 * h * (x + 1.0), 0.5 * h * weight
     g = np.exp(-s) * np.stack([s, 1.0 - s])
@@ -163,7 +163,7 @@ def build_dryden_filter(
 
 @helper
 def blow_gusts(me: Any, wind: Any, w: Any) -> None:
-    """Frozen turbulence carried past by the mean wind; the same over the robot (L is metres)."""
+    """Advance the Dryden gusts (frozen turbulence), uniform over the robot because L is metres."""
     gust, gust_W = local(3), local(3)
     for a in range(3):
         x0, x1 = me.gust[a, 0], me.gust[a, 1]
@@ -181,7 +181,7 @@ def blow_gusts(me: Any, wind: Any, w: Any) -> None:
 
 @helper
 def blow_jet(me: Any, wind: Any, w: Any, t: float, dt: float, p_WB: Any, R_WB: Any) -> None:
-    """Mean jet and eddies at the body and at every rotor.
+    """Fill the velocity of the jet and its eddies at the body and at every rotor.
 
     The eddies are an Ornstein-Uhlenbeck process with the time L / U in which they pass, correlated
     over the robot as exp(-distance / L), and scaled with the local mean speed.

@@ -1,4 +1,4 @@
-"""A battery that suddenly holds less: an old or a cold one, a cell that fails."""
+"""A battery that suddenly loses charge: an old or a cold battery, a failed cell."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from skywright.vehicle.sensors.fuel_gauge import FuelGauge
 
 
 class Battery(Fault):
-    """From `start_s` on `charge_fraction` of the battery's energy is left, if there was more."""
+    """At `start_s` the remaining energy of the battery drops to at most `charge_fraction`."""
 
     class Table(Fault.Table):
-        """What is left."""
+        """The remaining charge."""
 
         charge_fraction: Fraction = 0.15
 
@@ -25,10 +25,10 @@ class Battery(Fault):
         start: float  # s
         done: int
         used: int  # address of the gauge's energy used
-        most: float  # J
+        most: float  # J, used energy at which `charge_fraction` remains
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Find the gauge."""
+        """Look up the fuel gauge."""
         gauge = context.records[FuelGauge.Me, "fuel gauge"]
         me.used = gauge.ctypes.data + gauge.dtype.fields["used"][1]
         energy = 3600.0 * context.robot.battery.energy_wh
@@ -36,7 +36,7 @@ class Battery(Fault):
 
     @classmethod
     def draw_table(cls, rng: np.random.Generator, robot: Any, world: Any) -> dict[str, Any] | None:
-        """Under what may be used, or all but empty."""
+        """Below the usable charge, or almost empty."""
         return {"charge_fraction": float(rng.choice([0.04, 0.15]))}
 
     @staticmethod

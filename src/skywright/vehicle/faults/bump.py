@@ -1,4 +1,4 @@
-"""A push from outside: an obstacle that is met, a bird, a hand."""
+"""A push from outside, such as by an obstacle, a bird or a hand."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from skywright.vehicle.bus import Clock, MuJoCo
 from skywright.vehicle.component import Fault, words
 
 DRAWN_S, DRAWN_SHARE = 0.3, 0.5
-"""s, and of the platform's weight: a bump that a mission draws."""
+"""Duration (s) and force over the platform's weight of a drawn bump."""
 
 
 class Bump(Fault):
-    """A force on a body, at its centre of mass, for `for_s`."""
+    """A force on a body at its centre of mass for `for_s`."""
 
     class Table(Fault.Table):
-        """Which body, how long, and the force in W."""
+        """The body, the duration, and the force in W."""
 
         body: str = "platform"
         for_s: Positive = 0.3
@@ -36,7 +36,7 @@ class Bump(Fault):
         f_W: Vec3  # N
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Look up the body; raises InputError if there is none of that name."""
+        """Look up the body; raise InputError if no body has this name."""
         model = context.scene.model
         names = list_moving(model)
         if table.body not in names:

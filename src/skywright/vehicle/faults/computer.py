@@ -1,4 +1,4 @@
-"""A flight computer whose control law fails: an error of the program, a number gone bad, a hang."""
+"""A flight computer whose control law fails: a program error, a NaN, a hang."""
 
 from __future__ import annotations
 
@@ -12,36 +12,36 @@ from skywright.vehicle.bus import Clock, WrenchCommand
 from skywright.vehicle.component import Fault, InOut
 from skywright.vehicle.ticker import StepFailed
 
-AGAIN_S = 0.1  # s between two failures: a law is started again within it
+AGAIN_S = 0.1  # s between two failures, longer than the restart of a law
 HOWS: tuple[Literal["raises", "nan", "hangs"], ...] = ("raises", "nan", "hangs")
 
 
 class Computer(Fault):
     """The control law `raises`, commands `nan`, or `hangs` until its watchdog stops it.
 
-    It does so once, or with `again` also after each start.
+    It fails once or, with `again`, also after each restart.
     """
 
     slot = "derive"
 
     class Table(Fault.Table):
-        """How it fails."""
+        """Kind of the failure, and whether it repeats."""
 
         how: Literal["raises", "nan", "hangs"] = "raises"
         again: bool = False
 
     class Me(Record):
         start: float  # s
-        nan: int  # 1: still to come
-        again: int  # 1: and again
+        nan: int  # 1: a NaN is due
+        again: int  # 1: repeatedly
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the time."""
+        """Read the table."""
         me.start, me.nan, me.again = table.start_s, table.how == "nan", table.again
         self._next = table.start_s
 
     def before_tick(self, t: float, n_ticks: int) -> None:
-        """Fail when it is time; raises StepFailed."""
+        """Raise StepFailed when the failure is due."""
         how = self.table.how
         if t < self._next or how == "nan":
             return
@@ -50,16 +50,16 @@ class Computer(Fault):
         raise StepFailed(f"the control law {what} at t = {t:.3f} s (plant.faults.{self.name})")
 
     def save(self) -> Any:
-        """Return when it fails next."""
+        """Return the time of the next failure."""
         return self._next
 
     def restore(self, saved: Any) -> None:
-        """Go back to that."""
+        """Restore the time of the next failure."""
         self._next = float(saved)
 
     @classmethod
     def draw_table(cls, rng: np.random.Generator, robot: Any, world: Any) -> dict[str, Any] | None:
-        """In any way."""
+        """Any kind of failure."""
         return {"how": HOWS[int(rng.integers(len(HOWS)))]}
 
     @staticmethod

@@ -1,4 +1,4 @@
-"""A joint whose servo is stuck where it is, or has no torque any more."""
+"""A joint with a servo that is stuck or has no torque."""
 
 from __future__ import annotations
 
@@ -17,36 +17,36 @@ from skywright.vehicle.bus import Clock, MuJoCo
 from skywright.vehicle.component import Fault, words
 
 TERMS = 3
-"""Terms of MuJoCo's affine gain and bias of an actuator."""
+"""Number of terms of the affine gain and bias of an actuator in MuJoCo."""
 
 
 class Joint(Fault):
-    """`stuck`: the servo holds its angle; `dead`: it makes no torque, only friction is left."""
+    """`stuck`: the servo holds its angle; `dead`: it has no torque, only friction remains."""
 
     class Table(Fault.Table):
-        """Which joint, counted from 1 in the order of the recording's `q`, and what is wrong."""
+        """The joint, counted from 1 in the order of the recording's `q`, and its failure."""
 
         joint: int = Field(default=1, ge=1)
         how: Literal["stuck", "dead"] = "stuck"
 
     class Me(Record):
         start: float  # s
-        ctrl: int  # of the servo
+        ctrl: int  # actuator of the servo
         dead: int
-        speeds: int  # 1: the servo takes speeds
+        speeds: int  # 1: velocity servo
         began: int
-        torques: int  # 1: torques, so that a PD around the angle at the start holds it
+        torques: int  # 1: torque servo; a PD loop holds its angle at the start
         n: int  # joints
         angle: Annotated[Integers, MAX_JOINTS]  # addresses in qpos
-        motor: Annotated[Array, MAX_JOINTS]  # the motor's angle a radian of each joint
+        motor: Annotated[Array, MAX_JOINTS]  # angle of the motor per angle of each joint
         kp: float  # N m/rad
         kv: float  # N m s/rad
-        held: float  # its command at the start
+        held: float  # command or motor angle at the start
         gain: int  # address of the actuator's gain
         bias: int
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Look up the servo; raises InputError for a joint without one."""
+        """Look up the servo; raise InputError for a joint without one."""
         limbs, model = list_joints(context.robot), context.scene.model
         driven = [j + 1 for j, limb in enumerate(limbs) if limb.servo >= 0]
         if table.joint not in driven:
@@ -67,7 +67,7 @@ class Joint(Fault):
 
     @classmethod
     def draw_table(cls, rng: np.random.Generator, robot: Any, world: Any) -> dict[str, Any] | None:
-        """Any joint with a servo; None without one."""
+        """Any joint with a servo; None if the robot has none."""
         driven = [j + 1 for j, limb in enumerate(list_joints(robot)) if limb.servo >= 0]
         if not driven:
             return None
@@ -78,7 +78,7 @@ class Joint(Fault):
         return [terms.copy() for terms in self._terms]
 
     def restore(self, saved: Any) -> None:
-        """Put them back."""
+        """Restore the actuator's gain and bias."""
         for terms, were in zip(self._terms, saved, strict=True):
             terms[:] = were
 

@@ -1,4 +1,4 @@
-"""A control link that carries nothing, loses more or is later for a time."""
+"""A control link that loses packets or has a longer delay for a time."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from skywright.vehicle.link import ControlLink
 from skywright.vehicle.plant import RotorState
 
 LATE_SHARE, DRAWN_DELAY_S = 0.5, (0.005, 0.015)
-"""Of the faults that a mission draws, and s each way: with 15 ms the OTHex's rotors saturated for
-141 s of a scan."""
+"""Share of delays among drawn faults, and their range (s each way): with 15 ms the OTHex's rotors
+saturated for 141 s of a scan."""
 MOST_DELAY_S = 0.2
-"""s; what is under way then still fits the link (link.py: DEPTH)."""
+"""s; the packets in transit still fit the buffer of the link (link.py: DEPTH)."""
 
 
 class Link(Fault):
-    """Packets are lost, all by default, or later by `delay_s`, from `start_s` on, for `for_s`.
+    """Packets are lost (default: all) or delayed by `delay_s`, from `start_s` on, for `for_s`.
 
-    The motors' controllers stop them where all are lost for `motor_timeout_s`, as real ones do.
+    If all are lost, the motor controllers stop the motors after `motor_timeout_s`, as real ones do.
     """
 
     needs_link = True
 
     class Table(Fault.Table):
-        """How long, how many are lost, how much later each way, and when motors stop."""
+        """Duration, share of lost packets, added delay each way, and time until motors stop."""
 
         for_s: Positive = FOR_GOOD
         loss_fraction: Fraction = 1.0
@@ -42,7 +42,7 @@ class Link(Fault):
 
         @model_validator(mode="after")
         def _check_effect(self) -> Self:
-            """Raise ValueError where a delay or nothing at all would show."""
+            """Raise ValueError if the delay, or the whole fault, has no effect."""
             if self.delay_s > 0.0 and self.loss_fraction == 1.0:
                 raise ValueError(
                     "delay_s has no effect with loss_fraction = 1 (the default), which loses every "
@@ -60,14 +60,14 @@ class Link(Fault):
         timeout: float  # s
         all: int  # 1: nothing arrives
         loss: int  # address of the link's loss
-        usual_loss: float  # of packets
+        usual_loss: float  # fraction of packets
         worst_loss: float
         delay: int  # address of the link's delay
         usual_delay: float  # s
         worst_delay: float  # s
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Find the link."""
+        """Look up the link."""
         me.start, me.end = table.start_s, table.start_s + table.for_s
         me.timeout = table.motor_timeout_s
         me.all = table.loss_fraction == 1.0
@@ -81,7 +81,7 @@ class Link(Fault):
 
     @classmethod
     def draw_table(cls, rng: np.random.Generator, robot: Any, world: Any) -> dict[str, Any] | None:
-        """Where the world has a link: lost for a moment or for good, or later."""
+        """A loss for a moment or for good, or a delay; None if the world has no link."""
         link = world.link
         if link.delay_s == 0.0 and link.jitter_s == 0.0 and link.loss_fraction == 0.0:
             return None

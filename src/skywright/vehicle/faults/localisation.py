@@ -1,4 +1,4 @@
-"""Localisation from outside that fails for a time: motion capture, total station or satellites."""
+"""Loss of external localisation: motion capture, total station or satellites."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from skywright.vehicle.component import Fault, InOut
 from skywright.vehicle.readings import Fix, MocapSample
 
 FOR_GOOD = 1e5
-"""s, longer than any flight, and the most that a description takes."""
+"""s, longer than any flight, and the largest time in a description."""
 
 
 class Localisation(Fault):
-    """No sample of the platform arrives from `start_s` on, for `for_s`."""
+    """No position of the platform is measured from `start_s` on, for `for_s`."""
 
     slot = "sense"
 
     class Table(Fault.Table):
-        """How long."""
+        """Duration."""
 
         for_s: Positive = FOR_GOOD
 
@@ -31,12 +31,12 @@ class Localisation(Fault):
         end: float  # s
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the times."""
+        """Read the times."""
         me.start, me.end = table.start_s, table.start_s + table.for_s
 
     @classmethod
     def draw_table(cls, rng: np.random.Generator, robot: Any, world: Any) -> dict[str, Any] | None:
-        """For less than a second, for some, or for good."""
+        """For half a second, for five seconds, or for good."""
         return {"for_s": float(rng.choice([0.5, 5.0, FOR_GOOD]))}
 
     @staticmethod

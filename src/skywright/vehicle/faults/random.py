@@ -1,4 +1,4 @@
-"""A fault that the seed draws: any kind that fits robot and world, at any time."""
+"""A fault drawn from the seed: any kind that applies to robot and world, at any time."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from skywright.vehicle.component import Fault
 
 
 class Random(Fault):
-    """Stands for one of the other faults; the seed draws which, when and how bad."""
+    """One of the other faults; the seed determines its kind, start and severity."""
 
     class Table(Fault.Table):
-        """The kinds to draw from (all that fit, where the list is empty) and the latest start."""
+        """Kinds to draw from (an empty list: all that apply) and the latest start."""
 
         among: list[str] = []
         end_s: NonNegative = 100.0
 
     def resolve(self, robot: Any, world: Any, rng: np.random.Generator) -> Fault:
-        """Return the fault that is drawn, from `start_s` to `end_s`."""
+        """Return the drawn fault, which starts between `start_s` and `end_s`."""
         table = self.table
         if table.end_s < table.start_s:
             raise InputError(

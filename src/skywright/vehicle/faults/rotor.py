@@ -1,4 +1,4 @@
-"""A rotor that makes less thrust than it is told, or none: a chipped propeller, a lost motor."""
+"""A rotor with less thrust than commanded, or none: a chipped propeller, a failed motor."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from skywright.vehicle.plant import RotorState
 
 
 class Rotor(Fault):
-    """Thrust and drag torque of one rotor fall to `efficiency`; at 0 the rotor stands still."""
+    """Thrust and drag torque of one rotor are scaled by `efficiency`; at 0 the rotor stops."""
 
     class Table(Fault.Table):
-        """Which rotor, and what is left of it."""
+        """The rotor and its remaining efficiency."""
 
         rotor: int = Field(default=1, ge=1)
         efficiency: Fraction = 0.7
@@ -30,7 +30,7 @@ class Rotor(Fault):
         efficiency: float
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the rotor; raises InputError where the robot has none of that number."""
+        """Look up the rotor; raise InputError if the robot has no such rotor."""
         n = len(context.rotors.thrust_min)
         if table.rotor > n:
             raise InputError(
@@ -41,7 +41,7 @@ class Rotor(Fault):
 
     @classmethod
     def draw_table(cls, rng: np.random.Generator, robot: Any, world: Any) -> dict[str, Any] | None:
-        """Half of them are lost, half are left with 70 %."""
+        """Any rotor, with no thrust or with 70 %."""
         rotor = int(rng.integers(len(robot.rotors.azimuth_deg))) + 1
         return {"rotor": rotor, "efficiency": float(rng.choice([0.0, 0.7]))}
 

@@ -1,4 +1,4 @@
-"""A sensor whose zero jumps: a gyroscope, an accelerometer, or the frame of the localisation."""
+"""A jump of a sensor's bias: gyroscope, accelerometer or localisation."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from skywright.vehicle.readings import Fix, ImuBatch, MocapSample
 
 SENSORS = ("gyroscope", "accelerometer", "localisation")
 SIZES = (0.2, 1.0, 0.3)
-"""rad/s, m/s^2, m: a jump that a mission draws."""
+"""rad/s, m/s^2, m: magnitude of a drawn jump."""
 
 
 class Sensor(Fault):
-    """Adds (x, y, z) to what a sensor says: rad/s or m/s^2 in B, m in W."""
+    """Adds a bias (x, y, z) to a sensor: rad/s or m/s^2 in B, m in W."""
 
     slot = "sense"
 
     class Table(Fault.Table):
-        """Which sensor and by how much; `jump` has its unit: rad/s, m/s^2 or m."""
+        """The sensor and its `jump`, in its unit: rad/s, m/s^2 or m."""
 
         sensor: Literal["gyroscope", "accelerometer", "localisation"] = "localisation"
         jump: list[float] = [0.3, 0.0, 0.0]
@@ -34,7 +34,7 @@ class Sensor(Fault):
         jump: Vec3
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Read the jump; raises InputError unless it has three numbers."""
+        """Read the jump; raise InputError unless it has three numbers."""
         if len(table.jump) != 3:
             raise InputError(
                 f"plant.faults.{self.name}.jump has {len(table.jump)} numbers; valid: 3"

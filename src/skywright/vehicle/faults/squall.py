@@ -1,4 +1,4 @@
-"""A squall: wind that rises in flight beyond what was expected before take-off."""
+"""A squall: wind that rises in flight beyond the forecast."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from skywright.vehicle.faults.localisation import FOR_GOOD
 from skywright.vehicle.plant import Wind
 
 DRAWN_SHARE, DRAWN_MOST_MPS = (0.6, 1.0), 12.0
-"""Of the wind that the robot holds in every direction, and m/s at most: a squall that a mission
-draws. A stronger one carries the robot off: beside a structure nothing keeps it from that."""
+"""Range of a drawn squall over the wind that the robot holds in every direction, and limit (m/s).
+A stronger squall blows the robot away, which no procedure beside a structure can prevent."""
 
 
 class Squall(Fault):
-    """Wind of `speed_mps` on top of the world's; it rises over `rise_s`, lasts for `for_s`."""
+    """Adds `speed_mps` to the world's wind; it rises over `rise_s` and lasts for `for_s`."""
 
     class Table(Fault.Table):
-        """How strong, where it blows to, and how long."""
+        """Speed, direction, rise time and duration."""
 
         speed_mps: NonNegative = 8.0
         toward_deg: float = Field(default=90.0, ge=-360, le=360)
@@ -40,17 +40,17 @@ class Squall(Fault):
         v_W: Vec3  # m/s, the squall's full wind
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the times and the direction."""
+        """Read the times and the direction."""
         me.start, me.end = table.start_s, table.start_s + table.for_s
         me.rise, toward = table.rise_s, math.radians(table.toward_deg)
         me.v_W[:] = [table.speed_mps * math.cos(toward), table.speed_mps * math.sin(toward), 0.0]
 
     @classmethod
     def draw_table(cls, rng: np.random.Generator, robot: Any, world: Any) -> dict[str, Any] | None:
-        """From any side, for a while or for good; None for a robot that holds in no wind."""
+        """From any side, for a time or for good; None for a robot that holds in no wind."""
         try:
             holds = float(np.nanmin(compute_capability(robot).wind_limit))
-        except InputError:  # it cannot lift itself: it works on a bench
+        except InputError:  # the robot cannot lift its weight: it works on a bench
             return None
         if not holds > 0.0:
             return None
@@ -64,7 +64,7 @@ class Squall(Fault):
     def step(me: Me, clock: Clock, wind: InOut[Wind]) -> None:
         share = min(max((clock.t - me.start) / me.rise, 0.0), 1.0)
         share = min(share, max((me.end - clock.t) / me.rise, 0.0))
-        for i in range(3):  # on what the world's wind has written for this tick
+        for i in range(3):  # added to the wind of the world in this tick
             wind.body_W[i] += share * me.v_W[i]
             if wind.varies == 1:
                 for k in range(len(wind.rotor_W)):

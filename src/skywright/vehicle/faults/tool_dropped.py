@@ -1,4 +1,4 @@
-"""What hangs on hooks or is held slips off: for a moment nothing touches its handle."""
+"""A carried thing slips off: for a moment its handle has no contacts."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ def list_handled(world: World) -> list[str]:
 
 
 class ToolDropped(Fault):
-    """The handle of a movable thing meets nothing for `for_s`: what carries it loses it.
+    """The handle of a movable thing has no contacts for `for_s`, so that the robot drops it.
 
-    A thing that stands stays: its base goes on touching.
+    A thing that stands on its base is not affected, because the base keeps its contacts.
     """
 
     class Table(Fault.Table):
-        """Which thing."""
+        """The thing and the duration."""
 
         thing: str = "tool"
         for_s: Positive = 0.3
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Find the handle's shapes; raises InputError where there is no such thing."""
+        """Look up the geoms of the handle; raise InputError if there is no such thing."""
         self._model = model = context.scene.model
         if table.thing not in list_handled(context.world):
             raise InputError(
@@ -48,7 +48,7 @@ class ToolDropped(Fault):
         self._off = False
 
     def before_tick(self, t: float, n_ticks: int) -> None:
-        """Take the handle's contacts away, and give them back."""
+        """Disable and re-enable the contacts of the handle."""
         off = self.table.start_s <= t < self.table.start_s + self.table.for_s
         if off != self._off:
             self._set(off)
@@ -64,7 +64,7 @@ class ToolDropped(Fault):
         return self._off
 
     def restore(self, saved: Any) -> None:
-        """Go back to that."""
+        """Restore the contacts of the handle."""
         self._set(bool(saved))
 
     @classmethod
@@ -75,4 +75,4 @@ class ToolDropped(Fault):
 
     @staticmethod
     def step(clock: Clock) -> None:
-        """Nothing between mission ticks: a fall takes far longer."""
+        """No action between mission ticks: a fall takes far longer than a tick."""

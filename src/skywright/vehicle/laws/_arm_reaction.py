@@ -1,4 +1,4 @@
-"""What accelerations of the arm's joints do to the platform: columns of the coupled mass matrix."""
+"""Reaction of arm joint accelerations on the platform: columns of the coupled mass matrix."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from skywright.vehicle.component import helper
 
 @helper
 def fill_reaction(model: Any, kin: Any, joint: int, force: Any, torque: Any) -> None:
-    """Fill force (3,) N and torque (3,) N m about B's origin that 1 rad/s^2 of a joint takes.
+    """Fill force (3,) N and torque (3,) N m about B's origin for 1 rad/s^2 of a joint.
 
-    In B, of all that the joint carries: the rows of the platform in the joint's column of the mass
-    matrix. A slide's is that of 1 m/s^2.
+    In B, for all bodies that the joint carries: the rows of the platform in the joint's column of
+    the mass matrix. For a sliding joint the acceleration is 1 m/s^2.
     """
     carried, axis, pivot = local(MAX_LINKS), local(3), local(3)
     c, rate, turn, spin = local(3), local(3), local(3), local(3)

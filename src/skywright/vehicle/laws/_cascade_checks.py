@@ -1,4 +1,4 @@
-"""What the cascade's gains bear: the take-off along a link's arc, and a control link's delay."""
+"""Limits of the cascade: take-off along a link's arc, and the delay of a control link."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from skywright.vehicle.link_arc import compute_link_arc
 from skywright.vehicle.loops import compute_delay
 
 FREE_SPARE = math.radians(12.0)
-"""rad: 35 deg less the 22 deg that an attitude loop 2.5 times slower takes."""
+"""rad: 35 deg less the 22 deg that an attitude loop 2.5 times slower costs."""
 
 
 def compute_borne_delay(g: CascadeGains, c: Control, nominal: Nominal, spare: float) -> float:
     """Return the delay (s) each way with which attitude and rate loop keep `spare` (rad) of phase.
 
-    L(s) = k_rate (1 + k_attitude / s) / (s (1 + lead s)), about roll and pitch; above the swing of
-    what hangs on the platform, only the platform itself turns: there the gain is larger, and at
-    most FREE_SPARE is kept, for FREE_MARGIN of _cascade_gains.py is that of the rate loop alone.
+    L(s) = k_rate (1 + k_attitude / s) / (s (1 + lead s)), about roll and pitch. Above the swing
+    frequency of a hanging part only the platform turns. The gain is larger there, and the margin is
+    at most FREE_SPARE, because FREE_MARGIN of _cascade_gains.py is that of the rate loop alone.
     """
     robot, world = nominal.robot, nominal.world
     free = compute_free_inertia(robot, world, posture(robot, "working"))
@@ -42,10 +42,10 @@ def compute_borne_delay(g: CascadeGains, c: Control, nominal: Nominal, spare: fl
 
 
 def check_balance(gains: CascadeGains, context: Context) -> None:
-    """Raise InputError where the roll loop is too slow for the take-off along a link's arc.
+    """Raise InputError if the roll loop is too slow for the take-off along a link's arc.
 
-    On the end of its link the robot is an inverted pendulum sideways, which falls at sqrt(g / h):
-    the attitude has to answer faster.
+    A robot that stands on the end of its link is an inverted pendulum sideways with an unstable
+    pole at sqrt(g / h); the bandwidth of the attitude loop must exceed it.
     """
     robot, world = context.robot, context.world
     arc = compute_link_arc(robot, context.model.reshape(1))

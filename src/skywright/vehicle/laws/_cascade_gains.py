@@ -2,13 +2,13 @@
 
 - Rate loop: attitude bandwidth times the loop separation. A lead keeps the phase margin in spite of
   the rotors' lag and of the sampling: k / (s (lead s + 1)) e^(-T s) crosses over near k.
-- A loop that meets a resonance (a link that bends, arms on springs) sees the inertia `I_free` above
-  it, less than `I_eff`. Its gain is limited so that FREE_MARGIN remains there; the axis' attitude
-  and the platform's motion along it are slower by the same factor.
+- Above a resonance (a link that bends, arms on springs) the inertia of the loop is `I_free`, less
+  than `I_eff`. The gain is limited so that FREE_MARGIN remains there; the attitude loop of the axis
+  and the motion of the platform along it are slower by the same factor.
 - Velocity loop: position bandwidth times the separation.
 - A link on a joint without a servo: position, velocity and swing gain follow together from the
-  planar model of platform and link, `place_swing_poles`; with `motion_sensitivity` the motion is as
-  fast as that allows, along the swing and across it, `_quicken`.
+  planar model of platform and link, `place_swing_poles`. With `motion_sensitivity` the motion is as
+  fast as this bound allows, along the swing and across it, `_quicken`.
 """
 
 from __future__ import annotations
@@ -48,12 +48,12 @@ Array = NDArray[np.float64]
 
 FREE_MARGIN = math.radians(35.0)  # rad, of the rate loop above a resonance
 YAW = 0.4  # of roll and pitch: yaw has little torque (PX4's default weight of yaw, MC_YAW_WEIGHT)
-SLOWEST_SWING, FASTEST_SWING = 0.8, 2.0  # poles of the swing over its natural frequency
-BANDWIDTHS = np.geomspace(0.4, 4.0, 93)  # rad/s, of a motion, that are looked at, 2.5 % apart
-DAMPINGS = np.linspace(1.0, 0.5, 6)  # of the swing, over the one asked for, that are looked at
-SETTLED, SETTLING = 0.035, 1.6  # share of the angle that a link is let go at (0.7 deg of 20), s
+SLOWEST_SWING, FASTEST_SWING = 0.8, 2.0  # search range of the swing poles / natural frequency
+BANDWIDTHS = np.geomspace(0.4, 4.0, 93)  # rad/s, candidates of a motion, 2.5 % apart
+DAMPINGS = np.linspace(1.0, 0.5, 6)  # candidates of the swing, over the requested damping
+SETTLED, SETTLING = 0.035, 1.6  # share of the release angle (0.7 deg of 20), s
 WAYS = "forward", "to the left"
-SLOWEST_HUNG = 0.3  # with the platform held, a link swings slower than with one that gives way
+SLOWEST_HUNG = 0.3  # a link swings slower below a fixed platform than below a free one
 
 
 class SwingModel(NamedTuple):
@@ -72,38 +72,38 @@ class SwingModel(NamedTuple):
 
     @property
     def pull(self) -> float:
-        """Force of the link on a platform that stands, over the mass, an angle (m/s^2)."""
+        """Force of the link on a fixed platform, per mass and per angle (m/s^2)."""
         return self.gravity * self.first**2 / (self.mass * self.second)
 
 
 class SwingGains(NamedTuple):
-    """Force over mass against the errors: a = -(position x + velocity v + swing psi')."""
+    """Gains of the acceleration: a = -(position x + velocity v + swing psi')."""
 
     position: float  # 1/s^2
     velocity: float  # 1/s
     swing: float  # m/s
-    poles: Array  # (2,) complex, of the platform's motion and of the swing
+    poles: Array  # (2,) complex: one of the platform's motion, one of the swing
 
 
 class CascadeGains(NamedTuple):
     """All gains; (3,) along the platform's axes forward, left, up, or about those of B."""
 
-    k_position: Array  # 1/s, velocity asked for a metre of error
-    k_velocity: Array  # 1/s, acceleration asked for 1 m/s of error
-    k_swing: float  # m/s^2 against 1 rad/s of a passive joint's swing
-    k_attitude: Array  # 1/s, rate asked for a radian of error
-    k_rate: Array  # 1/s, angular acceleration asked for 1 rad/s of error
-    k_integral: Array  # 1/s, of the torque
-    lead: float  # s, what is left of the rotors' lag
-    rotor_tau: float  # s, believed rotor lag
+    k_position: Array  # 1/s, velocity per position error
+    k_velocity: Array  # 1/s, acceleration per velocity error
+    k_swing: float  # m/s, acceleration against the swing rate of a passive joint
+    k_attitude: Array  # 1/s, rate per attitude error
+    k_rate: Array  # 1/s, angular acceleration per rate error
+    k_integral: Array  # 1/s, integral gain of the torque
+    lead: float  # s, rotor lag that remains after the lead
+    rotor_tau: float  # s, nominal rotor lag
     wrench: Array  # rad/s, bandwidth of the estimated external force
-    pose: float = 0.0  # rad/s, at which the arms' pose is looked at; 0: it is not
+    pose: float = 0.0  # rad/s, low-pass of the arms' pose; 0: the pose is not used
 
 
 def compute_lead(k_rate: float, rotor_tau: float, delay: float, margin: float) -> float:
-    """Return the lag (s) that the lead must leave of `rotor_tau` for a phase margin (rad).
+    """Return the lag (s) that may remain of `rotor_tau` after the lead for a phase margin (rad).
 
-    Raises InputError when the delay alone takes the margin.
+    Raises InputError if the delay alone uses up the margin.
     """
     spare = 0.5 * math.pi - margin - k_rate * delay
     if spare <= 0.0:
@@ -117,7 +117,7 @@ def compute_lead(k_rate: float, rotor_tau: float, delay: float, margin: float) -
 
 
 def compute_free_factor(k_rate: float, lead: float, delay: float) -> float:
-    """Return by how much the rate loop's gain may rise until FREE_MARGIN is left."""
+    """Return the factor by which the gain of the rate loop may rise until FREE_MARGIN is left."""
     lo, hi = 0.0, 1e4
     for _ in range(60):
         mid = 0.5 * (lo + hi)
@@ -127,7 +127,7 @@ def compute_free_factor(k_rate: float, lead: float, delay: float) -> float:
 
 
 def attitude_lag(s: complex, k_attitude: float, k_rate: float, lead: float) -> complex:
-    """Return attitude over desired attitude of the closed inner loops at `s` (rad/s)."""
+    """Return the transfer function of the closed attitude loop at `s` (rad/s)."""
     gain = k_attitude * k_rate
     return gain / (s * s * (lead * s + 1.0) + k_rate * s + gain)
 
@@ -139,12 +139,11 @@ def place_swing_poles(
     """Place the poles of platform and swing through the attitude loop's lag.
 
     Planar model, psi the link's angle in W: m x'' - b psi'' = f, -b x'' + J psi'' + b g psi = 0,
-    f = -lag(s) m (k_x x + k_v v + k_s psi'). Each pole s demands 1 + lag k . z(s) = 0, linear in
-    the gains. Two poles of the platform's motion, s^2 + k_v s + k_v k_x, and two of the swing with
-    `damping`, whose frequency is where the gain on the angle psi itself is `angle` (m/s^2): with
-    zero a link that is held at an angle moves the platform nowhere.
-
-    Raises InputError when no such frequency exists.
+    f = -lag(s) m (k_x x + k_v v + k_s psi'). Each pole s requires 1 + lag k . z(s) = 0, which is
+    linear in the gains. Two poles are those of the platform's motion, s^2 + k_v s + k_v k_x, and
+    two those of the swing with `damping`. The swing frequency is chosen so that the gain on the
+    angle psi is `angle` (m/s^2); with zero, a link held at an angle does not move the platform.
+    Raises InputError if no such frequency exists.
     """
     found = _find_swing(m, lag, k_position, k_velocity, damping, angle)
     if found is None:
@@ -163,7 +162,7 @@ def place_swing_poles(
 def _find_swing(
     m: SwingModel, lag: Any, k_position: float, k_velocity: float, damping: float, wanted: float
 ) -> SwingGains | None:
-    """`place_swing_poles` at the frequency that needs the gain `wanted` on the angle, if any."""
+    """Return `place_swing_poles` at the frequency with the gain `wanted` on the angle, or None."""
     motion = np.roots([1.0, k_velocity, k_velocity * k_position]).astype(complex)
     both = [motion[0]] if abs(motion[0].imag) > 1e-9 else list(motion)
     reduced = m.mass * m.second - m.first**2
@@ -212,11 +211,11 @@ def compute_cascade_gains(
 ) -> CascadeGains:
     """Return the gains that follow from the bandwidths `c`; `model` is a BodyModel record.
 
-    `inverted`: for the law `model_inversion`, whose gains act on what the platform weighs beside
-    a free link, and which adds the link's pull: in this model a gain of -b^2 g / (m J) on psi.
-    They are kept: the plan, the law and the observer of a vehicle ask for the same.
+    `inverted`: for the law `model_inversion`, whose gains act on the mass of the platform beside a
+    free link, and which adds the pull of the link: in this model a gain of -b^2 g / (m J) on psi.
+    Results are cached, because plan, law and observer of a vehicle need the same gains.
 
-    Raises InputError where a loop has no phase margin, or no poles of the swing exist.
+    Raises InputError if a loop has no phase margin, or no poles of the swing exist.
     """
     case = repr((c, robot, world, inverted, np.asarray(model).tobytes()))
     if case not in _FOUND:
@@ -239,7 +238,7 @@ def _compute_gains(
     lead, tau, scale = _scale_rate_loop(c, robot, world, inertia, free)
     k_rate = c.attitude_bandwidth_rad_s * c.loop_separation * scale
     k_attitude = c.attitude_bandwidth_rad_s * scale
-    # leaning about left moves forward, about forward moves left
+    # tilting about the left axis moves forward, tilting about the forward axis moves left
     share = np.array([k_attitude[1], k_attitude[0], c.attitude_bandwidth_rad_s])
     share /= c.attitude_bandwidth_rad_s
     found = CascadeGains(
@@ -251,8 +250,8 @@ def _compute_gains(
         k_integral=c.attitude_integral_rad_s * k_attitude / c.attitude_bandwidth_rad_s,
         lead=lead,
         rotor_tau=tau,
-        # A level force is answered by leaning: its estimate is one separation below that loop, for
-        # the rigid model's momentum knows no springs. Thrust answers a vertical force at once.
+        # The platform tilts against a level force. Its estimate is one separation slower than the
+        # attitude loop, because the momentum model is rigid. Thrust cancels a vertical force fast.
         wrench=share * c.attitude_bandwidth_rad_s / [c.loop_separation, c.loop_separation, 1],
     )
     if floating["swing"] < 0:
@@ -273,7 +272,7 @@ def _compute_gains(
         -m.pull if inverted else 0.0,
     )
     if inverted:
-        beside = 1.0 - m.pull / m.gravity  # mass that the platform feels, over the whole
+        beside = 1.0 - m.pull / m.gravity  # effective mass of the platform over the total mass
         gains = SwingGains(
             gains.position / beside, gains.velocity / beside, gains.swing / beside, gains.poles
         )
@@ -299,7 +298,7 @@ def compute_bodies(robot: Robot, model: Any) -> tuple[Any, Any]:
 
 
 def build_gust_model(c: Control, g: CascadeGains, nominal: Nominal, yaw: float) -> GustModel | None:
-    """Return how a platform moves in gusts; see Law.build_gust_model. None: hands hold its link."""
+    """Return the motion in gusts (Law.build_gust_model); None for a link that hands hold."""
     robot, world = nominal.robot, nominal.world
     body, floating = compute_bodies(robot, nominal.model[0])
     q, delay = posture(robot, "working"), compute_delay(c, world)
@@ -318,7 +317,7 @@ def build_gust_model(c: Control, g: CascadeGains, nominal: Nominal, yaw: float) 
 
 def build_loops(g: CascadeGains, delay: float, axis: int, swings: int) -> Loops:
     """Return the gains of the motion along `axis` of the platform (0: forward, 1: to the left);
-    along `swings` the link does.
+    `swings` is the axis along which the link swings.
     """
     turn = 1 - axis
     return Loops(
@@ -334,13 +333,12 @@ def _quicken(
 ) -> CascadeGains:  # fmt: skip
     """Return `g` with the fastest motion loops whose |S| stays below c.motion_sensitivity.
 
-    Across the swing the velocity loop keeps its separation from the position's, and the estimate of
-    the force, which is an integral, lies between the two. Along it the motion's poles are those of
-    c.position_damping, beside a swing with c.swing_damping or the most below it, as fast as a link
-    that is let go still comes to rest within SETTLING. There the force is estimated as fast as the
-    platform leans: the momentum of a link that swings is known, that of one that bends is not.
-
-    Raises InputError where no bandwidth does.
+    Across the swing, velocity and position loop are one loop separation apart, and the bandwidth of
+    the force estimate, which acts as an integral, lies between them. Along the swing, the poles of
+    the motion have c.position_damping, and the swing has c.swing_damping or the largest feasible
+    damping below it; a released link must settle within SETTLING. There the force estimate is as
+    fast as the attitude loop, because the model contains the swing of the link but not its bending.
+    Raises InputError if no bandwidth meets the bound.
     """
     most, turn, fast = c.motion_sensitivity, 1 - along, g.k_attitude[1 - along]
     lag = partial(attitude_lag, k_attitude=float(fast), k_rate=float(g.k_rate[turn]), lead=g.lead)
@@ -389,9 +387,9 @@ def _quicken(
 def _scale_rate_loop(
     c: Control, robot: Robot, world: World, inertia: Array, free: Array
 ) -> tuple[float, float, Array]:
-    """Return lead (s), rotor lag (s) and the shares (3,) of the loops' gains about B's axes."""
+    """Return lead (s), rotor lag (s) and the gain factors (3,) about the axes of B."""
     k_rate = c.attitude_bandwidth_rad_s * c.loop_separation
-    # a control link's delay counts like the sampling: 10 ms cost 23 deg at 20 rad/s
+    # includes the delay of a control link: 10 ms each way cost 23 deg at 20 rad/s
     delay = compute_delay(c, world)
     tau = robot.rotors.time_constant_s
     lead = compute_lead(k_rate, tau, delay, math.radians(c.phase_margin_deg))

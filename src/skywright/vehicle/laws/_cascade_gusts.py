@@ -1,4 +1,4 @@
-"""A platform under the cascade, with a hanging link or none, as two planar linear systems.
+"""A platform under the cascade, with or without a hanging link, as two planar linear systems.
 
 Along the swing, with x of B, theta the platform's lean and psi the link's angle in W (d: joint
 below B, b and J: the link's moments about it, M: moment of the drag on it):
@@ -6,16 +6,16 @@ below B, b and J: the link's moments about it, M: moment of the drag on it):
     m x'' - m_l d theta'' - b psi'' = m g theta + F
     -b x'' + b d theta'' + J psi'' + c (psi' - theta') + b g psi = -M
 
-theta follows what is asked through the attitude loop's lag (computed torque, models/floating.py).
+theta follows its command through the lag of the attitude loop (models/floating.py).
 
-Across it the link bends on its spring k, gamma its angle in W, phi the platform's:
+Across the swing the link bends on its spring k, with its angle gamma and the platform's phi in W:
 
     m y'' + m_l d phi'' + b gamma'' = -m g phi + F
     m_l d y'' + (I_p + m_l d^2) phi'' + b d gamma'' + m_l g d phi + k (phi - gamma) = t + d F_l
     b y'' + b d phi'' + J gamma'' + b g gamma + k (gamma - phi) = M
 
-with t made by the rate loop, its lead and the rotors. In both the law asks for the force
-m (k_v (k_x e - v) - k_s psi') - f, f the estimated external force (external_wrench.py).
+The rate loop, its lead and the rotors produce t. In both planes the law commands the force
+m (k_v (k_x e - v) - k_s psi') - f, with the estimated external force f (external_wrench.py).
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ Array = NDArray[np.float64]
 
 FREQUENCIES = np.geomspace(0.3, 60.0, 120)  # rad/s
 RELEASED, RELEASE_STEP = 4.0, 0.02  # s
-SLOPE = 0.01  # m/s, over which the drag's slope is taken
-RIGID = 100.0  # rad/s, of a link that does not bend
+SLOPE = 0.01  # m/s, step of the finite difference of the drag
+RIGID = 100.0  # rad/s, bending frequency of a link without lateral stiffness in the robot file
 
 
 class Masses(NamedTuple):
@@ -51,14 +51,14 @@ class Masses(NamedTuple):
 
     mass: float  # kg, whole robot
     gravity: float  # m/s^2
-    below: float  # m, d
-    carried: float  # kg, m_l: what hangs on the joint
-    first: float  # kg m, b
-    second: float  # kg m^2, J
-    platform: float  # kg m^2, I_p
-    inertia: float  # kg m^2, that the law's torque turns (I_eff)
+    below: float  # m, d: depth of the joint below B
+    carried: float  # kg, m_l: mass that hangs on the joint
+    first: float  # kg m, b: first moment about the joint
+    second: float  # kg m^2, J: inertia about the joint
+    platform: float  # kg m^2, I_p: inertia of the platform
+    inertia: float  # kg m^2, I_eff: effective inertia in the law
     stiffness: float  # N m/rad, of the bending
-    damping: float  # N m s/rad, of the bending; along the swing of the bearing
+    damping: float  # N m s/rad, across: of the bending; along the swing: of the bearing
 
 
 class Loops(NamedTuple):
@@ -77,7 +77,7 @@ class Loops(NamedTuple):
 
 
 class System(NamedTuple):
-    """x' = free x + enter u + drag w, u = asked . x: u is the lean that the law asks for.
+    """x' = free x + enter u + drag w, u = asked . x: u is the commanded tilt.
 
     The inputs w are the drag on the platform (N), that on the link (N), and its moment about the
     joint (N m, positive forward or to the left).
@@ -91,22 +91,22 @@ class System(NamedTuple):
 
     @property
     def closed(self) -> Array:
-        """The closed loop (n, n); the place is its first state."""
+        """The closed loop (n, n); the position is its first state."""
         return self.free + np.outer(self.enter, self.asked)
 
     def is_stable(self) -> bool:
-        """Whether all poles of the closed loop lie on the left."""
+        """Whether all poles of the closed loop have a negative real part."""
         return bool(np.linalg.eigvals(self.closed).real.max() < 0.0)
 
     def compute_sensitivity(self, w: Array = FREQUENCIES) -> float:
-        """Return the largest |S| of the loop cut at the lean that is asked for."""
+        """Return the largest |S| of the loop opened at the commanded tilt."""
         s = 1j * w[:, None, None]
         inner = np.linalg.solve(s * np.eye(len(self.free)) - self.free, self.enter[None, :, None])
         loop = -(inner[:, :, 0] @ self.asked) * np.exp(-1j * w * self.delay)
         return float(np.max(1.0 / np.abs(1.0 + loop)))
 
     def compute_settling(self, share: float) -> float:
-        """Return when (s) the joint of a link that was let go stays within `share` of its angle."""
+        """Return the settling time (s) of a released link to `share` of its angle."""
         step, state = expm(RELEASE_STEP * self.closed), np.zeros(len(self.free))
         state[2], outside = 1.0, 0
         for i in range(round(RELEASED / RELEASE_STEP)):
@@ -116,10 +116,10 @@ class System(NamedTuple):
         return outside * RELEASE_STEP
 
     def compute_variance(self, drag: Array, sigma: float, time: float, along: bool) -> Array:
-        """Return the variances of place (m^2) and joint (rad^2), (2,), in Dryden gusts of `sigma`
+        """Return the variances (2,) of position (m^2) and joint (rad^2) in Dryden gusts of `sigma`
         (m/s) and `time` (s).
 
-        `drag` (3,) is what a gust of 1 m/s makes of the inputs; `along` the mean wind, or across.
+        `drag` (3,) are the inputs of a gust of 1 m/s; `along`: along the mean wind, or across it.
         """
         if along:
             a, b, c = np.array([[-1.0]]), np.array([math.sqrt(2.0)]), np.array([sigma])
@@ -160,7 +160,7 @@ def build_along(m: Masses, k: Loops) -> System:
 
 
 def build_across(m: Masses, k: Loops) -> System:
-    """Return the system across it: y, y', phi, phi', gamma, gamma', lead, torque, integral, f."""
+    """Return that across the swing: y, y', phi, phi', gamma, gamma', lead, torque, integral, f."""
     Y, V, PHI, W, GAMMA, BEND, LEAD, T, SUM, F = range(10)
     one = np.eye(10)
     free, drag = np.zeros((10, 10)), np.zeros((10, 3))
@@ -179,7 +179,7 @@ def build_across(m: Masses, k: Loops) -> System:
     ])  # fmt: skip
     push = np.array([[1.0, 1.0, 0.0], [0.0, m.below, 0.0], [0.0, 0.0, 1.0]])
     free[[V, W, BEND]], drag[[V, W, BEND]] = inverse @ right, inverse @ push
-    # the observer's momentum is that of a link that does not bend
+    # the momentum in the observer is that of a rigid link
     free[F] = k.force * (-m.first * (free[BEND] - free[W]) - one[F])
     drag[F] = k.force * ([1.0, 1.0, 0.0] - m.first * (drag[BEND] - drag[W]))
     ahead = k.lag / k.lead
@@ -195,7 +195,7 @@ def build_across(m: Masses, k: Loops) -> System:
 
 
 def build_rigid(mass: float, gravity: float, k: Loops) -> System:
-    """Return the system of a platform without a hanging link: x, x', lean and two rates, f."""
+    """Return the system of a platform without a hanging link: x, x', tilt and two rates, f."""
     X, V, THETA, Q1, Q2, F = range(6)
     one = np.eye(6)
     free, drag = np.zeros((6, 6)), np.zeros((6, 3))
@@ -209,14 +209,14 @@ def build_rigid(mass: float, gravity: float, k: Loops) -> System:
 
 
 def build_masses(robot: Robot, body: Any, floating: Any, platform: Array) -> tuple[Masses, Masses]:
-    """Return the robot along the swing and across it.
+    """Return the masses along the swing and across it.
 
-    `body` and `floating` are those of the working posture, `platform` (3,) kg m^2 what a torque
-    meets above every resonance: the platform alone.
+    `body` and `floating` are those of the working posture; `platform` (3,) kg m^2 is the inertia
+    above all resonances, that of the platform alone.
     """
     link = robot.pendulum
     assert link is not None and link.z_m is not None
-    about = int(abs(floating["axis"][0]) < 0.5)  # axis of B that the link swings about
+    about = int(abs(floating["axis"][0]) < 0.5)  # axis of B about which the link swings
     bends = 1 - about
     mass, below = float(body["mass"]), -link.z_m
     first, carried = float(np.linalg.norm(floating["L_s"])), mass - robot.platform.mass_kg
@@ -240,15 +240,15 @@ def compute_gust_motion(
     nominal: Nominal, wind: Wind, q: Array, systems: tuple[System, System], swings: int,
     yaw: float,
 ) -> GustMotion:  # fmt: skip
-    """Return the motion in the gusts of a wind, the platform heading `yaw` (rad).
+    """Return the motion in the gusts of a wind at the heading `yaw` (rad) of the platform.
 
-    `systems` are those along the swing, which is along axis `swings` of the platform, and across.
+    `systems`: along the swing, which is along axis `swings` of the platform, and across it.
     """
     speed, hangs = compute_speed(wind), nominal.robot.pendulum is not None
     sigma, time = compute_gust_scales(wind, speed)
     mean = speed * (rot_z(yaw).T @ compute_direction(wind))[:2]
     ahead = mean / max(float(np.linalg.norm(mean)), 1e-9)
-    total = np.zeros((2, 2))  # along the swing and across: place, joint
+    total = np.zeros((2, 2))  # along the swing and across: position, joint
     for i, gust in enumerate((ahead, np.array([-ahead[1], ahead[0]]))):
         high, low = (_drag(nominal, q, mean + sign * SLOPE * gust) for sign in (1.0, -1.0))
         slope = (high - low) / (2.0 * SLOPE)  # (3, 2)
@@ -283,7 +283,7 @@ def compute_link_drag(
 ) -> tuple[Array, Array]:
     """Return (force (2,) N, moment about the joint (2,) N m) of a level wind (2,) m/s on the links.
 
-    Cylinders, as the plant has them (vehicle/effects/limb_drag.py), without downwash.
+    The links are cylinders as in the plant (vehicle/effects/limb_drag.py), without downwash.
     """
     assert robot.arm is not None and robot.pendulum is not None
     k, force, moment = compute_kinematics(model, q), np.zeros(2), np.zeros(2)

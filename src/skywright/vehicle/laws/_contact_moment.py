@@ -1,4 +1,4 @@
-"""The moment about the centre of mass of the force with which law (4) presses and slides."""
+"""Moment of the contact force of law (4) about the centre of mass."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from skywright.vehicle.loops import SLOW
 
 @helper
 def subtract_moment(me: Any, ref: Any, est: Any, body: Any, push: float, t_B: Any) -> None:
-    """Take (p_T - c) x f off t_B (3,) N m, f the believed force of the surface on the tip.
+    """Subtract (p_T - c) x f from t_B (3,) N m; f is the modelled force of the surface on the tip.
 
-    That is the friction that law (4) feeds forward and, times `push`, its normal force; none
-    without contact.
+    f is the friction that law (4) feeds forward plus `push` times its normal force. Without contact
+    f is zero.
     """
     normal, f_W, f_B, arm, moment = 0.0, local(3), local(3), local(3), local(3)
     for i in range(3):

@@ -3,9 +3,9 @@
     minimise  x'H x / 2 + f'x   with   lower <= (x_1 .. x_ms, A x) <= upper
 
 Arnström, Bemporad, Axehill 2022, A dual active-set solver for embedded quadratic programming using
-recursive LDL' updates, IEEE T-AC 67(8). The wheel brings no headers, so the layout of the two
-records that the function takes is written here, and `load_solver` tests it on a problem whose
-solution is known before anything flies.
+recursive LDL' updates, IEEE T-AC 67(8). The wheel contains no headers, so this module declares the
+layout of the two records that the function takes. `load_solver` tests the layout on a problem with
+a known solution before the first use.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from skywright.core.compiled import Helper
 from skywright.core.pointers import as_pointer
 
 OPTIMAL, SOFT_OPTIMAL = 1, 2
-"""Exit flags of a solution; others are below zero."""
+"""Exit flags of a solution; errors are below zero."""
 SOFT = 8
-"""A row of this sense may be violated, at a high price."""
+"""Sense of a row that may be violated at a high cost."""
 UNBOUNDED = 1e30
 
 PROBLEM = np.dtype(
@@ -36,7 +36,7 @@ PROBLEM = np.dtype(
      ("upper", "i8"), ("lower", "i8"), ("sense", "i8"), ("breaks", "i8"), ("levels", "i4"),
      ("kind", "i4")], align=True,
 )  # fmt: skip
-"""DAQPProblem of DAQP 0.11: sizes, addresses; the last three belong to other kinds of problems."""
+"""DAQPProblem of DAQP 0.11: sizes and addresses; the last three fields are not used."""
 RESULT = np.dtype(
     [("x", "i8"), ("lam", "i8"), ("value", "f8"), ("slack", "f8"), ("flag", "i4"),
      ("iterations", "i4"), ("nodes", "i4"), ("solve_s", "f8"), ("setup_s", "f8")], align=True,
@@ -44,15 +44,15 @@ RESULT = np.dtype(
 """DAQPResult."""
 FLAG_AT = int(RESULT.fields["flag"][1])  # type: ignore[index]
 GUARD = 64
-"""Bytes behind a result that the test of its layout watches."""
+"""Bytes behind a result that must stay unchanged in the test of the layout."""
 
 
 class Program(NamedTuple):
-    """Arrays of a quadratic program and the two records that point at them."""
+    """Arrays of a quadratic program and the two records that point to them."""
 
     H: Array  # (n, n)
     f: Array  # (n,)
-    A: Array  # (m, n), of the rows that are no simple bounds
+    A: Array  # (m, n), rows of the general constraints
     upper: Array  # (n + m,)
     lower: Array
     sense: NDArray[np.int32]  # (n + m,)
@@ -63,7 +63,7 @@ class Program(NamedTuple):
 
 
 def build_program(n: int, m: int) -> Program:
-    """Return a program of n variables with bounds, and m further rows; keep a reference to it."""
+    """Return a program of n bounded variables and m rows; the caller must keep a reference."""
     p = Program(
         np.zeros((n, n)), np.zeros(n), np.zeros((m, n)), np.zeros(n + m), np.zeros(n + m),
         np.zeros(n + m, np.int32), np.zeros(n), np.zeros(n + m), np.zeros(1, PROBLEM),
@@ -79,13 +79,13 @@ def build_program(n: int, m: int) -> Program:
 
 @cache
 def load_solver() -> int:
-    """Return the address of `daqp_quadprog`, tested.
+    """Return the address of `daqp_quadprog` after a test of the layout.
 
-    Raises RuntimeError where the library has another layout than written here.
+    Raises RuntimeError if the layout of the library differs from that of this module.
     """
     import daqp
 
-    # the library is loaded already, and stays so
+    # the import has loaded the library; it stays loaded
     function = ctypes.CDLL(daqp.__file__).daqp_quadprog
     address = ctypes.cast(function, ctypes.c_void_p).value
     assert address is not None
@@ -141,7 +141,7 @@ def _call(typingctx: Any, function: Any, result: Any, problem: Any) -> Any:
 
 
 def _solve(function: int, problem: int, result: int) -> None:
-    """Solve the program whose records stand at these addresses, with default settings."""
+    """Solve the program with its records at these addresses, with default settings."""
     _call(function, result, problem)
 
 
@@ -163,7 +163,7 @@ def _python_read_flag(result: int) -> int:
 
 
 def _set_senses(sense: int, n: int, first: int, count: int, kind: int) -> None:
-    """Make `count` rows from `first` of that sense and all others of `n` plain."""
+    """Set the sense of `count` rows from `first` to `kind`, and that of all others of `n` to 0."""
     out = carray(as_pointer(sense), n, np.int32)
     for i in range(n):
         out[i] = kind if first <= i < first + count else 0

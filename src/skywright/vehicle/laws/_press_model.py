@@ -1,7 +1,7 @@
-"""A robot that presses its probe on a surface: the model that gains across it follow from.
+"""Model of a robot that presses its probe on a surface, for the gains along the normal.
 
-The tip is a spring between robot and surface: the probe's, in series with what gives way behind
-it. The loop is opened at the rotors, behind their lag and the dead time.
+The tip is a spring between robot and surface: that of the probe in series with the compliance of
+the robot. The loop is opened at the rotors and contains their lag and the dead time.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from skywright.vehicle.loops import choose_bandwidths
 from skywright.vehicle.tip_force import find_tip_sensor
 
 SENSITIVITY = 2.0  # largest |S|
-DEAD_TICKS = 1.5  # control periods between a measurement and the middle of the thrust it causes
+DEAD_TICKS = 1.5  # control periods from a measurement to the middle of the thrust it causes
 FREQUENCIES = np.geomspace(0.01, 500.0, 1500)  # rad/s
 
 
@@ -36,7 +36,7 @@ class Contact(NamedTuple):
     """Robot against a surface along the probe, in its working posture."""
 
     mass: float  # kg
-    k: float  # N/m, probe's spring and all that gives way with it
+    k: float  # N/m, spring of the probe in series with the compliance of the robot
     k_hard: float  # N/m, with the slider at an end of its travel
     lag: float  # s, of the rotors
     delay: float  # s, dead time
@@ -45,7 +45,7 @@ class Contact(NamedTuple):
 def build_contact(robot: Robot, world: World, table: Any, dt: float, h: float) -> Contact:
     """Model a robot that presses along its probe; `dt`, `h` (s): control period, physics step.
 
-    The dead time counts half a period of the sensor of the tip's force, where there is one.
+    The dead time includes half a period of the sensor of the tip's force, if there is one.
     """
     assert robot.probe is not None
     sensor = find_tip_sensor(robot)
@@ -67,13 +67,13 @@ def build_contact(robot: Robot, world: World, table: Any, dt: float, h: float) -
 
 
 class _Given(NamedTuple):
-    """What `choose_bandwidths` reads."""
+    """Context with the fields that `choose_bandwidths` reads."""
 
     robot: Robot
 
 
 def _compute_arm_compliance(robot: Robot, model: NDArray[Any], lever: Array) -> float:
-    """Return how far (m) the tip gives way a newton: springs and servos over their levers (m)."""
+    """Return the compliance (m/N) of the tip: springs and servos with their levers (m)."""
     n = len(lever)
     out = sum(
         a**2 / limb.link.flex_stiffness_nm_per_rad
@@ -90,8 +90,8 @@ def compute_peak(
 ) -> float:
     """Return the largest |S| at the rotors: spring free, spring at an end, in the air.
 
-    `law(s, k)` is the force (N) that the rotors are told for a metre of the tip, pressed by a
-    spring k (N/m) whose force is measured.
+    `law(s, k)` is the commanded force per displacement of the tip (N/m), with a contact spring k
+    (N/m) whose force is measured.
     """
     s = 1j * w
     late, worst = np.exp(-s * c.delay) / (1.0 + c.lag * s), 0.0

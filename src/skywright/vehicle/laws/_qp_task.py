@@ -1,8 +1,8 @@
-"""The program of `whole_body_qp`: what is wanted, whether a limit binds, and the solution.
+"""The program of `whole_body_qp`: desired values, check of the limits, and solution.
 
-Variables are deviations from what is wanted, x = (T - T^d, q'' - q''^d, f - f^d): the residual of
-the dynamics is zero at x = 0, so the cost is x'H x / 2 and the solution the feasible point nearest
-to what is wanted, in the metric H. H is positive definite: the solution is unique.
+Variables are deviations from the desired values, x = (T - T^d, q'' - q''^d, f - f^d). The residual
+of the dynamics is zero at x = 0, so the cost is x'H x / 2, and the solution is the feasible point
+nearest to the desired values in the metric H. H is positive definite: the solution is unique.
 """
 
 from __future__ import annotations
@@ -31,34 +31,34 @@ from skywright.vehicle.laws._daqp import (
 from skywright.vehicle.loops import SLOW
 
 FACETS = 8
-"""Sides of the pyramid in the friction cone; a corner is where friction brakes the sliding."""
+"""Sides of the pyramid in the friction cone; a vertex lies in the direction of the friction."""
 APOTHEM = math.cos(math.pi / FACETS)
 EDGE = np.array([[math.cos(a), math.sin(a)] for a in math.pi / FACETS * (1 + 2 * np.arange(8))])
 MAX_VARIABLES = MAX_ROTORS + MAX_JOINTS + 3
 CLOSE = 1e-9
-"""N, rad/s, rad/s^2: by less a limit is not exceeded."""
+"""N, rad/s, rad/s^2: tolerance of the limits."""
 THRUST_WEIGHT = 1e-2
-"""Of a rotor's share of the weight: only what is left over among more than six rotors."""
+"""Relative to a rotor's share of the weight; small, resolves the redundancy of over six rotors."""
 
 
 class Wanted(NamedTuple):
-    """What is asked for before any limit, and the geometry that it rests on."""
+    """Desired values before any limit, and their geometry."""
 
-    axes: Array  # (3, 3) columns in W: against the sliding, across it, out of the surface
+    axes: Array  # (3, 3) columns in W: opposite to the sliding, across it, surface normal
     contact: Array  # (3,) N, force of the surface on the tip, along the axes
     qdd: Array  # (MAX_JOINTS,) rad/s^2
     thrust: Array  # (MAX_ROTORS,) N
-    L: Array  # (6, MAX_JOINTS) what the joints take: N in B, N m about the centre of mass
+    L: Array  # (6, MAX_JOINTS) reaction of the joints: N in B, N m about the centre of mass
 
 
 @helper
 def fill_wanted(
     me: Any, ref: Any, est: Any, body: Any, model: Any, kin: Any, cmd: Any, out: Any
 ) -> bool:
-    """Fill `out` from the command of laws (2) to (4), and turn its wrench into what they make.
+    """Fill `out` from the command `cmd` of laws (2) to (4) and the allocation of its wrench.
 
-    Adds the moment of the contact force and the arm's reaction to `cmd`; returns whether all is
-    finite.
+    Adds the moment of the contact force and the arm's reaction to `cmd`. Returns whether all values
+    are finite.
     """
     n, m, c = me.n, me.m, body.p_BC
     f_B, lever, moment = local(3), local(3), local(3)
@@ -95,7 +95,7 @@ def fill_wanted(
 
 @helper
 def fill_contact(me: Any, ref: Any, est: Any, body: Any, out: Any) -> None:
-    """Fill the axes and the force that law (4) presses and slides with, zero without contact."""
+    """Fill the axes and the contact force of law (4), zero without contact."""
     e_n = along = 0.0
     v, u, n = local(3), local(3), local(3)
     for i in range(3):
@@ -126,7 +126,7 @@ def fill_contact(me: Any, ref: Any, est: Any, body: Any, out: Any) -> None:
 
 @helper
 def is_free(me: Any, est: Any, cmd: Any, want: Any) -> bool:
-    """Whether what is wanted is within all limits."""
+    """Return whether the desired values are within all limits."""
     for i in range(me.n):
         if want.thrust[i] < me.t_min[i] - CLOSE or want.thrust[i] > me.t_max[i] + CLOSE:
             return False
@@ -135,7 +135,7 @@ def is_free(me: Any, est: Any, cmd: Any, want: Any) -> bool:
         if abs(want.qdd[j]) > me.a_max[j] or not (
             -me.stop_rate * room_down - CLOSE <= cmd.qd[j] <= me.stop_rate * room_up + CLOSE
         ):
-            return False  # law (2) keeps the motors' speeds itself
+            return False  # law (2) already limits the motor speeds
     worst = 0.0
     for k in range(FACETS):
         worst = max(worst, find_slip(me, want, k))
@@ -144,16 +144,16 @@ def is_free(me: Any, est: Any, cmd: Any, want: Any) -> bool:
 
 @helper
 def find_slip(me: Any, want: Any, k: int) -> float:
-    """By how much (N) the wanted contact force is beyond side `k` of the pyramid."""
+    """Return by how much (N) the desired contact force exceeds side `k` of the pyramid."""
     f = want.contact
     return EDGE[k, 0] * f[0] + EDGE[k, 1] * f[1] - me.mu * APOTHEM * f[2]
 
 
 @helper
 def solve_task(me: Any, est: Any, body: Any, cmd: Any, want: Any, thrust: Any) -> float:
-    """Fill `thrust` (n,) N and change `cmd.qd` to the solution; returns what bound.
+    """Fill `thrust` (n,) N and change `cmd.qd` to the solution; return its kind.
 
-    1: limits; 2: joint limits had to give way; 3: no solution, and nothing is changed.
+    1: within all limits; 2: joint limits are violated; 3: no solution, and nothing is changed.
     """
     n, m = me.n, me.m
     size = n + m + 3
@@ -183,7 +183,7 @@ def solve_task(me: Any, est: Any, body: Any, cmd: Any, want: Any, thrust: Any) -
 
 @helper
 def fill_cost(me: Any, est: Any, body: Any, want: Any, H: Any) -> None:
-    """Fill H (n + m + 3,) squared: dynamics with the rank of their rows, and each variable."""
+    """Fill H (n + m + 3 squared): weighted rows of the dynamics, and weights of the variables."""
     n, m = me.n, me.m
     size, weight = n + m + 3, body.mass * body.gravity
     J, W = local(6, MAX_VARIABLES), local(6)
@@ -230,7 +230,7 @@ def fill_cost(me: Any, est: Any, body: Any, want: Any, H: Any) -> None:
 
 @helper
 def fill_rows(me: Any, est: Any, cmd: Any, want: Any) -> None:
-    """Fill bounds and rows, less what is wanted: rotors, joints, contact; stops, motors, cone."""
+    """Fill the limits less the desired values: rotors, joints, contact; stops, motors, cone."""
     n, m = me.n, me.m
     size = n + m + 3
     rows = 2 * m + FACETS

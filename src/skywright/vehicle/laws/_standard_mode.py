@@ -1,17 +1,18 @@
 """Standard stabilisation of Sanchez-Cuevas 2020, section 5.3: a linear cascade, coplanar logic.
 
-Thrust and three torques are all that is asked for, as of level rotors; what force across the tilted
-ones make with them is left, on a symmetric robot none. No position loop: a pilot tilts it.
+The mode commands thrust and three torques only, as for level rotors. The lateral force that tilted
+rotors produce with them remains; on a symmetric robot it is zero. There is no position loop: the
+attitude of the reference tilts the platform as a pilot would.
 
 Height: f = m (g + z''_d + k_v (k_p e_z + z'_d - z')), without regard to the tilt. Attitude: t = J
 (k_r (k_a e + w_d - w)) with the constant inertia about the axes of B in the folded posture. Each
-pair follows from bandwidth and damping of [robot.control], k_r k_a = w^2 and k_r = 2 zeta w. What
-the loops cannot know (weight, centre of mass) is a trim, which follows what the other modes ask of
-the rotors and integrates from there.
+pair follows from bandwidth and damping of [robot.control], k_r k_a = w^2 and k_r = 2 zeta w. A trim
+compensates errors of weight and centre of mass: it follows the command of the other modes, and
+integrates from there.
 
-The mixer is the least-norm inverse of the four rows of the true one. With those of level rotors
-instead, yaw would be made of the propellers' drag alone, against which the tilt acts six times
-stronger on this robot: the loop would diverge (test).
+The mixer is the least-norm inverse of four rows of the true allocation. With the rows of level
+rotors, drag torques alone would produce yaw; on this robot the tilt acts six times stronger and in
+the opposite direction, so that the loop would diverge (test).
 """
 
 from __future__ import annotations
@@ -28,20 +29,20 @@ from skywright.vehicle.component import Context, helper
 from skywright.vehicle.loops import choose_bandwidths, limit_attitude
 
 TRIM = 1.0
-"""rad/s, at which the trim follows what the other modes ask of the rotors."""
+"""rad/s, bandwidth with which the trim follows the command of the other modes."""
 
 
 class StandardLoop(Record):
     """Gains and trim of `stabilise`."""
 
-    k_climb: float  # 1/s, speed asked for a metre of error of the height
-    k_lift: float  # 1/s, acceleration asked for 1 m/s
-    k_angle: Vec3  # 1/s, rate asked for a radian about the axes of B
-    k_rate: Vec3  # 1/s, angular acceleration asked for 1 rad/s
-    k_trim: Annotated[Array, 4]  # 1/s^3, of the integrals: height, and about the axes of B
+    k_climb: float  # 1/s, speed per height error
+    k_lift: float  # 1/s, acceleration per speed error
+    k_angle: Vec3  # 1/s, rate per attitude error about the axes of B
+    k_rate: Vec3  # 1/s, angular acceleration per rate error
+    k_trim: Annotated[Array, 4]  # 1/s^3, integral gains: height, about the axes of B
     inertia: Vec3  # kg m^2, about the axes of B
-    mix: Annotated[Array, 6, 4]  # wrench that the rotors make, of thrust and torque asked for
-    trim: Annotated[Array, 4]  # N beside the weight, N m
+    mix: Annotated[Array, 6, 4]  # wrench of the rotors per commanded thrust and torque
+    trim: Annotated[Array, 4]  # N in addition to the weight, N m
     trim_max: Annotated[Array, 4]
 
 
@@ -60,16 +61,16 @@ def fill_standard(me: Any, table: Any, context: Context) -> None:
 
 
 def compute_coplanar_mix(B: Array) -> Array:
-    """Return (6, 4): the wrench of the least thrusts that make a thrust and torques (3,).
+    """Return (6, 4): the wrench of the least-norm rotor thrusts for a total thrust and torque (3,).
 
-    B (6, n) is the wrench a thrust of the rotors.
+    B (6, n) is the wrench per thrust of each rotor.
     """
     return np.asarray(B @ np.linalg.pinv(B[2:]))
 
 
 @helper
 def follow_trim(me: Any, body: Any, cmd: Any) -> None:
-    """Let the trim follow what another mode asks of the rotors."""
+    """Let the trim follow the command of another mode."""
     me.trim[0] += TRIM * me.dt * (cmd.f_B[2] - body.mass * body.gravity - me.trim[0])
     for i in range(3):
         me.trim[i + 1] += TRIM * me.dt * (cmd.t_B[i] - me.trim[i + 1])
@@ -77,7 +78,7 @@ def follow_trim(me: Any, body: Any, cmd: Any) -> None:
 
 @helper
 def stabilise(me: Any, ref: Any, est: Any, body: Any, saturated: float, cmd: Any) -> None:
-    """Fill `cmd.f_B` and `cmd.t_B`; the trim rests while the rotors are saturated."""
+    """Fill `cmd.f_B` and `cmd.t_B`; the trim is held while the rotors are saturated."""
     rel, asked, e = local(3, 3), local(4), local(4)
     e[0] = ref.p_WB[2] - est.p_WB[2]
     speed = me.k_climb * e[0] + ref.v_WB[2] - est.v_WB[2]

@@ -28,11 +28,11 @@ class ThreeLoops(Law):
         """Gains and integrals of the three loops."""
 
     def get_attitude_loop(self, robot: Robot) -> AttitudeGains:
-        """Return the loop that `attitude_torque` closes."""
+        """Return the gains of the loop in `attitude_torque`."""
         return get_attitude_gains(self.table, robot)
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Fill gains from bandwidths."""
+        """Compute the gains from the bandwidths."""
         fill_position(me, table, context)
         fill_attitude(me, table, context)
         fill_arm(me, table, context)

@@ -1,4 +1,4 @@
-"""Pointing the thrust of a platform that leans to move."""
+"""Thrust direction of a platform that tilts to accelerate."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from skywright.vehicle.loops import choose_bandwidths
 
 
 class ThrustTable(Spec):
-    """How far the platform may lean; None: as [robot.control] says."""
+    """Tilt limit of the platform; None: that of [robot.control]."""
 
     tilt_max_deg: Positive | None = None
 
@@ -37,9 +37,9 @@ def fill_thrust(me: Any, table: Spec, context: Context) -> None:
 
 @helper
 def aim_thrust(me: Any, ref: Any, est: Any, body: Any, f_W: Any, R_des: Any) -> float:
-    """Limit the wanted force f_W (3,) N in place, fill R_des with z along it; return the thrust.
+    """Limit the desired force f_W (3,) N in place, fill R_des with z along it; return the thrust.
 
-    The thrust (N) is the part of f_W along the present z_B, within the limits.
+    The thrust (N) is the component of f_W along the present z_B, within the limits.
     """
     # tilt limit: lateral force at most tan(tilt) times the vertical one, which stays positive
     f_W[2] = min(max(f_W[2], 0.3 * body.mass * body.gravity), me.thrust_max)

@@ -1,4 +1,4 @@
-"""How the joints move a tip along its probe and across it, and what their stops leave of that."""
+"""Tip motion along and across the probe by the joints, within the stops of the joints."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import Any
 from skywright.vehicle.component import helper
 
 DAMPING = 1e-6
-"""m^2/rad^2, of the inverse of the arm's Jacobian: 1 mm of lever."""
+"""m^2/rad^2, damping of the inverse of the arm's Jacobian: a lever of 1 mm."""
 STOP_RATE = 12.5
-"""1/s, at which a joint nears its stop at most: servos answer a speed 2 T_v = 0.08 s late."""
+"""1/s, speed limit of a joint over its distance to the stop; servos lag by 2 T_v = 0.08 s."""
 
 
 @helper
 def fill_tip_rows(body: Any, J: Any) -> None:
-    """Fill J (2, MAX_JOINTS) m/rad: how the joints move the tip along z and along x of T."""
+    """Fill J (2, MAX_JOINTS) m/rad: the Jacobian of the tip along z and along x of T."""
     for j in range(body.n_joints):
         J[0, j] = J[1, j] = 0.0
         for i in range(3):
@@ -24,7 +24,7 @@ def fill_tip_rows(body: Any, J: Any) -> None:
 
 @helper
 def invert_tip(J: Any, n: int, along: float, across: float, out: Any) -> None:
-    """Fill the joint speeds of least size that move the tip so: J^T (J J^T + e I)^-1 v."""
+    """Fill the least-norm joint speeds for tip speeds along and across: J^T (J J^T + e I)^-1 v."""
     aa, cc, ac = DAMPING, DAMPING, 0.0
     for j in range(n):
         aa += J[0, j] * J[0, j]
@@ -39,10 +39,10 @@ def invert_tip(J: Any, n: int, along: float, across: float, out: Any) -> None:
 
 @helper
 def slow_at_stops(q_min: Any, q_max: Any, q: Any, n: int, qd: Any) -> None:
-    """Scale the speeds qd (n,) rad/s to those at which no joint passes its stop; in place.
+    """Scale the speeds qd (n,) rad/s in place so that no joint passes its stop.
 
-    All joints by the same factor: the tip keeps its direction. A joint that moves on alone swings
-    the tip aside, and where friction holds the tip, it pushes the platform away instead.
+    One factor scales all joints, so that the tip keeps its direction. If only one joint stopped,
+    the others would move the tip sideways or, if friction holds the tip, push the platform away.
     """
     share = 1.0
     for j in range(n):

@@ -59,12 +59,12 @@ from skywright.vehicle.loops import (
 )
 
 TIP_SPEED = 0.03
-"""m/s, at which the arm moves the tip at most while it controls the force, or finds the surface."""
-TOUCHING = 0.2  # N
+"""m/s, largest tip speed of the arm while it controls the force or approaches the surface."""
+TOUCHING = 0.2  # N, tip force above which the tip is in contact
 REACH = 0.03
-"""m, that the force loop moves the tip ahead of where the reference has it, and no farther."""
+"""m, largest distance by which the force loop moves the tip beyond its reference."""
 FOLLOW = 0.5
-"""rad/s, at which the platform follows the arm: a sixth of the force loop's and of its own."""
+"""rad/s, bandwidth of the platform's shift: a sixth of the force loop's and of its own."""
 SHIFT_MAX = 0.05  # m
 
 
@@ -73,18 +73,18 @@ class Backstepping(Law):
 
     needs_full_actuation = presses_with_arm = knows_modes = True
     follows_bandwidths: ClassVar[bool] = True
-    """Whether the platform's position loop is the PID of the table's bandwidths, as here."""
+    """Whether the position loop of the platform is a PID with the bandwidths of the table."""
     Table = LoopsTable
 
     class Me(ArmLoop, StandardLoop):
         dt: float  # s, control period
-        k_p: Vec3  # k_1, k_2 (1/s) and lambda (1/s^2) of the position
-        k_R: Mat3  # the same of the attitude, a row about each axis of B
-        k_force: float  # 1/s, of the arm's force loop
-        spring: float  # N/m, of a probe with a force sensor; 0: none
-        knee: float  # N, beyond which it has `soft` (N/m)
-        soft: float
-        friction: float  # believed coefficient of the surface
+        k_p: Vec3  # k_1, k_2 (1/s) and lambda (1/s^2) of the position loop
+        k_R: Mat3  # the same of the attitude loop, one row per axis of B
+        k_force: float  # 1/s, bandwidth of the arm's force loop
+        spring: float  # N/m, of a probe with a force sensor; 0: no sensor
+        knee: float  # N, force above which the stiffness is `soft`
+        soft: float  # N/m
+        friction: float  # friction coefficient of the feed-forward
         q_min: Annotated[Array, MAX_JOINTS]  # rad
         q_max: Annotated[Array, MAX_JOINTS]
         f_integral_max: float  # N
@@ -94,15 +94,15 @@ class Backstepping(Law):
         shift: float  # m, of the platform along the probe
 
     def get_attitude_loop(self, robot: Robot) -> AttitudeGains:
-        """Return the PID that the gains of the attitude make."""
+        """Return the PID that is equivalent to the gains of the attitude loop."""
         return get_attitude_gains(self.table, robot)
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Fill gains from bandwidths; raises InputError where there are none.
+        """Compute the gains from the bandwidths; raise InputError if no gains exist.
 
-        The force loop takes the arm's bandwidth: it integrates, and the servos answer a speed as a
-        critically damped pair of poles at 1 / T_v does, a lag of 2 T_v = 0.08 s. At 3 rad/s that
-        costs 14 deg of phase. The probe's spring makes a speed of the tip a rate of force.
+        The force loop has the bandwidth of the arm. The probe's spring converts a speed of the tip
+        to a rate of force, so the loop integrates. The servos respond to a speed command as a
+        critically damped pair of poles at 1 / T_v: a lag of 2 T_v = 0.08 s, 14 deg at 3 rad/s.
         """
         c, robot = choose_bandwidths(table, context), context.robot
         me.k_p = compute_backstepping_gains(
@@ -147,8 +147,8 @@ def compute_backstepping_gains(
     """Return k_1, k_2 (1/s) and lambda (1/s^2), all positive.
 
     K_p = w^2, K_d = 2 zeta w, K_i = w_i w^2 as in the other laws. k_2 is the largest root of
-    1 + K_i / k_2 + (K_d - k_2) k_2 = K_p. Raises InputError where no positive gains make that PID:
-    k_1 k_2 is at most (zeta w)^2, so K_p - 1 beyond it needs more damping.
+    1 + K_i / k_2 + (K_d - k_2) k_2 = K_p. Raises InputError if no positive gains give this PID:
+    k_1 k_2 is at most (zeta w)^2, so a larger K_p - 1 requires more damping.
     """
     kp, kd, ki = bandwidth**2, 2.0 * damping * bandwidth, integral * bandwidth**2
 
@@ -175,10 +175,10 @@ def backstep(z1: float, z1_dot: float, chi: float, k1: float, k2: float, lam: fl
 
 @helper
 def add_friction(me: Any, ref: Any, est: Any, body: Any, f: Any) -> None:
-    """Add the believed Coulomb friction of a desired sliding to f (3,) N in B, `me.friction` F.
+    """Add the modelled Coulomb friction `me.friction` F of a desired sliding to f (3,) N in B.
 
-    Without it the platform would have to be off by mu F over its stiffness before the tip moves,
-    which is centimetres. It fades below SLOW.
+    Without it the tip would move only after a position error of mu F over the stiffness of the
+    platform, which is centimetres. The friction fades to zero below the speed SLOW.
     """
     v_B = local(3)
     mat_t_vec(est.R_WB, ref.v_WB, v_B)
@@ -195,9 +195,9 @@ def add_friction(me: Any, ref: Any, est: Any, body: Any, f: Any) -> None:
 
 @helper
 def find_contact_wrench(me: Any, ref: Any, press: Any, est: Any, body: Any, f: Any, t: Any) -> None:
-    """Fill force (3,) N and torque (3,) N m about B's origin of the structure on the robot, in B.
+    """Fill the contact force (3,) N and torque (3,) N m about B's origin on the robot, in B.
 
-    Tip: (24) for any arm, -F along the probe, at the tip. Feet: as planned.
+    At the tip (24) for any arm: -F along the probe. At the feet: the planned wrench.
     """
     for i in range(3):
         f[i] = 0.0
@@ -215,7 +215,7 @@ def find_contact_wrench(me: Any, ref: Any, press: Any, est: Any, body: Any, f: A
 
 @helper
 def find_extension(ref: Any, body: Any) -> float:
-    """How far (m) the arm has the tip ahead of where the reference has it, along the probe."""
+    """Return how far (m) the tip is ahead of its reference along the probe, relative to B."""
     total = 0.0
     p_W, p_B = local(3), local(3)
     for i in range(3):
@@ -228,7 +228,7 @@ def find_extension(ref: Any, body: Any) -> float:
 
 @helper
 def find_offset(ref: Any, body: Any) -> float:
-    """How far (m) along x of T the reference has the tip beside where the arm has it."""
+    """Return how far (m) the reference of the tip is from the tip along x of T, relative to B."""
     p_W, p_B, across = local(3), local(3), 0.0
     for i in range(3):
         p_W[i] = ref.p_WT[i] - ref.p_WB[i]
@@ -242,9 +242,9 @@ def find_offset(ref: Any, body: Any) -> float:
 def follow_arm(me: Any, ref: Any, press: Any, est: Any, body: Any, shift_W: Any) -> None:
     """Fill the shift (3,) m of the platform's reference that brings the arm back to its pose.
 
-    While it presses in flight the platform follows along the probe what the arm has reached out,
-    slower than the force loop, so that static errors of place do not use up the arm's way. It goes
-    back in the same way. `me.shift` holds the shift (m).
+    While the tip presses in flight, the platform follows the extension of the arm along the probe,
+    slower than the force loop, so that static position errors do not use up the travel of the arm.
+    Afterwards the shift returns to zero at the same rate. `me.shift` holds the shift (m).
     """
     axis = local(3)
     mat_vec(est.R_WB, body.R_BT[:, 2], axis)
@@ -261,7 +261,7 @@ def follow_arm(me: Any, ref: Any, press: Any, est: Any, body: Any, shift_W: Any)
 def command_platform(
     me: Any, ref: Any, press: Any, est: Any, body: Any, saturated: float, cmd: Any
 ) -> None:
-    """(25) and (26), or standard stabilisation: fill `cmd.f_B` and `cmd.t_B`."""
+    """Fill `cmd.f_B` and `cmd.t_B` by (25) and (26), or by the standard stabilisation."""
     if ref.mode > 0.5:
         me.sigma[0] = me.sigma[1] = 0.0
         stabilise(me, ref, est, body, saturated, cmd)
@@ -297,9 +297,9 @@ def command_platform(
 def command_torque(
     me: Any, ref: Any, est: Any, body: Any, cmd: Any, f_free: Any, t_C: Any, integrate: bool
 ) -> None:
-    """(26), about the centre of mass: t_B = I_C w_d' + w x I_C w + c x f - t_C.
+    """Fill `cmd.t_B` by (26) about the centre of mass: I_C w_d' + w x I_C w + c x f - t_C.
 
-    f is the whole force on the robot but its weight, so rotors and contact together.
+    f is the total force on the robot without its weight: rotors and contact together.
     """
     k = me.k_R
     rel, e, w_des = local(3, 3), local(3), local(3)
@@ -336,9 +336,10 @@ def command_torque(
 
 @helper
 def find_approach(ref: Any, est: Any, body: Any) -> float:
-    """Speed (m/s) of the tip along the probe that the platform makes beside its reference's.
+    """Return the tip speed (m/s) along the probe due to the platform, less that of its reference.
 
-    A reference that slides along the surface moves along a probe that leans, and not towards it.
+    The velocity of the reference is subtracted: with an inclined probe, a slide along the surface
+    has a component along the probe without approaching the surface.
     """
     v_W, v_B, turn, total = local(3), local(3), local(3), 0.0
     for i in range(3):
@@ -352,7 +353,7 @@ def find_approach(ref: Any, est: Any, body: Any) -> float:
 
 @helper
 def command_arm(me: Any, ref: Any, press: Any, est: Any, body: Any, cmd: Any) -> None:
-    """(27), (30), (31) through the servo map: fill `cmd.qd`."""
+    """Fill `cmd.qd` by (27), (30) and (31) through the servo map."""
     arm_velocity(me, ref, est, body, cmd.qd)
     if press.press < 0.5 or me.spring <= 0.0:
         return
@@ -360,13 +361,13 @@ def command_arm(me: Any, ref: Any, press: Any, est: Any, body: Any, cmd: Any) ->
     spring = me.spring if est.f_tip < me.knee else me.soft
     along = (press.force - est.f_tip) * me.k_force / spring
     along = min(max(along, -TIP_SPEED), TIP_SPEED)
-    if press.docked < 0.5:  # in flight the arm takes back what the platform moves
+    if press.docked < 0.5:  # in flight the arm compensates the motion of the platform
         along -= find_approach(ref, est, body)
     across = find_offset(ref, body)
-    if find_extension(ref, body) > REACH:  # nothing there, or it has gone
+    if find_extension(ref, body) > REACH:  # there is no surface
         along = min(along, 0.0)
     across = min(max(me.k_arm * across, -TIP_SPEED), TIP_SPEED)
-    if est.f_tip > TOUCHING:  # friction holds the tip: to insist would only load arm and tip
+    if est.f_tip > TOUCHING:  # friction holds the tip: a command across it only loads the arm
         across = 0.0
     J = local(2, MAX_JOINTS)
     fill_tip_rows(body, J)

@@ -65,12 +65,12 @@ FORCE_GAINS = np.geomspace(0.02, 20.0, 400)
 
 
 class TorqueLoop(NamedTuple):
-    """What the gains of the arm's torques follow from."""
+    """Parameters of the arm's torque loop."""
 
     w: float  # rad/s
-    speed: float  # rad/s, bandwidth of the joints' speeds
+    speed: float  # rad/s, bandwidth of the measured joint speeds
     delay: float  # s, from the encoders to the torques
-    mass: float  # kg, that the tip feels along the probe
+    mass: float  # kg, effective mass of the arm at the tip along the probe
     spring: float  # N/m, of the probe; 0: none
 
 
@@ -88,12 +88,12 @@ class BacksteppingTorque(Backstepping):
         stiff: float  # 1/s^2, k_p of (30)
         damp: float  # 1/s, k_v of (30)
         k_f: float  # of (31)
-        most: float  # N, beyond what a tip in the air presses: it would fly at TIP_SPEED
-        rotor: Annotated[Array, MAX_JOINTS, MAX_JOINTS]  # kg m^2, of the servos, at the joints
+        most: float  # N, force limit before contact: a free tip moves at TIP_SPEED at most
+        rotor: Annotated[Array, MAX_JOINTS, MAX_JOINTS]  # kg m^2, of the servo rotors at the joints
         qd_ref: Annotated[Array, MAX_JOINTS]  # rad/s, of the reference at the last step
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Fill the gains; raises InputError where the dead time leaves none."""
+        """Compute the gains; raise InputError if no gains are possible with the dead time."""
         super().build(me, table, context)
         n = int(context.model["n_joints"])
         me.rotor[:n, :n] = rotor = compute_rotor_inertia(context)
@@ -124,7 +124,7 @@ class BacksteppingTorque(Backstepping):
 
 
 def compute_rotor_inertia(context: Context) -> Array:
-    """Return (n, n) kg m^2: what the rotors of the servos add to the joints' mass matrix."""
+    """Return the contribution (n, n) kg m^2 of the servo rotors to the joint mass matrix."""
     joints, servos = list_joints(context.robot), list_servos(context.robot)
     n = len(joints)
     own = [servos[x.servo][1].armature_kgm2 if x.servo >= 0 else 0.0 for x in joints]
@@ -133,9 +133,9 @@ def compute_rotor_inertia(context: Context) -> Array:
 
 
 def build_loop(context: Context, table: Any, rotor: Array) -> TorqueLoop:
-    """Return the arm's loop in the working posture, as fast as |S| allows and 1 / T_v at most.
+    """Return the arm's loop in the working posture, as fast as |S| allows, at most 1 / T_v.
 
-    Raises InputError where that is slower than the arm shall be.
+    Raises InputError if this is slower than `arm_bandwidth_rad_s`.
     """
     robot, model = context.robot, context.model.reshape(1)
     c, q = choose_bandwidths(table, context), posture(robot, "working")
@@ -162,9 +162,9 @@ def build_loop(context: Context, table: Any, rotor: Array) -> TorqueLoop:
 
 
 def compute_sensitivity(loop: TorqueLoop, k_f: float = 0.0, in_air: bool = False) -> float:
-    """Return the largest |S| at the torques: in the air, or of a tip that presses.
+    """Return the largest |S| at the torques, in the air or in contact; infinity if unstable.
 
-    Infinite where the loop is unstable, of which |S| alone says nothing.
+    The stability is checked separately, because |S| of an unstable loop can be small.
     """
     mass, damp, d = loop.mass, loop.mass * 2.0 * loop.w, loop.delay
     plant = [mass, 0.0, 0.0 if in_air else loop.spring]
@@ -182,7 +182,7 @@ def compute_sensitivity(loop: TorqueLoop, k_f: float = 0.0, in_air: bool = False
 
 
 def compute_force_gain(loop: TorqueLoop) -> float:
-    """Return k_f: the largest whose |S| in contact is below SENSITIVITY; 0 without a sensor."""
+    """Return the largest k_f with |S| in contact below SENSITIVITY; 0 without a sensor."""
     found = 0.0
     for k_f in FORCE_GAINS if loop.spring > 0.0 else ():
         if compute_sensitivity(loop, float(k_f)) > SENSITIVITY:
@@ -195,7 +195,7 @@ def compute_force_gain(loop: TorqueLoop) -> float:
 def command_torques(
     me: Any, ref: Any, press: Any, est: Any, body: Any, model: Any, kin: Any, cmd: Any
 ) -> None:
-    """(27): fill `cmd.torque`."""
+    """Fill `cmd.torque` by (27)."""
     n = body.n_joints
     motion = Motion(local(MAX_LINKS, 3), local(MAX_LINKS, 3), local(MAX_LINKS, 3))
     qdd, f_B, g_B = local(MAX_JOINTS), local(3), local(3)
@@ -228,10 +228,10 @@ def command_torques(
 def press_with(
     me: Any, ref: Any, press: Any, est: Any, body: Any, model: Any, kin: Any, motion: Any, qdd: Any
 ) -> float:
-    """Change qdd (MAX_JOINTS,) to what (30) asks of a tip that presses; returns F_d (N), (31).
+    """Add the acceleration (30) of a pressing tip to qdd (MAX_JOINTS,); return F_d (N) of (31).
 
-    Along the probe its speed is damped alone, in W where the robot flies; across it joins the
-    place that the reference has on the platform, until it touches: then friction holds it.
+    Along the probe only the tip's speed is damped, relative to W in flight. Across the probe the
+    tip follows its reference relative to the platform until contact; then friction holds it.
     """
     n, ahead = body.n_joints, find_extension(ref, body) - REACH
     force = press.force + me.k_f * (press.force - est.f_tip)
@@ -247,7 +247,7 @@ def press_with(
         across -= me.damp * J[1, j] * est.qd[j]
     if press.docked < 0.5:
         along -= me.damp * find_approach(ref, est, body)
-    if ahead > 0.0:  # nothing there, or it has gone
+    if ahead > 0.0:  # there is no surface
         force = min(force, 0.0)
         along -= me.stiff * ahead
     if est.f_tip < TOUCHING:
@@ -256,7 +256,7 @@ def press_with(
     for i in range(3):
         along -= body.R_BT[i, 2] * bias[i]
         across -= body.R_BT[i, 0] * bias[i]
-    for j in range(n):  # what the tip does not see stays with the joints' own loop
+    for j in range(n):  # the null space of the tip keeps the accelerations of the joint loops
         along -= J[0, j] * qdd[j]
         across -= J[1, j] * qdd[j]
     invert_tip(J, n, along, across, none)
@@ -269,7 +269,7 @@ def press_with(
 def fill_tip_bias(
     body: Any, model: Any, kin: Any, qd: Any, qdd: Any, motion: Any, out: Any
 ) -> None:
-    """Fill J' q' (3,) m/s^2 of the tip, in B, with qdd zero; `motion` is scratch."""
+    """Fill J' q' (3,) m/s^2 of the tip in B; `qdd` must be zero, `motion` is scratch memory."""
     zero, r, turn = local(3), local(3), local(3)
     for i in range(3):
         zero[i] = 0.0

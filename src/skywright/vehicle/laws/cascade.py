@@ -1,12 +1,12 @@
 """Cascade of an autopilot: P on position, velocity and attitude; PI with a lead on the rates.
 
-The structure is PX4's. The position loop commands the velocity v_des + k e. The velocity loop
+The structure is that of PX4. The position loop commands the velocity v_des + k e. The velocity loop
 commands an acceleration: k times the velocity error, minus the damping of a swinging link. The
 thrust points along the force for this acceleration, with every known external force cancelled. The
 attitude loop commands rates, k times the attitude error. The rate loop commands an angular
 acceleration, k times the rate error. models/floating.py computes the torque for it, including a
-link on a joint without a servo, the posture of the arms, and forces at the hands; these disturb
-the platform only as far as the model is wrong. The velocity loop has no integral of its own,
+link on a joint without a servo, the posture of the arms, and forces at the hands; only errors of
+this model disturb the platform. The velocity loop has no integral of its own,
 because the estimated force f_rest_W acts as one. All gains follow from bandwidths.
 """
 
@@ -45,9 +45,9 @@ from skywright.vehicle.loops import (
 )
 
 JERK_MAX = 3.0
-"""m/s^3, of a reference; a larger step is one between two tables."""
+"""m/s^3, jerk limit of a reference; a larger step is a change of the reference table."""
 SHIFT_BANDWIDTH = 3.0
-"""rad/s, of the tip's shift; the estimates that it is made of are of 2 to 3 rad/s themselves."""
+"""rad/s, of the shift for the tip. The estimates that it uses have 2 to 3 rad/s themselves."""
 
 
 class Cascade(Law):
@@ -56,7 +56,7 @@ class Cascade(Law):
     inverted: ClassVar[bool] = False
 
     class Table(AttitudeTable, ArmTable, ThrustTable):
-        """[mission.law]; what it does not tell is [robot.control]'s."""
+        """[mission.law]; keys that are not set have the value of [robot.control]."""
 
         position_bandwidth_rad_s: Positive | None = None
         loop_separation: float | None = Field(default=None, ge=1.5)
@@ -68,32 +68,32 @@ class Cascade(Law):
 
     class Me(ArmLoop, Thrust):
         dt: float  # s, control period
-        k_position: Vec3  # 1/s, velocity asked for a metre of error; forward, left, up
-        k_velocity: Vec3  # 1/s, acceleration asked for 1 m/s of error
-        k_swing: float  # m/s^2 against 1 rad/s of a passive joint's swing
-        k_attitude: Vec3  # 1/s, rate asked for a radian of error about the axes of B
-        k_rate: Vec3  # 1/s, angular acceleration asked for 1 rad/s of error
-        k_integral: Vec3  # 1/s, of the torque about the axes of B
-        lead: float  # s, what is left of the rotors' lag
-        rotor_tau: float  # s, believed rotor lag
-        speed_max: float  # m/s, asked for by the position loop
-        f_external_max: float  # N, of an external force that is cancelled
+        k_position: Vec3  # 1/s, velocity per position error; forward, left, up
+        k_velocity: Vec3  # 1/s, acceleration per velocity error
+        k_swing: float  # m/s, acceleration against the swing rate of a passive joint
+        k_attitude: Vec3  # 1/s, rate per attitude error about the axes of B
+        k_rate: Vec3  # 1/s, angular acceleration per rate error
+        k_integral: Vec3  # 1/s, integral gain of the torque about the axes of B
+        lead: float  # s, rotor lag that remains after the lead
+        rotor_tau: float  # s, nominal rotor lag
+        speed_max: float  # m/s, limit of the velocity command of the position loop
+        f_external_max: float  # N, largest external force that is cancelled
         t_integral_max: float  # N m
         theta: Vec3  # N m, integral of the torque
-        t_lag: Vec3  # N m, lagging part of the torque
-        shift: Vec3  # m, of the platform for its tip
+        t_lag: Vec3  # N m, low-passed torque, state of the lead
+        shift: Vec3  # m, of the platform for its tip (`shift_for_tip`)
         shift_rate: Vec3  # m/s
         a_last: Vec2  # m/s^2, of the reference at the last step
-        pose_bandwidth: float  # rad/s, of `pose`; 0: the arms' pose is not looked at
-        pose: float  # rad, from the link to the line on which its mass hangs, low-passed
+        pose_bandwidth: float  # rad/s, of `pose`; 0: `pose` is not used
+        pose: float  # rad, from the link to the line joint - hanging mass, low-passed
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Fill gains from bandwidths.
+        """Compute the gains from the bandwidths.
 
-        Raises InputError where these give no stable loops, or cannot take off along a link's arc.
+        Raises InputError if the loops would be unstable or too slow to take off along a link's arc.
         """
         gains = self._compute_gains(context, context.model)
-        if me.lead == 0.0:  # on the ground: a law that is tuned in flight has taken off
+        if me.lead == 0.0:  # first build, on the ground; not a change in flight
             check_balance(gains, context)
         for name in gains._fields:
             if name not in ("wrench", "pose"):
@@ -110,18 +110,18 @@ class Cascade(Law):
         return self._compute_gains(context, context.model).wrench
 
     def build_gust_model(self, nominal: Nominal, yaw: float) -> GustModel | None:
-        """Return how gusts move a platform with a hanging link; None without one."""
+        """Return a model of the motion in gusts, None if hands hold the link."""
         c = choose_bandwidths(self.table, nominal)
         return build_gust_model(c, self._compute_gains(nominal, nominal.model[0]), nominal, yaw)
 
     def compute_rate_torque(self, nominal: Nominal, I_C: Array) -> Array:
-        """Return that of the rate loop; its lead enlarges fast errors, a link swings freely."""
+        """Return the torque gain of the rate loop with its lead; a passive link swings freely."""
         gains = self._compute_gains(nominal, nominal.model[0])
         I_eff = compute_bodies(nominal.robot, nominal.model[0])[1]["I_eff"]
         return np.asarray(I_eff[:, :2] * gains.k_rate[:2] * (gains.rotor_tau / gains.lead))
 
     def compute_borne_delay(self, nominal: Nominal, spare: float) -> float:
-        """Return what attitude and rate loop bear together."""
+        """Return the delay that attitude and rate loop tolerate together."""
         c = choose_bandwidths(self.table, nominal)
         return compute_borne_delay(
             self._compute_gains(nominal, nominal.model[0]), c, nominal, spare
@@ -152,7 +152,7 @@ class Cascade(Law):
 
 @helper
 def begin(me: Any, ref: Any, est: Any, body: Any, cmd: Any) -> bool:
-    """Fill `cmd.qd`; returns whether the motors are on. Off, everything is at rest."""
+    """Fill `cmd.qd`; return whether the motors are on. If not, reset the states and the wrench."""
     arm_velocity(me, ref, est, body, cmd.qd)
     if ref.active >= 0.5:
         return True
@@ -168,7 +168,7 @@ def apply_force(
     me: Any, ref: Any, est: Any, body: Any, floating: Any, wrench: Any, saturated: float, cmd: Any,
     f_W: Any,
 ) -> None:  # fmt: skip
-    """Make a force f_W (3,) N by thrust and attitude."""
+    """Realise a force f_W (3,) N by thrust and attitude."""
     R_des, acc = local(3, 3), local(3)
     thrust = aim_thrust(me, ref, est, body, f_W, R_des)
     cmd.f_B[0], cmd.f_B[1], cmd.f_B[2] = 0.0, 0.0, thrust
@@ -178,9 +178,9 @@ def apply_force(
 
 @helper
 def force_for_motion(me: Any, body: Any, wrench: Any, f_W: Any) -> None:
-    """Turn the acceleration f_W (3,) m/s^2 into the rotors' force (N) for it, in place.
+    """Convert the acceleration f_W (3,) m/s^2 into the rotors' force (N), in place.
 
-    External forces are cancelled.
+    Known external forces are cancelled up to `f_external_max`.
     """
     f_W[2] += body.gravity
     rest_W = local(3)
@@ -197,7 +197,7 @@ def force_for_motion(me: Any, body: Any, wrench: Any, f_W: Any) -> None:
 def acceleration_for_motion(
     me: Any, ref: Any, est: Any, body: Any, floating: Any, wrench: Any, hands: Any, a_W: Any
 ) -> None:
-    """Acceleration a_W (3,) m/s^2 that the loops ask of the platform, the reference's included."""
+    """Fill a_W (3,) m/s^2: the commanded acceleration, feed-forward of the reference included."""
     # axes of the platform, level: forward, left, up
     forward, left = local(2), local(2)
     x, y = est.R_WB[0, 0], est.R_WB[1, 0]
@@ -231,14 +231,15 @@ def shift_for_tip(
     me: Any, ref: Any, est: Any, body: Any, floating: Any, wrench: Any, hands: Any, shift: Any,
     rate: Any,
 ) -> None:  # fmt: skip
-    """Fill shift (3,) m and rate (3,) m/s: the platform gives way so that the tip stays.
+    """Fill shift (3,) m and rate (3,) m/s of the platform that keep the tip in place.
 
-    Only where the reference tracks the tip. The estimated torque s about a link's joint turns it by
-    s / (m l g) from where it hangs; the estimated force f leans the platform by f / (m g). Both
-    come from external forces alone, so no loop closes over what the platform's own motion does to
-    the link; low-passed twice they do not see what the model leaves out of it (with the torque
-    low-passed once the platform rings at 22 rad/s). The shift's rate is continuous: the goal steps
-    where a reference begins to track the tip, and a step of the rate is a jolt of the rotors.
+    The goal is zero unless the reference tracks the tip. The estimated torque s about a link's
+    joint turns the link by s / (m l g); the estimated force f leans the platform by f / (m g). Both
+    are estimates of external forces, so no loop closes over the reaction of the link to the
+    platform's own motion. The second low-pass removes the errors of the model (with the torque
+    low-passed once the platform rings at 22 rad/s). The rate of the shift is continuous, because
+    the goal steps when a reference begins to track the tip, and a step of the rate jolts the
+    rotors.
     """
     goal, axis, vec = local(3), local(3), local(3)
     for i in range(3):
@@ -254,12 +255,12 @@ def shift_for_tip(
                 along += axis[i] * (wrench.f_hands_W[i] + wrench.f_rest_W[i])
             if hands is not None:
                 joint = hands.p_BA[2]
-        for i in range(2):  # what hangs on the joint leans with the platform only along its axis
+        for i in range(2):  # only a force along the joint axis also tilts the hanging part
             across = wrench.f_hands_W[i] + wrench.f_rest_W[i] - along * axis[i]
             goal[i] += (along * axis[i] * body.p_BT[2] + across * joint) / (
                 body.mass * body.gravity
             )
-    w = 2.0 * SHIFT_BANDWIDTH  # two equal poles: as late as one of SHIFT_BANDWIDTH
+    w = 2.0 * SHIFT_BANDWIDTH  # two equal poles with the lag of one pole at SHIFT_BANDWIDTH
     for i in range(3):
         me.shift_rate[i] += me.dt * w * (w * (goal[i] - me.shift[i]) - 2.0 * me.shift_rate[i])
         me.shift[i] += me.dt * me.shift_rate[i]
@@ -280,12 +281,12 @@ def damp_swing(
     me: Any, ref: Any, est: Any, body: Any, floating: Any, wrench: Any, forward: Any, left: Any,
     a: Any,
 ) -> None:  # fmt: skip
-    """Suarez 2020's passive link: move the platform with the link's swing, a = -k psi'.
+    """Damp the passive link of Suarez 2020 by moving the platform with its swing, a = -k psi'.
 
-    psi' is the link's rate in W less the rates that belong to what is wanted: the reference's own
-    (take-off and landing along the link's arc), the lag a / g behind a reference that accelerates,
-    and that of the balance under a changing force. Only the rate is fed back: a link that wind or
-    contact holds at an angle pulls the platform nowhere.
+    psi' is the link's rate in W less the desired rates: that of the reference (take-off and landing
+    along the link's arc), that of the lag a / g behind an accelerating reference, and that of the
+    equilibrium under a changing force. Only the rate is fed back, so that a link which wind or
+    contact holds at an angle does not displace the platform.
     """
     axis, jerk = local(3), local(2)
     mat_vec(est.R_WB, floating.axis, axis)
@@ -298,7 +299,7 @@ def damp_swing(
         rate += floating.axis[i] * est.w_WB_B[i]
     if me.pose_bandwidth > 0.0:
         rate += turn_of_pose(me, est, floating)
-    # a link that turns about the axis moves its end backward: along z x axis
+    # a positive rate about the axis moves the end of the link backward, along z x axis
     a[0] -= me.k_swing * rate * (forward[0] * axis[1] - forward[1] * axis[0])
     a[1] -= me.k_swing * rate * (left[0] * axis[1] - left[1] * axis[0])
     a[0] += (forward[0] * jerk[0] + forward[1] * jerk[1]) / me.k_attitude[1]
@@ -307,13 +308,13 @@ def damp_swing(
 
 @helper
 def turn_of_pose(me: Any, est: Any, floating: Any) -> float:
-    """Rate (rad/s) at which arms that move turn the line from the joint to the mass that hangs.
+    """Return the rate (rad/s) at which moving arms turn the line from joint to hanging mass.
 
-    The pendulum is that line. While a hand is held by friction, a platform that wanders moves the
-    arms, and the link turns to keep their mass below the joint: that is no swing, and a platform
-    that followed it would be driven by its own motion.
+    This line is the pendulum. While friction holds a hand, a motion of the platform moves the
+    arms, and the link turns to keep their mass below the joint. This turn is not a swing: damping
+    it would feed the motion of the platform back to itself.
     """
-    sine, cosine = 0.0, 0.0  # of the line's angle: L_s is horizontal where the mass hangs
+    sine, cosine = 0.0, 0.0  # of the line's angle; L_s is horizontal with the mass straight below
     side, up = local(3), local(3)
     up[0], up[1], up[2] = 0.0, 0.0, 1.0
     cross(floating.axis, up, side)
@@ -330,7 +331,7 @@ def turn_of_pose(me: Any, est: Any, floating: Any) -> float:
 
 @helper
 def angular_acceleration(me: Any, ref: Any, est: Any, R_des: Any, acc: Any) -> None:
-    """Attitude and rate loop: the angular acceleration acc (3,) rad/s^2 in B."""
+    """Fill acc (3,) rad/s^2, in B: the angular acceleration that attitude and rate loop command."""
     rel, turn, w_des, spin = local(3, 3), local(3), local(3), local(3)
     mat_t_mat(est.R_WB, R_des, rel)
     log_so3(rel, turn)
@@ -344,9 +345,9 @@ def angular_acceleration(me: Any, ref: Any, est: Any, R_des: Any, acc: Any) -> N
 def torque_for_turn(
     me: Any, est: Any, body: Any, floating: Any, wrench: Any, saturated: float, cmd: Any, acc: Any
 ) -> None:
-    """Torque cmd.t_B that turns the platform with `acc`, ahead of the rotors' lag.
+    """Fill cmd.t_B: the torque for the angular acceleration `acc`, with a lead for the rotor lag.
 
-    The lead (1 + tau s) / (1 + lead s) acts on the loops' part only; what is fed forward is slow.
+    The lead (1 + tau s) / (1 + lead s) acts on the feedback only; the feed-forward terms are slow.
     """
     t_fb, spin, gyro = local(3), local(3), local(3)
     g_B, u_v, u_w = local(3), local(3), local(3)
@@ -370,7 +371,7 @@ def torque_for_turn(
     blend = -math.expm1(-me.dt / me.lead)
     for i in range(3):
         lead = t_fb[i]
-        if i < 2:  # yaw is slow enough without, and its little torque costs much thrust
+        if i < 2:  # yaw is slow enough without a lead, and its torque costs much thrust
             lead = ahead * t_fb[i] + (1.0 - ahead) * me.t_lag[i]
             me.t_lag[i] += blend * (t_fb[i] - me.t_lag[i])
         t = lead + gyro[i] - u_w[i] + floating.A[i, 3] * u_s + me.theta[i]

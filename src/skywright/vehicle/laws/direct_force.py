@@ -78,13 +78,13 @@ from skywright.vehicle.loops import (
 from skywright.vehicle.tip_force import find_tip_sensor
 
 INTEGRAL = 0.25  # w_i / w
-REACH = 0.03  # m, of the tip deeper than its reference: where a surface may still be
-TOUCH, RELEASE = 0.2, 0.1  # N, felt: the tip touches, and no longer does
-BANDWIDTHS = np.geomspace(0.5, 60.0, 240)  # rad/s, that are looked at, 2 % apart
+REACH = 0.03  # m, depth of the tip beyond its reference at which no surface is assumed
+TOUCH, RELEASE = 0.2, 0.1  # N, measured force at which contact begins and ends
+BANDWIDTHS = np.geomspace(0.5, 60.0, 240)  # rad/s, candidates, 2 % apart
 
 
 class Gains(NamedTuple):
-    """Of the loop along the normal."""
+    """Gains of the loop along the normal."""
 
     w: float  # rad/s
     damper: float  # N s/m
@@ -93,12 +93,12 @@ class Gains(NamedTuple):
 
 
 class DirectForce(ThreeLoops):
-    """Laws (2) to (4), and the measured force along the normal."""
+    """Laws (2) to (4) with control of the measured force along the normal."""
 
     needs_full_actuation = True
 
     class Table(LoopsTable):
-        """Bandwidths of all loops; None: the derivation's."""
+        """Bandwidths of all loops; None: the values derived in the module docstring."""
 
         force_bandwidth_rad_s: Bandwidth | None = None
         force_damping: Positive = 1.0
@@ -109,12 +109,12 @@ class DirectForce(ThreeLoops):
         damper: float  # N s/m
         kp_force: float
         ki_force: float  # 1/s
-        approach: float  # m/s a newton of the desired force
+        approach: float  # m/s per newton of the desired force
         approach_max: float  # m/s
-        touching: float  # 1: a force is felt
+        touching: float  # 1: the tip is in contact
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Compute the gains; raises InputError if the delay of the loop leaves no bandwidth."""
+        """Compute the gains; raise InputError if the delay of the loop leaves no bandwidth."""
         super().build(me, table, context)
         contact = build_contact(context.robot, context.world, table, context.dt, context.h)
         gains = compute_gains(contact, table)
@@ -171,7 +171,7 @@ class DirectForce(ThreeLoops):
 def press_force(
     me: Any, ref: Any, asked: float, est: Any, body: Any, saturated: float, f_W: Any
 ) -> None:
-    """Law (4) along the surface, the force `asked` (N) across it; see the module."""
+    """Fill f_W (3,) N: law (4) along the surface, control of the force `asked` (N) across it."""
     mass, n = body.mass, local(3)
     kp, kd = mass * me.wn_p * me.wn_p, 2.0 * me.zeta_p * mass * me.wn_p
     e_n = v_n = 0.0
@@ -206,9 +206,9 @@ def press_force(
 
 
 def compute_gains(contact: Contact, table: DirectForce.Table) -> Gains:
-    """Return the gains of a bandwidth, by default the fastest with |S| below SENSITIVITY.
+    """Return the gains of the given bandwidth, by default the largest with |S| <= SENSITIVITY.
 
-    Raises InputError where no bandwidth stays below it.
+    Raises InputError if no bandwidth satisfies this bound.
     """
     if table.force_bandwidth_rad_s is not None:
         return _build_gains(contact, table, table.force_bandwidth_rad_s)

@@ -59,11 +59,11 @@ from skywright.vehicle.loops import (
 from skywright.vehicle.tip_force import find_tip_sensor
 
 SOFTER = 0.5
-"""Default stiffness along the normal over that of law (4)."""
+"""Ratio of the default stiffness along the normal to that of law (4)."""
 
 
 class Impedance(ThreeLoops):
-    """Laws (2) to (4), and a chosen impedance along the normal in contact."""
+    """Laws (2) to (4) with a chosen impedance along the normal in contact."""
 
     needs_full_actuation = True
 
@@ -81,7 +81,7 @@ class Impedance(ThreeLoops):
         share: float  # m / m_v
 
     def check_robot(self, robot: Robot) -> None:
-        """Raise InputError where another mass is asked for without a measured force."""
+        """Raise InputError if the table sets another mass and the robot has no force sensor."""
         if self.table.normal_mass != 1.0 and find_tip_sensor(robot) is None:
             raise InputError(
                 f"mission.law.normal_mass = {self.table.normal_mass:g} requires a measured probe "
@@ -90,7 +90,7 @@ class Impedance(ThreeLoops):
             )
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Fill gains; raises InputError where the rotors are too slow for them."""
+        """Compute the gains; raise InputError if the rotors are too slow for them."""
         super().build(me, table, context)
         mass, told = context.mass, table.normal_stiffness_n_per_m
         zeta = me.zeta_p if table.normal_damping is None else table.normal_damping
@@ -111,7 +111,7 @@ class Impedance(ThreeLoops):
             )
 
     def compute_push_share(self, nominal: Nominal) -> float:
-        """Return K over law (4)'s stiffness."""
+        """Return the ratio of K to the stiffness of law (4)."""
         w = nominal.robot.control.position_bandwidth_rad_s
         own = choose_bandwidths(self.table, nominal).position_bandwidth_rad_s
         told = self.table.normal_stiffness_n_per_m
@@ -143,7 +143,7 @@ class Impedance(ThreeLoops):
 
 @helper
 def soften(me: Any, ref: Any, est: Any, body: Any, f_W: Any) -> None:
-    """Replace law (4)'s spring, damper and believed friction along the normal in f_W (3,) N."""
+    """Replace law (4)'s spring, damper and friction feed-forward of the normal in f_W (3,) N."""
     kp = body.mass * me.wn_p * me.wn_p
     kd = 2.0 * me.zeta_p * body.mass * me.wn_p
     e_n = v_n = 0.0
@@ -155,6 +155,6 @@ def soften(me: Any, ref: Any, est: Any, body: Any, f_W: Any) -> None:
     if me.share != 1.0:
         change += (me.share - 1.0) * max(est.f_tip, 0.0)
     speed = math.sqrt(ref.v_WT[0] ** 2 + ref.v_WT[1] ** 2 + ref.v_WT[2] ** 2 + SLOW**2)
-    push = min(e_n, 0.0) * (me.stiffness - kp)  # friction follows the push that is left
+    push = min(e_n, 0.0) * (me.stiffness - kp)  # the friction is that of the remaining push
     for i in range(3):
         f_W[i] += change * ref.R_WS[i, 2] - me.friction * push * ref.v_WT[i] / speed

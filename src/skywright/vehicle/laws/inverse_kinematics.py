@@ -21,12 +21,12 @@ from skywright.vehicle.laws._three_loops import ThreeLoops
 from skywright.vehicle.loops import arm_velocity, hold_attitude, platform_force, rest, to_body
 
 DAMPING = 0.05
-"""m/rad, of the pseudo-inverse: small against the arm's reach, bounded near a stretched arm."""
+"""m/rad, damping of the pseudo-inverse, small against the reach; bounds it near singularities."""
 
 
 class InverseKinematics(ThreeLoops):
-    """Joint speeds by tip feedback while the tip is tracked and by law (2) otherwise; law (3); the
-    platform on its nominal position.
+    """Joint speeds by tip feedback while the tip is tracked, otherwise by law (2); attitude by law
+    (3); the platform tracks its nominal position.
     """
 
     needs_full_actuation = True
@@ -99,7 +99,7 @@ def tip_feedback(me: Any, ref: Any, est: Any, body: Any, qd: Any) -> None:
 
 @helper
 def limit_motors(me: Any, body: Any, qd: Any) -> None:
-    """Slow all joints by one factor, so that no motor behind the belt exceeds its speed."""
+    """Scale all joint speeds by one factor so that no motor behind the belt exceeds its limit."""
     n = body.n_joints
     scale = 1.0
     for j in range(n):

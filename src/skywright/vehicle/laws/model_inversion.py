@@ -26,9 +26,9 @@ The rows are inverted one after the other, the translational ones at the present
 follows within a tenth of a second. Accelerations of the arm joints are part of the estimated
 external force; a transport moves these joints at some tenths of rad/s.
 
-The cascade leaves the pull of the link to the poles that its gains place. Here the same gains
-produce less force, because they act on the smaller mass, and the pull of the swinging link, which
-would bring platform and link back together, is cancelled. docs/papers/caballero-2018.md compares
+In the cascade the placed poles include the pull of the link. In this law the same gains produce
+less force, because they act on the smaller mass, and the law cancels the pull of the swinging link,
+which would bring platform and link back together. docs/papers/caballero-2018.md compares
 both laws in gusts.
 """
 
@@ -73,9 +73,9 @@ class ModelInversion(Cascade):
 def invert_translation(
     me: Any, est: Any, body: Any, floating: Any, wrench: Any, a_W: Any, f_W: Any
 ) -> None:
-    """Rotors' force f_W (3,) N with which the platform accelerates with a_W (3,) m/s^2.
+    """Fill f_W (3,) N: the rotors' force for the acceleration a_W (3,) m/s^2 of the platform.
 
-    At constant attitude; the passive joint turns freely, all other joints stand.
+    At constant attitude; the passive joint turns freely, all other joints are fixed.
     """
     f_ext, size = local(3), 0.0
     for i in range(3):

@@ -45,17 +45,17 @@ class PushAndSlide(ThreeLoops):
     needs_full_actuation = True
 
     class Table(LoopsTable):
-        """Bandwidths of the loops; what of the contact's moment law (3) knows, the paper: none."""
+        """Bandwidths of the loops, and feed-forward of the contact moment in law (3)."""
 
-        # what of the contact force's moment about the centre of mass law (3) feeds forward
+        # part of the contact force whose moment about the centre of mass law (3) feeds forward
         moment_feed_forward: Literal["none", "friction", "contact"] = "none"
 
     class Me(ThreeLoops.Me):
-        feed_friction: float  # 1: law (3) knows the friction's moment
-        feed_push: float  # 1: and that of the push
+        feed_friction: float  # 1: law (3) feeds the moment of the friction forward
+        feed_push: float  # 1: it also feeds the moment of the push forward
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Fill gains from bandwidths."""
+        """Compute the gains from the bandwidths."""
         super().build(me, table, context)
         me.feed_friction = float(table.moment_feed_forward != "none")
         me.feed_push = float(table.moment_feed_forward == "contact")

@@ -27,13 +27,13 @@ class ThrustVectoring(ThreeLoops):
     """Fills f_B = (0, 0, T), t_B and qd."""
 
     class Table(LoopsTable, ThrustTable):
-        """[mission.law]; what it does not tell is [robot.control]'s."""
+        """[mission.law]; keys that are not set have the value of [robot.control]."""
 
     class Me(ThreeLoops.Me, Thrust):
         """Gains and integrals of the loops, limits of the thrust."""
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Fill gains from bandwidths."""
+        """Compute the gains from the bandwidths."""
         super().build(me, table, context)
         fill_thrust(me, table, context)
 

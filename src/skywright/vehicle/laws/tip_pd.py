@@ -25,8 +25,8 @@ from skywright.vehicle.loops import (
 )
 
 DERIVATIVE = 0.004
-"""s, time constant of the derivative of the measured tip. The estimate's own tip velocity comes
-from rigid kinematics and does not see the arm bend, which is the point here."""
+"""s, time constant of the derivative of the measured tip position. The tip velocity of the estimate
+is rigid kinematics and does not contain the bending of the arm, which this law feeds back."""
 
 
 class TipPd(ThreeLoops):
@@ -35,7 +35,7 @@ class TipPd(ThreeLoops):
     needs_full_actuation = True
 
     class Me(ThreeLoops.Me):
-        started: float  # 1: p_WT holds
+        started: float  # 1: p_WT is valid
         p_WT: Vec3  # m, tip at the last step
         v_WT: Vec3  # m/s
 
@@ -67,7 +67,7 @@ class TipPd(ThreeLoops):
 
 @helper
 def tip_velocity(me: Any, est: Any, v: Any) -> None:
-    """Filtered derivative of the tip's measured position: v += dt / (tau + dt) (dp / dt - v)."""
+    """Fill v: filtered derivative of the tip's position, v += dt / (tau + dt) (dp / dt - v)."""
     for i in range(3):
         if me.started > 0.5:
             rate = (est.p_WT[i] - me.p_WT[i]) / me.dt

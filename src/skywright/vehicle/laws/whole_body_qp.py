@@ -77,11 +77,11 @@ from skywright.vehicle.loops import (
 )
 
 Weight = Annotated[float, Field(ge=1e-6, le=1e9)]
-"""Cost of what is missing; ratios matter, and the solver's tolerance bounds them."""
+"""Cost of a missing part of the wrench. Only ratios matter; the solver's tolerance limits them."""
 
 
 class WholeBodyQp(ThreeLoops):
-    """Fills f_B, t_B, qd and the thrusts that make them within the limits."""
+    """Fills f_B, t_B, qd and the thrusts that realise them within the limits."""
 
     needs_full_actuation = True
     columns = (
@@ -95,17 +95,17 @@ class WholeBodyQp(ThreeLoops):
     )
 
     class Table(LoopsTable):
-        """Bandwidths of the loops, and what a newton, or a newton metre over the lever of a rotor,
-        that is missing of each part costs."""
+        """Bandwidths of the loops, and the cost of each missing part of the wrench: per newton, or
+        per newton metre over the lever of a rotor."""
 
         height_weight: Weight = 100.0  # vertical force
         attitude_weight: Weight = 100.0  # roll and pitch torque
         yaw_weight: Weight = 30.0  # torque about z
         lateral_weight: Weight = 10.0  # horizontal force
         contact_weight: Weight = 3.0  # force on the surface
-        arm_weight: Weight = 1000.0  # of the largest acceleration of a joint
-        stop_rate_1_s: Positive = 12.5  # k, at which a joint nears its stop at most
-        # mu; None: the believed one of the law
+        arm_weight: Weight = 1000.0  # relative to the largest acceleration of a joint
+        stop_rate_1_s: Positive = 12.5  # k, speed limit of a joint over its distance to the stop
+        # mu; None: that of the law's friction feed-forward
         friction_cone: float | None = Field(default=None, ge=0.0, le=5.0)
 
     class Me(ThreeLoops.Me):
@@ -115,8 +115,8 @@ class WholeBodyQp(ThreeLoops):
         lever: float  # m
         weight: Annotated[Array, 6]  # of vertical, lateral, roll and pitch, yaw, contact, arm
         stop_rate: float  # 1/s
-        share: float  # of the way to a commanded torque about z in a tick (vehicle/allocation.py)
-        t_z: float  # N m, on its way
+        share: float  # per tick, low-pass of the torque about z (vehicle/allocation.py)
+        t_z: float  # N m, low-passed torque about z
         B: Annotated[Array, 6, MAX_ROTORS]
         P: Annotated[Array, MAX_ROTORS, 6]
         preload: Annotated[Array, MAX_ROTORS]  # N
@@ -151,7 +151,7 @@ class WholeBodyQp(ThreeLoops):
             )
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Fill gains, limits and the program; raises RuntimeError where DAQP has another layout."""
+        """Fill gains, limits and the program; raise RuntimeError if the layout of DAQP differs."""
         super().build(me, table, context)
         a, model, robot = context.allocator, context.model, context.robot
         n, m = len(a.t_min), int(model["n_joints"])
@@ -180,7 +180,7 @@ class WholeBodyQp(ThreeLoops):
         context.keep(p.lam)
 
     def give_up_rotor(self, me: Any, left: RotorsLeft) -> None:
-        """Leave a lost rotor no range, and ask the others for what the allocation would."""
+        """Fix the thrust of a lost rotor, and take over the allocation of the remaining ones."""
         n = len(left.preload)
         me.P[:n], me.preload[:n] = left.P, left.preload
         me.t_min[:n], me.t_max[:n] = left.t_min + left.preload, left.t_max + left.preload
@@ -211,7 +211,7 @@ class WholeBodyQp(ThreeLoops):
             local(3, 3), local(3), local(MAX_JOINTS), local(MAX_ROTORS), local(6, MAX_JOINTS)
         )
         if not fill_wanted(me, ref, est, body, model, kin, cmd, want):
-            return  # as of any law, the allocation knows what to do
+            return  # not finite: the allocation handles the wrench as that of any law
         if is_free(me, est, cmd, want):
             for i in range(me.n):
                 told.thrust[i] = want.thrust[i]

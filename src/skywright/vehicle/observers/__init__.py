@@ -1,1 +1,1 @@
-"""Observers of the truth: what the plant's side and recordings need of MuJoCo's state."""
+"""Observers of the truth: quantities from MuJoCo's state for the plant and the recording."""

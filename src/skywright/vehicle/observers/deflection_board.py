@@ -1,7 +1,7 @@
 """The board that reads the deflection encoders at 200 Hz (Suarez 2020, section III-B).
 
-It keeps what it read between two mission ticks, for whoever sends it on; a vehicle has one only
-where somebody asks for it, and nothing else depends on it.
+It buffers its readings, for example for a gateway. A vehicle has one only on request, and no other
+component depends on it.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ from skywright.vehicle.component import Component
 
 RATE = 200.0  # Hz
 ROWS = 16
-"""Rows kept: four mission ticks."""
+"""Rows of the buffer: four mission ticks."""
 
 
 class Reading(NamedTuple):
     """The readings of the board at one time."""
 
     t: float  # s, mission time
-    deflection: tuple[float, ...]  # rad, a joint each; 0 where there is no encoder
+    deflection: tuple[float, ...]  # rad, per joint; 0 without an encoder
 
 
 class DeflectionBoard(Component):
-    """Keeps the newest deflections."""
+    """Buffers the newest deflections."""
 
     slot, side = "derive", "robot"
 
     class Me(Record):
-        n: int  # rows since they were taken
-        slot: int  # period that was read last
+        n: int  # rows since the last `take`
+        slot: int  # sampling period of the last row
         t: Annotated[Array, ROWS]  # s
         deflection: Annotated[Array, ROWS, MAX_JOINTS]  # rad
 

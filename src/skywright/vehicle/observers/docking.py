@@ -1,4 +1,4 @@
-"""The force that docking feet feel."""
+"""The contact force on the docking feet."""
 
 from __future__ import annotations
 
@@ -35,6 +35,6 @@ class DockingObserver(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Robots with docking gear have one."""
+        """Robots with docking gear have it."""
         if context.scene.places.sensor_docking >= 0:
             yield cls("docking")

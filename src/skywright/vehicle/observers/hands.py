@@ -1,4 +1,4 @@
-"""The hands of compliant arms: where they are, and what they exert."""
+"""Poses and contact forces of the hands of compliant arms."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class HandObserver(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Robots with compliant arms have one."""
+        """Robots with compliant arms have it."""
         if is_compliant(context.robot):
             yield cls("hand truth")
 

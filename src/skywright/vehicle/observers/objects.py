@@ -1,4 +1,4 @@
-"""The world's movable things: their poses; stuck ones come free when they are pulled."""
+"""Movable things of the world: their poses, and the release of stuck ones."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class ObjectObserver(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Worlds with movable things have one."""
+        """Worlds with movable things have it."""
         if len(context.scene.places.object_qpos):
             yield cls("objects")
 
@@ -54,7 +54,7 @@ class ObjectObserver(Component):
         me.qpos[: me.n] = found
 
     def get_period(self, step: str, context: Any) -> float:
-        """Once a sample."""
+        """Once per sample."""
         return 1.0 / SAMPLE_RATE
 
     @staticmethod
@@ -69,10 +69,10 @@ class ObjectObserver(Component):
 
 
 class Holds(Component):
-    """Lets go of stuck things that are pulled harder than they are held, in the mean of a tick.
+    """Releases stuck things if the mean pull over a mission tick exceeds their holding force.
 
-    The impact of a first touch lasts about a millisecond and moves nothing out of its seat; a
-    force at one instant would be that impact or not by chance.
+    The mean is used because the impact of a first touch lasts about a millisecond and does not
+    release a thing; whether a force at one instant contains it is chance.
     """
 
     slot, side = "fast", "plant"
@@ -81,16 +81,16 @@ class Holds(Component):
         n: int
         touch: Annotated[Integers, MAX_OBJECTS]  # addresses of the contact sensors
         steps: int  # physics steps that are summed
-        sum_W: Annotated[Array, MAX_OBJECTS, 3]  # N, of the contact force on each
+        sum_W: Annotated[Array, MAX_OBJECTS, 3]  # N, sum of the contact force on each
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Worlds with stuck things have one."""
+        """Worlds with stuck things have it."""
         if any(thing.frees_at_n is not None for thing in context.world.things.values()):
             yield cls("holds")
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Look up the sensors, and the welds that hold."""
+        """Look up the sensors and the welds."""
         model, things = context.scene.model, context.world.things
         stuck = {n: t.frees_at_n for n, t in things.items() if t.frees_at_n is not None}
         self._me, self._sim = me, context.sim
@@ -110,7 +110,7 @@ class Holds(Component):
         me.steps += 1
 
     def after_tick(self, t: float) -> None:
-        """Release things that were pulled too hard."""
+        """Release the things whose mean pull exceeded their holding force."""
         me = self._me
         for i, (equality, force) in list(self._held.items()):
             if float(np.linalg.norm(me.sum_W[i])) > force * max(int(me.steps), 1):
@@ -124,5 +124,5 @@ class Holds(Component):
         return dict(self._held)
 
     def restore(self, saved: Any) -> None:
-        """Stick it again."""
+        """Restore the things that are still stuck."""
         self._held = dict(saved)

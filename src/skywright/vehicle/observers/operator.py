@@ -1,4 +1,4 @@
-"""What the operator does at a stick, for the recording."""
+"""Input of the operator's stick, for the recording."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Stick(Output):
 
 
 class Operator(Component):
-    """Fills Stick from what the mission was told last."""
+    """Fills Stick with the last input of the mission."""
 
     slot, side = "derive", "plant"
 
@@ -35,11 +35,11 @@ class Operator(Component):
         self._me = me
 
     def get_period(self, step: str, context: Any) -> float:
-        """Once a sample."""
+        """Once per sample."""
         return 1.0 / SAMPLE_RATE
 
     def set(self, stick: Any, button: bool) -> None:
-        """Note the input (3,) and the button from now on."""
+        """Set the input (3,) and the button until the next call."""
         self._me.stick[:], self._me.button = stick, float(button)
 
     @staticmethod

@@ -1,4 +1,4 @@
-"""What samples tell that no other component needs: joints, spring, normal force, power."""
+"""Quantities for samples only: joints, spring, normal force, power."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Samples(Component):
         n: int
         qpos: Annotated[Integers, MAX_JOINTS]
         dof: Annotated[Integers, MAX_JOINTS]
-        flex: Annotated[Integers, MAX_JOINTS]  # -1: rigid, or not between shaft and link
+        flex: Annotated[Integers, MAX_JOINTS]  # -1: no spring between shaft and link
         slider: int  # -1: no probe
         watt_per_n15: float
         avionics: float  # W
@@ -47,7 +47,7 @@ class Samples(Component):
     )  # fmt: skip
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Look up the joints, and what power follows from thrust."""
+        """Look up the joints, and compute the power per thrust."""
         index, n, robot = context.scene.places, context.scene.n_joints, context.robot
         me.n, me.slider = n, index.slider_qpos
         me.qpos[:n], me.dof[:n], me.flex[:] = index.joint_qpos, index.joint_dof, -1
@@ -57,7 +57,7 @@ class Samples(Component):
         me.avionics = robot.battery.avionics_power_w
 
     def get_period(self, step: str, context: Any) -> float:
-        """Once a sample."""
+        """Once per sample."""
         return 1.0 / SAMPLE_RATE
 
     @staticmethod
@@ -86,5 +86,5 @@ class Samples(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Every vehicle has one."""
+        """Every vehicle has it."""
         yield cls("samples")

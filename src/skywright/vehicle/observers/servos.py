@@ -1,4 +1,4 @@
-"""How near the arm's servos are to their stall torque, for the recording."""
+"""Load of the arm's servos relative to their stall torque, for the recording."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from skywright.vehicle.plant import SAMPLE_RATE
 
 
 class ServoLoad(Output):
-    """Torque of the busiest servo over its stall torque, largest since the last sample."""
+    """Largest ratio of servo torque to stall torque since the last sample."""
 
     load: float
 
@@ -37,12 +37,12 @@ class ServoObserver(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Robots with servos have one."""
+        """Robots with servos have it."""
         if context.scene.model.actuator_forcelimited.any():
             yield cls("servo loads")
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Only servos have a limit in the scene; rotors act through forces of their own."""
+        """Look up the servos: the only actuators of the scene with a force limit."""
         model = context.scene.model
         found = np.flatnonzero(model.actuator_forcelimited)
         me.n = len(found)
@@ -50,7 +50,7 @@ class ServoObserver(Component):
         me.stall[: me.n] = model.actuator_forcerange[found, 1]
 
     def get_period(self, step: str, context: Any) -> float:
-        """Peaks last for a sample."""
+        """Peaks are reset once per sample."""
         return 1.0 / SAMPLE_RATE if step == "clear" else 0.0
 
     @staticmethod

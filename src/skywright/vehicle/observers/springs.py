@@ -1,4 +1,4 @@
-"""Shafts and springs of compliant joints, for the recording."""
+"""Shaft angles and spring deflections of compliant joints, for the recording."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class SpringObserver(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Robots with compliant arms have one."""
+        """Robots with compliant arms have it."""
         if is_compliant(context.robot):
             yield cls("springs")
 
@@ -41,7 +41,7 @@ class SpringObserver(Component):
         me.qpos[: me.n], me.flex[: me.n] = index.joint_qpos, index.flex_qpos
 
     def get_period(self, step: str, context: Any) -> float:
-        """Once a sample."""
+        """Once per sample."""
         return 1.0 / SAMPLE_RATE
 
     @staticmethod

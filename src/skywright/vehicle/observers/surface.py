@@ -1,4 +1,4 @@
-"""The tip against the surface that it shall touch: gap, tilt, normal and unrolled place."""
+"""The tip relative to the surface to touch: gap, tilt, normal and unrolled coordinates."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from skywright.vehicle.plant import SAMPLE_RATE, Surface
 
 NONE, PIPE, STRUCTURE = range(3)
 NOWHERE = 1e3
-"""m, gap where there is no surface."""
+"""m, gap without a surface."""
 
 
 class SurfaceObserver(Component):
@@ -39,7 +39,7 @@ class SurfaceObserver(Component):
     )
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the pipe or structure of the world that the tip can touch."""
+        """Read the pipe or structure of the world that the tip can touch."""
         probe, world = context.robot.probe, context.world
         me.tip_radius = 0.0 if probe is None else probe.tip_radius_m
         if world.pipe is not None and probe is not None:
@@ -51,7 +51,7 @@ class SurfaceObserver(Component):
             fill_structure(me.structure, world.structure, context.true.surface)
 
     def get_period(self, step: str, context: Any) -> float:
-        """Peaks last for a sample."""
+        """Peaks are reset once per sample."""
         return 1.0 / SAMPLE_RATE if step == "reset" else 0.0
 
     @staticmethod
@@ -77,13 +77,13 @@ class SurfaceObserver(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Every vehicle has one."""
+        """Every vehicle has it."""
         yield cls("surface")
 
 
 @helper
 def measure_pipe(me: Any, centre: Any, surface: Any) -> None:
-    """Fill gap, normal and unrolled place of a tip's sphere at a pipe."""
+    """Fill gap, normal and unrolled coordinates of the tip's sphere at a pipe."""
     x = y = z = 0.0
     for i in range(3):
         d = centre[i] - me.p_WP[i]

@@ -19,17 +19,17 @@ COLLISION_LIMIT = 0.5
 
 
 class TruthObserver(Component):
-    """Fills Truth; tip and forces are one physics step old. Guards against collisions."""
+    """Fills Truth and guards against collisions. Tip and forces are one physics step old."""
 
     side = "plant"
     slots = {"step": "observe", "judge": "peaks"}
 
     class Me(Record):
-        tip_site: int  # -1: there is none
+        tip_site: int  # -1: no tip
         tip_force: int  # address of its contact sensor, -1: none
         n_contacts: int
-        dt: float  # s, of a tick
-        off: float  # s, since the tip felt a force
+        dt: float  # s, control period
+        off: float  # s, since the last force on the tip
         contact: Annotated[Integers, MAX_CONTACTS]  # addresses of unintended contacts
 
     columns = (
@@ -59,7 +59,7 @@ class TruthObserver(Component):
         me.dt = context.dt
 
     def get_period(self, step: str, context: Any) -> float:
-        """Peaks last for a sample."""
+        """Peaks are reset once per sample."""
         return 1.0 / SAMPLE_RATE if step == "judge" else 0.0
 
     @staticmethod
@@ -102,5 +102,5 @@ class TruthObserver(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Every vehicle has one."""
+        """Every vehicle has it."""
         yield cls("truth")
