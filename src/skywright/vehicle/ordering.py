@@ -57,7 +57,7 @@ def order_steps(steps: Sequence[Step], resolve: Resolve) -> list[Step]:
 
 
 def _list_uses(step: Step, resolve: Resolve) -> dict[Any, int]:
-    """Return the use of each record by a step, except the clock and MuJoCo's arrays."""
+    """Return the use of each record by a step, except clock, MuJoCo's arrays and random numbers."""
     uses: dict[Any, int] = {}
     for port in step.ports:
         if port.record in (Clock, MuJoCo) or issubclass(port.record, Draws):

@@ -95,14 +95,14 @@ class SimulatedVehicle(NoPilotSwitch):
         parts: Sequence[Component] = (),
         on_samples: Callable[[NDArray[Any]], None] | None = None,
     ) -> None:
-        """`world` is the one flown in: with more things than that of `nominal`, and with pipe or
-        structure where they truly are. Missions read these as `nominal` has them.
+        """`world` is the true world: it has more things than that of `nominal`, and the true poses
+        of pipe and structure. Missions read pipe and structure from `nominal`.
 
-        `start` is x, y (m) and yaw (rad) of the take-off place; see Deviation for the plant.
+        `start` is x, y (m) and yaw (rad) of the take-off position; see Deviation for the plant.
 
-        `parts` are further components: sensors and effects that the description names. `timestep`
-        (s) is the physics step. Springs are `calibrated` with known loads, or the file's.
-        Raises InputError where they do not fit together.
+        `parts` are further components: sensors and effects of the description. `timestep` (s) is
+        the physics step. Springs are `calibrated` with known loads, or those of the robot file.
+        Raises InputError if the arguments do not fit together.
         """
         self.nominal, self.law, self.estimator = nominal, law, estimator
         self.robot, world = nominal.robot, world or nominal.world
@@ -193,7 +193,7 @@ class SimulatedVehicle(NoPilotSwitch):
 
     @property
     def reference_now(self) -> RowNow:
-        """The same without a copy."""
+        """As `reference`, without a copy."""
         return RowNow(self._follower)
 
     @property
@@ -227,7 +227,7 @@ class SimulatedVehicle(NoPilotSwitch):
         return float(self.read(EstimatorState).pose_std)
 
     def track(self, table: Table) -> None:
-        """Follow `table` from now on; its last row holds."""
+        """Follow `table` from now on; after its end the last row holds."""
         self._table = np.ascontiguousarray(table)
         self._table_start, self._table_end = self.t, float(self._table[-1]["t"])
         self._follower.track(self._table, self.t)
@@ -334,14 +334,14 @@ class SimulatedVehicle(NoPilotSwitch):
         return found is not None and bool(found["in_contact"][0])
 
     def calibrate_probe(self, null: Array, axis: Array) -> None:
-        """Judge contact by how far the signal is from `null` (2,), in units, along `axis` (2,)."""
+        """Set the contact signal: distance from `null` (2,), in units, along `axis` (2,)."""
         me = self.get_memory("eddy current")
         me.null[:], me.lift_axis[:] = null, axis
 
     def give_up_rotor(self, i: int) -> RotorsLeft | None:
         """Allocate to the other rotors from now on; returns None if they cannot hold the robot.
 
-        A law that points its thrust by tilting does not track the resulting tilt.
+        A law that tilts the platform to direct its thrust does not track the resulting tilt.
         """
         body, law, allocation = self.read(Body), self.find(Law), self.find(RotorAllocation)
         left = allocation.give_up(
@@ -359,7 +359,7 @@ class SimulatedVehicle(NoPilotSwitch):
 
     def tune_law(self, tuned: Law, nominal: Nominal) -> None:
         """Set the gains of the law to those of `tuned`, built for a nominal robot and world; the
-        law's state is kept. A law that restarts has them, too. Raises InputError, and changes
+        law's state is kept. A restart of the law keeps the gains. Raises InputError, and changes
         nothing, if there are no such gains."""
         given = self.assembly.limit(self.assembly.context)
         given = dataclasses.replace(given, nominal=nominal, world=nominal.world)
