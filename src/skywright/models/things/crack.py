@@ -21,7 +21,7 @@ class Crack(Thing):
     angle_deg: float = Field(default=0.0, ge=-90, le=90)
     length_m: float = Field(default=0.006, ge=0.0005, le=1.0)
     depth_m: float = Field(default=0.001, ge=1e-5, le=0.05)
-    # of the profile along the depth; semi-ellipse: a grown crack; rectangle: a machined notch
+    # depth profile; semi-ellipse: a fatigue crack; rectangle: a machined notch
     shape: Literal["semi-ellipse", "rectangle"] = "semi-ellipse"
 
     def describe(self) -> str:

@@ -109,7 +109,7 @@ class Tool(Handled):
 
 
 class Seat(NamedTuple):
-    """Contact of a tool on a pipe: height of O above the pipe's axis, and contact point along a
+    """Pose of a tool on a pipe: height of O above the pipe's axis, and contact point along a
     leg."""
 
     height: float  # m

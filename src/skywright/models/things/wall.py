@@ -20,8 +20,8 @@ class Patch(Spec):
     v_m: Coordinate = 0.0  # centre: around the pipe (radius times angle), or y of S
     size_u_m: float = Field(default=0.1, gt=0, le=1000)
     size_v_m: float = Field(default=0.1, gt=0, le=1000)
-    thickness_m: float | None = Field(default=None, ge=2e-4, le=1.0)  # default: that of the wall
-    paint_m: float | None = Field(default=None, ge=0, le=0.01)  # default: that of the wall
+    thickness_m: float | None = Field(default=None, ge=2e-4, le=1.0)  # default: unchanged
+    paint_m: float | None = Field(default=None, ge=0, le=0.01)  # default: unchanged
 
 
 class Pit(Spec):
@@ -63,7 +63,7 @@ class WallField(NamedTuple):
 
     thickness: float  # m
     paint: float  # m
-    patches: Array  # (n, 6) centre u, v, half sizes, thickness, paint (m); NaN: that of the wall
+    patches: Array  # (n, 6) centre u, v, half sizes, thickness, paint (m); NaN: unchanged
     pits: Array  # (n, 4) centre u, v, radius, depth (m)
 
 

@@ -57,7 +57,7 @@ class WrenchObserver(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Yield one if a law has a port of Wrench."""
+        """Yield one if law, estimator or a part has a port of Wrench."""
         if Wrench in context.asked:
             yield cls("external_wrench")
 

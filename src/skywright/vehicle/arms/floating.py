@@ -20,7 +20,7 @@ class FloatingBody(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Yield one if a law has a port of Floating or Wrench."""
+        """Yield one if law, estimator or a part has a port of Floating or Wrench."""
         if {Floating, Wrench} & context.asked:
             yield cls("floating")
 

@@ -44,7 +44,7 @@ class ArmModel(Output):
     upper: float  # m, upper arm
     fore: float  # m, forearm with the hand
     pad: PerHand  # m, from the hand's end back to its ball's centre
-    p_BS: HandPoints  # m, shoulders, in B (where a passive link carries them: in that link's frame)
+    p_BS: HandPoints  # m, shoulders, in B, or in the frame of the passive link that carries them
 
 
 class Joints(Output):
@@ -57,7 +57,7 @@ class Joints(Output):
 class Deflections(Output):
     """Readings of the encoders on the springs."""
 
-    deflection: PerJoint  # rad, shaft minus output link, where it is measured
+    deflection: PerJoint  # rad, shaft minus output link, of joints with an encoder
 
 
 class Hands(Output):

@@ -77,7 +77,7 @@ class Filter(Estimator):
         r_R: float  # rad^2
         # state of the gate
         nu: Annotated[Array, 6]  # whitened innovation of the last fused sample
-        nis: float  # its squared norm, last sample
+        nis: float  # squared normalised innovation of the last sample
         last_fix: float  # s, of the newest sample that was fused
         fused: int
         rejected: int

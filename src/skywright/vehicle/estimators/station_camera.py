@@ -67,7 +67,7 @@ from skywright.vehicle.sensors.station import StationCamera as Station
 PENDING = 128
 """Most samples of a sensor that wait for the horizon."""
 DRIFT_START = 1.0  # m
-RATE_TIME = 60.0  # s, assumed time constant of the rate of the camera's heading drift
+RATE_TIME = 60.0  # s in which the heading drift's rate walks by its initial sigma: assumed
 FUSE_EVERY = 0.02  # s, between moves of the horizon; each integrates the state again from there
 LAG = 0.25
 """s, of the horizon: 98 % of the station's samples arrive sooner."""
