@@ -36,8 +36,8 @@ class Allocator(NamedTuple):
 
     B: Array  # (6, n) wrench [N; N m] in B per newton of thrust
     P: Array  # (n, 6) thrust per wrench; lateral columns are zero when `full` is 0
-    t_min: Array  # (n,) N, less the preload
-    t_max: Array  # (n,) N, less the preload
+    t_min: Array  # (n,) N, minus the preload
+    t_max: Array  # (n,) N, minus the preload
     k_f: float  # N/(rad/s)^2
     full: int  # 1 if the rotors produce all six components independently
     preload: Array  # (n,) N, zero net wrench; added to the thrusts of `allocate`
@@ -103,7 +103,7 @@ def compute_preload(rotors: RotorSet) -> Array:
 
 
 def usable_limit(allocator: Allocator, thrust_fraction: float) -> Array:
-    """Return the upper limits (n,) N of which `thrust_fraction` is used, less the preload."""
+    """Return the upper limits (n,) N of which `thrust_fraction` is used, minus the preload."""
     return (allocator.t_max + allocator.preload) * thrust_fraction - allocator.preload
 
 

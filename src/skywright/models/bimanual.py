@@ -20,7 +20,7 @@ class Bar(NamedTuple):
 
 
 def compute_bar(p_left: Array, p_right: Array) -> Bar:
-    """Return the bar that two hands hold: (29), (30); raises InputError for hands in one place."""
+    """Return the bar between two hands: (29), (30); InputError for hands at the same position."""
     between = np.asarray(p_left, dtype=float) - np.asarray(p_right, dtype=float)
     length = float(np.linalg.norm(between))
     if length < 1e-9:
@@ -31,7 +31,7 @@ def compute_bar(p_left: Array, p_right: Array) -> Bar:
 
 
 def compute_bar_hands(bar: Bar, width: float) -> tuple[Array, Array]:
-    """Return where (left, right) hold a bar at `width` (m): the inverse of (29), (30)."""
+    """Return the points (left, right) that hold a bar, `width` (m) apart: inverse of (29), (30)."""
     n = np.asarray(bar.n, dtype=float)
     length = float(np.linalg.norm(n))
     if length < 1e-9 or width <= 0.0:
@@ -58,7 +58,7 @@ def is_unplugged(p_grasp: Array, p_hand: Array, threshold: float) -> bool:
 def estimate_platform(p_W_grasp: Array, R_WB: Array, p_BH: Array) -> Array:
     """Return p_WB (3,) m of a platform whose hand holds a fixed point.
 
-    One arm as position sensor: p_WB = p_W_grasp - R_WB FK(q), with the attitude R_WB of the
-    platform's own estimate and p_BH from joint and deflection encoders (`ARMS.p_BH`).
+    One arm as position sensor: p_WB = p_W_grasp - R_WB FK(q), with the estimated attitude R_WB of
+    the platform and p_BH from joint and deflection encoders (`Hands.p_BH`).
     """
     return np.asarray(p_W_grasp) - np.asarray(R_WB) @ np.asarray(p_BH)

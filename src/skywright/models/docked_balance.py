@@ -30,7 +30,7 @@ FRICTION_SHARE = (0.25, 0.5, 0.7, 0.95)
 rest is reserved for gusts and model errors."""
 MARGIN = 0.05
 """Share of a rotor's range: during a press, a rotor's thrust varies by 1 % (one sigma)."""
-HALF, LEAST_N = 0.5, 0.5  # of the feet's friction, and N per foot, with a plant's errors
+HALF, LEAST_N = 0.5, 0.5  # with plant errors: usable share of friction; N, least load of a foot
 
 
 class Spread(NamedTuple):
@@ -38,7 +38,7 @@ class Spread(NamedTuple):
 
     weight: float = 0.03
     thrust: float = 0.03  # of all rotors together
-    rotors: float = 0.02  # one sigma, between rotors
+    rotors: float = 0.02  # one sigma, difference between rotors
     center: float = 0.004  # m, of the centre of mass, per axis
     drag: float = 0.2
 

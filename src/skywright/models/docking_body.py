@@ -14,7 +14,7 @@ IMPEDANCE = 0.05
 """MuJoCo's d, constant over the penetration, so that stiffness and damping are constant. It is
 small because a contact's regularisation acts like a mass d / ((1 - d) w) on the foot."""
 NOSLIP_ITERATIONS = 5
-"""So soft a contact would creep sideways under load; the noslip solver prevents the creep."""
+"""Contacts of this softness creep sideways under load; the noslip solver prevents the creep."""
 
 
 def list_feet(docking: Docking) -> Array:

@@ -48,14 +48,14 @@ class Part(NamedTuple):
     name: str  # platform, a link's name, holder, slider, gear
     parent: int  # index of the part that carries it; -1: the world
     position: Array  # (3,) m, in the parent's frame with the joint at zero
-    quaternion: Array  # (4,) wxyz, likewise
+    quaternion: Array  # (4,) wxyz, in the parent's frame with the joint at zero
     motion: str
     """free (the platform), hinge, slide, spring (the probe's tip), finger, turning finger, object
     or fixed"""
     joint: int  # index into the joint angles (object: the world's; finger: hands); -1: none
     axis: Array  # (3,) of the motion, in the part's frame
     turned: (
-        Array  # (4,) quaternion times (0, axis): a turn by a is cos(a/2) of the one, sin of this
+        Array  # (4,) quaternion * (0, axis); rotated by a: cos(a/2) quaternion + sin(a/2) turned
     )
     shapes: tuple[Shape, ...]
 

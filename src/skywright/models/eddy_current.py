@@ -109,7 +109,7 @@ def compute_coil_spectrum(coil: Coil, tilt: float) -> tuple[np.ndarray, np.ndarr
     included, referred to the centre of the coil's face.
     """
     radius = coil.outer_radius
-    # panels that double: the coil's own scale is 1/radius, the tilted edge needs the high end
+    # panels of doubling width: the scale is 1/radius, a tilted coil's edge has high frequencies
     edges = np.concatenate([[0.0], 2.0 ** np.arange(-2, 9)]) / radius
     node, node_weight = np.polynomial.legendre.leggauss(20)
     half = np.diff(edges) / 2
@@ -122,7 +122,7 @@ def compute_coil_spectrum(coil: Coil, tilt: float) -> tuple[np.ndarray, np.ndarr
     r = coil.inner_radius + half_r * (node + 1)
     r_weight = half_r * node_weight
 
-    # a quarter of the directions: the others give the same or its conjugate, of equal size
+    # a quarter of the directions: by symmetry |S|^2 is equal in the others
     n_angle = 8 if tilt else 1
     phi = (np.arange(n_angle) + 0.5) * 0.5 * math.pi / n_angle
     k = -alpha[:, None] * (math.cos(tilt) + 1j * math.sin(tilt) * np.cos(phi))

@@ -133,10 +133,10 @@ def compute_floating(model: NDArray[Any], q: Array, swing: int = -1) -> tuple[An
 
 
 def compute_free_inertia(robot: Robot, world: World, q: Array) -> Array:
-    """Return (3,) kg m^2: inertia about the axes of B that a torque meets above every resonance.
+    """Return (3,) kg m^2: effective inertia about the axes of B above all resonance frequencies.
 
     Joints with a spring, bending links and joints without a servo are free; the rest of the robot
-    is rigid. The inertia that a fast loop meets lies between this and `I_eff`.
+    is rigid. The effective inertia for a fast loop is between this and `I_eff`.
     """
     scene = build_scene(robot, world, Deviation())
     model = scene.model

@@ -31,8 +31,8 @@ class Frame(NamedTuple):
     parent: str
     name: str
     position: Array  # (3,) m
-    quaternion: Array  # derivative by the joint: (3,) of a slide; (4,) of a rotation, see above
-    change: Array  # motion per unit: (3,) of a slide; (4,) of a rotation, see below
+    quaternion: Array  # (4,) wxyz, at joint zero
+    change: Array  # slide, spring: (3,) direction of travel; rotation: (4,), see above
     motion: str  # "free", "fixed", "turn", "slide" by a joint, "spring" by the probe's spring
     joint: int  # index in q
 

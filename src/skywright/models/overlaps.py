@@ -13,7 +13,7 @@ from skywright.models.scene import build_scene
 from skywright.models.things._build import OBJECT
 
 TOLERATED = 0.003
-"""m: soft contacts sink in by less under the weight of things on them."""
+"""m, upper bound of the penetration of soft contacts under the weight of things on them."""
 
 
 def find_overlaps(robot: Robot, world: World) -> list[tuple[str, str, float]]:

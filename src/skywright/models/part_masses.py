@@ -126,7 +126,7 @@ def build_hand_body(hand: Hand) -> tuple[Array, Array]:
 class Finger(NamedTuple):
     """The body of a gripper's open finger in frame H; its z axis is along the finger."""
 
-    sign: float  # side: of y, or of -y
+    sign: float  # 1: finger on the side of y, -1: on the side of -y
     p: Array  # (3,) m: the finger's centre, or the pivot of a rotating one
     R: Array  # (3, 3)
     com: Array  # (3,) m, in its frame

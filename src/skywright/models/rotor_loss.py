@@ -48,14 +48,14 @@ class RotorsLeft(NamedTuple):
 
     P: Array  # (n, 6) thrust (N) per wrench
     preload: Array  # (n,) N, zero net wrench
-    t_min: Array  # (n,) N, less the preload
-    t_max: Array  # (n,) N, less the preload
-    R_WB: Array  # (3, 3) attitude, except for its heading, at which they hold the robot
+    t_min: Array  # (n,) N, minus the preload
+    t_max: Array  # (n,) N, minus the preload
+    R_WB: Array  # (3, 3) hover attitude without heading
     holds_heading: bool
 
     @property
     def lean(self) -> float:
-        """Lean (rad) at which they hold the robot."""
+        """Lean (rad) at hover."""
         return math.acos(min(max(float(self.R_WB[2, 2]), -1.0), 1.0))
 
 

@@ -29,7 +29,7 @@ def compute_inertia_beyond(robot: Robot, index: int) -> float:
         link, parent = limbs[i].link, limbs[i].parent
         if i != index:
             if parent not in reach:
-                continue  # another branch
+                continue  # a link of another branch
             reach[i] = reach[parent] + float(np.linalg.norm(limbs[i].offset))
         start = reach[i]
         com = 0.5 * link.length_m if link.com_m is None else link.com_m

@@ -19,8 +19,8 @@ class Sight:
         self._geom = np.zeros(1, np.int32)
 
     def measure(self, start: Array, direction: Array) -> float:
-        """Return the distance (m) from `start` (3,) along a unit vector to the first thing; inf:
-        none."""
+        """Return the distance (m) from `start` (3,) along a unit vector to the first geometry, inf
+        if there is none."""
         gone = 0.0
         for _ in range(32):  # skip each part of the robot on the ray
             far = mujoco.mj_ray(

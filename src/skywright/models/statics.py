@@ -29,8 +29,8 @@ class Layout(NamedTuple):
     rotors: RotorSet
     B: Array  # (6, n)
     P: Array  # (n, 6)
-    t_min: Array  # (n,) N, less the preload
-    t_max: Array  # (n,) N, after the thrust fraction, less the preload
+    t_min: Array  # (n,) N, minus the preload
+    t_max: Array  # (n,) N, after the thrust fraction, minus the preload
     full: bool  # six independent components
     exact: bool  # one thrust vector per wrench: six rotors, or a preload, and `full`
     preload: Array  # (n,) N, of the allocation

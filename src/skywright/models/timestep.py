@@ -25,7 +25,7 @@ def find_stiff_contact(model: mujoco.MjModel, timestep: float) -> str | None:
 
 
 def list_time_constants(model: mujoco.MjModel) -> Iterator[tuple[float, str]]:
-    """Yield (time constant s, name) of everything with a `solref` of its own.
+    """Yield (time constant s, name) of all elements with their own `solref`.
 
     The direct form (-k, -b) acts with b / d_max (MuJoCo, solver parameters). No MuJoCo option
     guards it: a step multiplies the slip velocity by 1 - h b / d_max, which diverges beyond h b /

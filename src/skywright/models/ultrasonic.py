@@ -41,17 +41,17 @@ CLIP = 1.25
 
 
 class Transducer(NamedTuple):
-    """A probe with its instrument. All values are assumed, of the class of commercial ones."""
+    """A probe with its instrument. All values are assumed, typical of commercial ones."""
 
     frequency: float = 5e6  # Hz
     radius: float = 0.003  # m, of the face
     separation: float = 0.0  # m, between the halves of a dual probe; 0: single element
     bandwidth: float = 0.6  # -6 dB, over the frequency
     zero: float = 0.4e-6  # s, of cables and wear plate
-    dead: float = 0.12e-6  # s, in which the transmitter's ring-down falls to 1/e
+    dead: float = 0.12e-6  # s, time constant of the transmitter's ring-down
     gain: float = 1.3  # FSH, of a perfect first echo
     noise: float = 0.004  # FSH rms, white
-    grass: float = 0.006  # FSH rms, of scattering in the wall, fixed at each place
+    grass: float = 0.006  # FSH rms, scattering in the wall, constant at each location
 
     @property
     def width(self) -> float:
@@ -76,7 +76,7 @@ class Coupling(NamedTuple):
     """Layers between probe and wall, and the local state of the wall."""
 
     film: float = 20e-6  # m, of couplant
-    share: float = 1.0  # of the face that is coupled
+    share: float = 1.0  # coupled share of the face
     air: bool = False
     tilt: float = 0.0  # rad, of the face from the surface
     paint: float = 0.0  # m

@@ -47,7 +47,7 @@ FREE_SPEED = 1000.0  # rad/s: URDF requires a largest speed of every joint; a pa
 
 
 def build_urdf(robot: Robot) -> str:
-    """Return the robot as URDF.
+    """Return the robot as URDF text.
 
     Links: `platform` (B), `rotor0`... (massless, z along the thrust), `docking`, the links of the
     arms by name, `holder` and `slider` of the probe, `hand` or `left_hand` and `right_hand` (frames

@@ -43,7 +43,7 @@ def compute_drag(
 ) -> tuple[Array, Array]:
     """Return (force, torque about B's origin), (m, 3) each, on a resting robot.
 
-    `wind_B` (m, 3) m/s is the air's velocity in B, `thrust` (m, n) N, less the preload, sets the
+    `wind_B` (m, 3) m/s is the air's velocity in B, `thrust` (m, n) N, minus the preload, sets the
     rotor speeds.
     """
     speed = np.linalg.norm(wind_B, axis=1, keepdims=True)

@@ -1,9 +1,10 @@
-"""The control link: measurements reach the controller, and commands the robot, late or never.
+"""The control link: delays and loses the packets between the robot and the controller.
 
-Each control tick the robot sends one packet with everything that its sensors fill, and the
-controller one with the drives. A packet takes `delay` plus normal jitter, arrives in order (a later
-packet waits for an earlier one), and is lost with a fixed probability. Packets are stamped; the
-clocks agree. How a record is merged at the far end follows from its fields (component.py: Output).
+Each control tick the robot sends one packet with all sensor outputs, and the controller sends one
+with the drives. A packet takes `delay` plus normal jitter, arrives in order (a later packet waits
+for an earlier one), and is lost with a fixed probability. Packets have time stamps, and the clocks
+are synchronised. The fields of a record define how it is merged at the far end (component.py:
+Output).
 """
 
 from __future__ import annotations
@@ -28,13 +29,13 @@ from skywright.vehicle.component import (
 )
 
 DEPTH = 256
-"""Packets under way each way: more than the longest delay holds."""
+"""Most packets in transit in each direction; the longest delay needs fewer."""
 MAX_PORTS = 24
 """Most records that a packet holds."""
 MAX_ARRAYS = 8
 """Most arrays of a batch."""
 LATEST, FRESH, BATCH = range(3)
-"""How a record is merged: copied; copied where its first word says that it is new; appended."""
+"""Merging of a record: copied; copied if its first word marks it as new; appended."""
 
 
 def get_rule(record: type[Record]) -> int:
@@ -64,7 +65,7 @@ class Way(Record):
 
     head: int
     tail: int
-    last: float  # s, arrival of the newest packet under way
+    last: float  # s, arrival of the newest packet in transit
     arrival: Annotated[Array, DEPTH]  # s
     packets: int  # address of (DEPTH, packet_words)
     packet_words: int
@@ -121,21 +122,21 @@ class ControlLink(Component):
         way.packets = context.keep(packets)
 
     def save(self) -> Any:
-        """Return the packets under way."""
+        """Return the packets in transit."""
         return [packets.copy() for packets in self._packets]
 
     def restore(self, saved: Any) -> None:
-        """Put packets back."""
+        """Restore the packets in transit."""
         for packets, were in zip(self._packets, saved, strict=True):
             packets[:] = were
 
     def draw(self, what: type[Draws], rng: np.random.Generator, n: int) -> Array:
-        """Draw both directions, the jitter of all first."""
+        """Draw the random numbers of both directions, first the jitter, then the loss."""
         return np.hstack([rng.standard_normal((n, 2)), rng.random((n, 2))])
 
     @staticmethod
     def up(me: Me, clock: Clock, chance: Chance) -> None:
-        if me.begun == 0:  # both ends were connected before: the controller knows how it starts
+        if me.begun == 0:  # the first packet has no delay: the controller has the initial state
             me.begun = 1
             send(me.upward, clock.t, 0.0)
         elif chance.loss_up >= me.loss:
@@ -152,7 +153,7 @@ class ControlLink(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Without delay, jitter and loss, robot and controller are one computer."""
+        """Yield a link if it has a delay, jitter or loss, or if a fault needs one."""
         link = context.world.link
         asked = any(isinstance(part, Fault) and part.needs_link for part in context.named)
         if asked or link.delay_s > 0.0 or link.jitter_s > 0.0 or link.loss_fraction > 0.0:
@@ -161,7 +162,7 @@ class ControlLink(Component):
 
 @helper
 def send(way: Any, t: float, delay: float) -> None:
-    """Put a packet under way; it does not overtake the one before it."""
+    """Send a packet; it does not overtake the packet before it."""
     i = way.head
     following = (i + 1) % DEPTH
     if following == way.tail:  # full: the oldest is lost
@@ -179,7 +180,7 @@ def send(way: Any, t: float, delay: float) -> None:
 
 @helper
 def deliver(way: Any, t: float) -> None:
-    """Merge what has arrived by `t` at the far end: the newest state, all samples of batches."""
+    """Merge the packets that have arrived by `t`: the newest state, all samples of batches."""
     for p in range(way.n):
         c = way.carried[p]
         if c.rule == FRESH:
@@ -195,7 +196,7 @@ def deliver(way: Any, t: float) -> None:
 
 @helper
 def merge(c: Any, packet: int) -> None:
-    """Merge one record of a packet into the far end's."""
+    """Merge one record of a packet into the record at the far end."""
     new, held = words(packet, c.words), words(c.target, c.words)
     if c.rule == BATCH:
         came, have = integers(packet, 2), integers(c.target, 2)
@@ -240,5 +241,5 @@ class Freshness(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Every vehicle has it."""
+        """Yield one for every vehicle."""
         yield cls("freshness")

@@ -1,9 +1,9 @@
 """Take-off and landing of a robot whose arms lie on the ground at the end of a swinging link.
 
-The end that lies on the ground stays there while the platform flies on a circle about it: forward
-and up until the link hangs (take-off), backward and down until it lies again (landing; Suarez 2020,
-section VI-B). Both begin and end over the place where the robot stands, so that to a mission they
-are like any other robot's.
+The end on the ground stays in place while the platform flies on a circle about it: forward and up
+until the link hangs (take-off), backward and down until it lies again (landing; Suarez 2020,
+section VI-B). Both begin and end above the robot's position on the ground, so that missions need
+not distinguish this robot from others.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from skywright.vehicle.rest_to_rest import duration, quintic
 Array = NDArray[np.float64]
 
 
-LYING = 0.03  # m above the lowest joint within which a joint lies on the ground
-ARC_SPEED = 0.5  # of the speed limit, while a link's end lies on the ground
-PRESS = 0.05  # m, how far below the ground a landing aims, so that the end grips
+LYING = 0.03  # m, height above the lowest joint up to which a joint counts as on the ground
+ARC_SPEED = 0.5  # share of the speed limit while the link's end is on the ground
+PRESS = 0.05  # m, goal of a landing below the ground, so that friction holds the end
 NEAR, TOUCH_SPEED = 0.1, 0.1  # m above the first touch; m/s from there on
 SETTLE = 2.0  # s, for the thrust to fade on the ground
 
@@ -50,14 +50,14 @@ class LinkArc(NamedTuple):
     def compute_path(self, angle: Array) -> tuple[Array, Array]:
         """Return (forward (n,), height (n,)) m of the platform at lean `angle` (n,) rad.
 
-        `forward` counts from where the platform is with the link hanging, negative behind it.
+        `forward` is zero where the link hangs, and negative behind that position.
         """
         drop = self.radius * (1.0 - np.cos(angle))
         return -self.radius * np.sin(angle), self.top - drop
 
 
 def compute_link_arc(robot: Robot, model: NDArray[Any]) -> LinkArc | None:
-    """Return the arc of a robot with a swinging link, None for every other."""
+    """Return the arc of a robot with a swinging link, None for other robots."""
     if robot.pendulum is None:
         return None
     landed = posture(robot, "landed")
@@ -65,7 +65,7 @@ def compute_link_arc(robot: Robot, model: NDArray[Any]) -> LinkArc | None:
     limbs = list_limbs(robot)
     swing = next(j for j, limb in enumerate(list_joints(robot)) if limb.servo < 0)
     joint = k["p"][0].copy()
-    # of the joints and ends near the ground, the one farthest from the link's own
+    # of the joints and ends near the ground, the one farthest from the link's joint
     points = np.vstack([k["p"][1 : len(limbs)], k["p_BT"]])
     thick = np.array([limb.link.radius_m for limb in limbs[1:]] + [limbs[-1].link.radius_m])
     low = points[:, 2] < np.min(points[:, 2]) + LYING
@@ -99,7 +99,7 @@ def plan_landing(
 ) -> ArcPath:  # fmt: skip
     """Return the path from `height` (m) forward, down to the first touch, along the arc, to rest.
 
-    It ends on the ground below where it began; `here` leaves the way forward out.
+    It ends on the ground below its start; `here` omits the forward motion.
     """
     near = min(arc.top + NEAR, height)
     down = height + _glide(height - near, speed, acceleration, period) * (near - height)

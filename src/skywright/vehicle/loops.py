@@ -1,4 +1,4 @@
-"""The loops that laws share: position, attitude and arm; a user's law may use any of them.
+"""Control loops that laws share: position, attitude and arm; a user's law may use any of them.
 
 A law's `Me` inherits the records of the loops that it closes, its `Table` the tables, and its
 `build` calls `fill_position`, `fill_attitude` and `fill_arm`. Every gain follows from a bandwidth:
@@ -216,7 +216,7 @@ def force_from_errors(
     intended penetration does not wind up. The integral is frozen while the rotors are saturated. In
     addition to the paper: in contact the nominal Coulomb friction of the desired sliding, mu K^P
     |e_n| along v_T^d, is fed forward (`friction`, 0 gives the paper's law). Without it each
-    reversal of the friction leaves the tip 2 mu F / K^P behind until the integral has compensated
+    reversal of the friction causes a tip error of 2 mu F / K^P until the integral has compensated
     it.
     """
     kp = body.mass * me.wn_p * me.wn_p
@@ -252,9 +252,9 @@ def attitude_torque(
     """Tognon 2018, law (3), about the whole robot's centre of mass.
 
     t_B = p_BC x f_B + I_C (wd^n + wn^2 e_R + 2 zeta wn e_w) + theta + w x I_C w. The paper's g_2 is
-    the first term at hover; the rest of it compensates the commanded lateral force's lever about
-    the centre of mass. e_R = 1/2 [R^T R^n - R^nT R]_vee; the rate error is taken to the same frame,
-    e_w = R^T R^n w^n - w (E001-4).
+    the first term at hover; its other part compensates the moment of the commanded lateral force
+    about the centre of mass. e_R = 1/2 [R^T R^n - R^nT R]_vee; the rate error is expressed in the
+    same frame, e_w = R^T R^n w^n - w (E001-4).
     """
     rel, e_R, e_w, acc, lever = local(3, 3), local(3), local(3), local(3), local(3)
     mat_t_mat(est.R_WB, R_des, rel)
@@ -290,7 +290,7 @@ def attitude_torque(
 
 @helper
 def hold_attitude(me: Any, ref: Any, est: Any, body: Any, saturated: float, cmd: Any) -> None:
-    """Fill `cmd.t_B` by `attitude_torque` with the reference's own attitude."""
+    """Fill `cmd.t_B` by `attitude_torque` with the attitude of the reference."""
     attitude_torque(me, ref.R_WB, ref.w_WB_B, ref.wd_WB_B, est, body, cmd.f_B, saturated, cmd.t_B)
 
 

@@ -1,4 +1,4 @@
-"""Motions of the platform from start to result; each is a generator, advanced once a tick."""
+"""Motions of the platform up to their result; each is a generator that advances once a tick."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ Array = NDArray[np.float64]
 Motion = Generator[None, None, Result]
 
 TICK = 0.02  # s
-STANDS_M, STANDS_S, STANDS_MPS = 0.15, 0.3, 0.1  # above its reference, at rest: it has landed
+STANDS_M, STANDS_S, STANDS_MPS = 0.15, 0.3, 0.1  # landed: so far above its reference, at rest
 SINK = 0.15  # m/s, descent below the expected ground
 SINK_MAX = 5.0  # m, of that
 SPIN_S = 0.5  # s, of the spin check
-IN_GROUND = 0.025  # m above a reference that ends 0.05 m in the ground: it has landed
-AT_REST = 1e-3  # m/s and rad/s of a reference
+IN_GROUND = 0.025  # m, landed: so far above a reference that ends 0.05 m below the ground
+AT_REST = 1e-3  # m/s and rad/s, below which a reference is at rest
 FOLDED, JOINT_RAD, JOINT_PATIENCE = 0.02, 0.1, 5.0  # rad, rad, s
-PRESSED = 0.02  # m, by which the reference lies in the ground during it
+PRESSED = 0.02  # m, depth of the reference below the ground during the spin check
 
 
 class Arrival(NamedTuple):
-    """When a motion counts as arrived."""
+    """Conditions under which a motion counts as arrived."""
 
-    tolerance_m: float = 0.05  # of the estimate from the goal
-    dwell_s: float = 1.0  # for which it is that near
+    tolerance_m: float = 0.05  # distance of the estimate from the goal
+    dwell_s: float = 1.0  # time within the tolerance
     yaw_rad: float = 0.1
     patience_s: float = 10.0  # after the end of the reference
 
@@ -64,8 +64,8 @@ class Motions:
         return Result(True)
 
     def _spin(self) -> Generator[None, None, str]:
-        """Run the motors with the reference slightly in the ground; returns the reason of a
-        failure."""
+        """Run the motors with the reference slightly below the ground; returns the reason of a
+        failure, or ""."""
         if self.checklist is None or not self.checklist.spin or self.is_turning:
             return ""
         row = build_row_here(self.backend)
@@ -99,7 +99,7 @@ class Motions:
         return (yield from fly())
 
     def rest_then(self, fly: Callable[[], Motion]) -> Motion:
-        """Fold unfolded arms that carry nothing, as for take-off and landing."""
+        """Fold arms that carry nothing, as for take-off and landing, then start `fly`."""
         b = self.backend
         if "arms" in b.offers and not np.any(b.reference["load"] > 0.0):
             folded = posture(b.robot, "folded")

@@ -25,7 +25,7 @@ TURN_ACCELERATION = 1.0
 
 
 class Brake:
-    """The remaining motion that a new one interrupts: its velocity is brought to zero."""
+    """Braking of an interrupted motion: its velocity decreases to zero during the new one."""
 
     def __init__(self, start: Any, acceleration: float) -> None:
         """`start` is the present REFERENCE row; `acceleration` in m/s^2."""
@@ -36,7 +36,7 @@ class Brake:
         self.seconds = max(self.t, self.t_turn)
 
     def add(self, table: NDArray[Any]) -> None:
-        """Add it to the rows of the following motion, which begins at rest."""
+        """Add the braking to the rows of the following motion, which begins at rest."""
         way, v, a = _slow_down(table["t"], self.t)
         table["p_WB"] += way[:, None] * self.v
         table["v_WB"] += v[:, None] * self.v
@@ -49,7 +49,7 @@ class Brake:
 
 
 def _slow_down(t: Array, total: float) -> tuple[Array, Array, Array]:
-    """Return distance, speed and acceleration of 1 m/s that ends after `total` s."""
+    """Return distance, speed and acceleration of a braking from 1 m/s to rest in `total` s."""
     if total <= 0.0:
         return np.zeros_like(t), np.zeros_like(t), np.zeros_like(t)
     u = np.minimum(t, total)
@@ -70,7 +70,7 @@ class Moves:
         self.goal: Any = None
         """The last row of the last motion."""
         self.ends = 0.0
-        """Mission time (s) at which its reference ends."""
+        """Mission time (s) at which the reference of the last motion ends."""
 
     def _move(self, p: Array, yaw_change: float, least: float = 0.0) -> None:
         b, limits = self.backend, self.backend.limits
@@ -150,7 +150,7 @@ class Moves:
 
     @property
     def arc(self) -> LinkArc | None:
-        """The arc of a link that lies on the ground, None without one."""
+        """Arc of a swinging link, None for a robot without one."""
         return self.backend.arc
 
     def _follow_arc(self, arc: LinkArc, up: bool, height: float, here: bool = False) -> None:

@@ -1,9 +1,9 @@
-"""Compiled steps, and calling one by its address.
+"""Compilation of steps, and calls of their machine code by address.
 
-numba passes records by reference: a step that is compiled for records alone has the machine code
-`i32 step(ret**, error**, record*, record*, ...)`. No C wrapper is needed, the layouts of all
-records stand in the signature (hence in the key of numba's cache), and the status tells of
-exceptions. `check_calls` tests this convention once a process, before anything flies.
+numba passes records by reference: a step that takes only records has the machine code
+`i32 step(ret**, error**, record*, record*, ...)`. No C wrapper is needed. The signature contains
+the layouts of all records, hence also the key of numba's cache does. The returned status reports
+exceptions. `check_calls` tests this convention once a process, before the first flight.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def compile_step(function: Any, ports: Sequence[np.dtype[Any] | None]) -> tuple[
     return int(found.library.get_pointer_to_function(found.fndesc.llvm_func_name)), dispatcher
 
 
-@cache  # numba walks through the fields each time; dtypes that differ in alignment are equal
+@cache  # numba iterates over the fields each time; dtypes that differ in alignment are equal
 def _find_type(record: np.dtype[Any], _aligned: bool) -> Any:
     return from_dtype(record)
 
@@ -53,7 +53,7 @@ def _build_dispatcher(function: Any) -> Any:
 
 @intrinsic
 def call_step(typingctx: Any, function: Any, ports: Any, n: Any) -> Any:
-    """Call a step of `n` ports, whose addresses stand at `ports`; return its error, 0 for none."""
+    """Call a step of `n` ports with the addresses at `ports`; return its error, 0 for none."""
 
     def codegen(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         address, base, count = values
@@ -130,7 +130,7 @@ def _probe_absent(me, absent, other):  # type: ignore[no-untyped-def]
 def check_calls() -> None:
     """Test the calling convention: values, an absent port, an exception.
 
-    Raises RuntimeError where numba changed it.
+    Raises RuntimeError if numba has changed it.
     """
     x, y = np.zeros(1, PROBE), np.ones(1, PROBE)
     ports = np.array([x.ctypes.data, y.ctypes.data, 0], np.int64)

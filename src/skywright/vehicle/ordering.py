@@ -1,4 +1,4 @@
-"""The order of a schedule's rows: by slot, and within one by who fills what."""
+"""The order of a schedule's rows: by slot, and within a slot by the use of records."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from skywright.vehicle.component import SLOTS, Draws
 from skywright.vehicle.ports import FILL, READ, Port, Step
 
 Resolve = Callable[[Step, Port], Any]
-"""Returns the key of the record that a step's port leads to, None where it is absent."""
+"""Returns the key of the record of a step's port, None if the record is absent."""
 
 
 def order_steps(steps: Sequence[Step], resolve: Resolve) -> list[Step]:
     """Return the steps in the order in which they run.
 
-    Within a slot the step that fills a record comes first, then those that change it, then those
-    that read it; what this leaves open goes by name. Raises InputError for two that fill, or two
-    that change the same record in a slot, and for a cycle.
+    Within a slot the step that fills a record comes first, then the step that changes it, then
+    those that read it; remaining ties are ordered by name. Raises InputError if two steps fill or
+    two steps change the same record in a slot, or for a cycle.
     """
     out: list[Step] = []
     for slot in SLOTS:
@@ -34,7 +34,7 @@ def order_steps(steps: Sequence[Step], resolve: Resolve) -> list[Step]:
                 if i == j:
                     continue
                 if mine[i].component is mine[j].component:
-                    if j < i:  # as the class lists them
+                    if j < i:  # in the order of their class
                         graph[i].add(j)
                     continue
                 for key in a.keys() & b.keys():
@@ -57,7 +57,7 @@ def order_steps(steps: Sequence[Step], resolve: Resolve) -> list[Step]:
 
 
 def _list_uses(step: Step, resolve: Resolve) -> dict[Any, int]:
-    """What a step does with each record; the clock and MuJoCo's arrays are everybody's."""
+    """Return the use of each record by a step, except clock, MuJoCo's arrays and random numbers."""
     uses: dict[Any, int] = {}
     for port in step.ports:
         if port.record in (Clock, MuJoCo) or issubclass(port.record, Draws):

@@ -1,4 +1,4 @@
-"""A pilot's switch outside Skywright: what a back end whose vehicle has one overrides."""
+"""Interface to a pilot's switch outside Skywright; back ends of vehicles with one override it."""
 
 from __future__ import annotations
 
@@ -6,23 +6,23 @@ from collections.abc import Callable
 
 
 class NoPilotSwitch:
-    """A back end that nobody takes over behind Skywright's back."""
+    """A back end without a pilot's switch: only Skywright controls the vehicle."""
 
     piloted = False
-    """Whether a pilot flies by the vehicle's own controls."""
+    """Whether a pilot flies with the vehicle's own controls."""
     stopped = ""
-    """Why the motors stand although nothing here stopped them, "" otherwise."""
+    """Reason for motors that stopped without a command of Skywright, else ""."""
 
     def take_control(self) -> str:
-        """Take the platform back from a pilot; returns why not, or ""."""
+        """Take control from a pilot; returns the reason of a failure, or ""."""
         return ""
 
     def give_control(self) -> str:
-        """Give the platform to a pilot; returns why not, or ""."""
+        """Give control to a pilot; returns the reason of a failure, or ""."""
         return ""
 
     def on_say(self, say: Callable[[str], None]) -> None:
-        """Tell what happens to `say`, one line each."""
+        """Report events to `say`, one line each."""
 
     def close(self) -> None:
         """End the connection to the vehicle."""

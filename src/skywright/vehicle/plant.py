@@ -1,4 +1,4 @@
-"""Ports of the plant's side, which components of the robot's side cannot read."""
+"""Ports of the plant side, which robot-side components cannot read."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Wind(Output):
 
     varies: int  # 1: the air at each rotor differs from that at the body
     body_W: Vec3  # m/s, at the origin of B
-    rotor_W: Annotated[Array, MAX_ROTORS, 3]  # m/s, at every hub; where it varies
+    rotor_W: Annotated[Array, MAX_ROTORS, 3]  # m/s, at every hub, if `varies`
 
 
 class AirForce(Output):
@@ -45,9 +45,9 @@ class AirForce(Output):
 
 
 class Surface(Output):
-    """The tip relative to the pipe or structure that it must touch."""
+    """The tip relative to the pipe or structure."""
 
-    gap: float  # m, of the tip's sphere, negative inside; 1000 where there is no surface
+    gap: float  # m, of the tip's sphere, negative for penetration; 1000 without a surface
     gap_max: float  # m, since the last sample
     tilt: float  # rad, of the probe's axis from the inward normal
     normal: Vec3  # outward, in W
@@ -63,7 +63,7 @@ class Docking(Output):
 
 
 class JointTruth(Output):
-    """The joints of the arm, links' side."""
+    """The true joints of the arm, on the side of the links."""
 
     q: Annotated[Array, MAX_JOINTS]  # rad
     qd: Annotated[Array, MAX_JOINTS]  # rad/s

@@ -93,7 +93,7 @@ def _list_records(cls: Any) -> Mapping[str, type[Record]]:
 
 
 list_records: Callable[[Any], Mapping[str, type[Record]]] = cache(_list_records)
-"""The same, cached: building a vehicle calls it some hundred times."""
+"""`_list_records`, cached: building a vehicle calls it some hundred times."""
 
 
 def _read_ports(component: Component, function: Callable[..., None]) -> list[Port]:

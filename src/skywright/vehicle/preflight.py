@@ -1,4 +1,4 @@
-"""The pre-flight checklist: what is looked at before the motors turn, and with the spin check."""
+"""The pre-flight checklist: checks before the motors start, and the spin check of the motors."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ class Checked(NamedTuple):
     """One check of the list and its result."""
 
     name: str
-    value: float  # NaN: nothing measures it
+    value: float  # NaN: not measured
     limit: float
     unit: str
     passed: bool
-    says: str  # for a message, as `battery 0.15, at least 0.3 required`
+    says: str  # text for messages, e.g. `battery 0.15, at least 0.3`
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON: a value that is not measured or not finite is null."""
@@ -73,7 +73,7 @@ def check_rotors(checklist: Checklist, b: Backend) -> Checked:
 
 
 def read_charge(b: Backend) -> float:
-    """Return the share of the battery's energy that is left, by its gauge; NaN without one."""
+    """Return the remaining share of the battery's energy from its gauge; NaN without one."""
     try:
         return float(b.look(Telemetry).charge)
     except InputError:

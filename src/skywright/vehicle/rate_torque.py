@@ -1,4 +1,4 @@
-"""What a law answers rates of the body with, measured on its own step."""
+"""Torque of a law per body rate, by finite differences of its step."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from skywright.vehicle.component import Law
 from skywright.vehicle.ports import Port, Step
 
 STEP = 1e-3
-"""rad/s, each way."""
+"""rad/s, step of the central difference."""
 
 
 def measure_rate_torque(assembly: Assembly, law: Law) -> NDArray[np.float64] | None:
-    """Return N m (3, 2): by how much the law's torque changes for 1 rad/s of roll and pitch.
+    """Return the derivative (3, 2) N m s/rad of the law's torque by the roll and pitch rates.
 
-    It is called as plain Python on the records of this moment, which are put back. None: the law
+    The law runs as plain Python on the present records, which are restored. Returns None if the law
     reads no estimate, commands no torque, or raises.
     """
     i = next((i for i, s in enumerate(assembly.steps) if s.component is law), None)
@@ -34,7 +34,7 @@ def measure_rate_torque(assembly: Assembly, law: Law) -> NDArray[np.float64] | N
                 seen["w_WB_B"][0, axis] += sign * STEP
                 assembly.run_python(i)
                 out[:, axis] += sign * commanded["t_B"][0] / (2.0 * STEP)
-    except Exception:  # a user's step, which has failed in flight then, too
+    except Exception:  # a user's step; it fails in flight too
         return None
     finally:
         assembly.restore(state)
@@ -42,7 +42,7 @@ def measure_rate_torque(assembly: Assembly, law: Law) -> NDArray[np.float64] | N
 
 
 def _find(assembly: Assembly, step: Step, record: type) -> NDArray[np.void] | None:
-    """The record (1,) that a step has at a port."""
+    """Return the record (1,) at a port of a step."""
     ports: list[Port] = [p for p in step.ports if p.record is record]
     key = assembly.resolve(step, ports[0]) if ports else None
     return None if key is None else assembly.records[key]

@@ -1,4 +1,4 @@
-"""Readings of the built-in sensors: the ports between the plant's sensors and the robot's side.
+"""Readings of the built-in sensors: the ports from the plant's sensors to the robot side.
 
 Units are SI and radians, frames as in bus.py. `t` is the time of the sample, `fresh` 1 if it is new
 in this tick (component.py: Output).
@@ -100,5 +100,5 @@ class TipForce(Output):
 class Telemetry(Output):
     """Data from the electronics of battery and motors."""
 
-    charge: float  # share of the battery's energy that is left
+    charge: float  # remaining share of the battery's energy
     speed: Annotated[Array, MAX_ROTORS]  # rad/s, of each rotor

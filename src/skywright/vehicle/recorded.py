@@ -58,12 +58,12 @@ class RecordedVehicle(NoPilotSwitch):
 
     @property
     def actuators(self) -> Actuators:
-        """There are none."""
+        """Empty: a recording has no actuators."""
         return Actuators({}, f"none, {self.refuses}")
 
     @property
     def devices(self) -> Devices:
-        """There are none."""
+        """Empty: a recording has no devices."""
         return Devices(self, frozenset(), self.refuses)
 
     @property
@@ -109,12 +109,12 @@ class RecordedVehicle(NoPilotSwitch):
 
     @property
     def tracking(self) -> tuple[NDArray[Any], float]:
-        """The row of the sample only: a recording has no table."""
+        """The row of the sample and time 0, because a recording has no table."""
         return self.reference[None], 0.0
 
     @property
     def reference_now(self) -> Any:
-        """The same."""
+        """As `reference`."""
         return self.reference
 
     @property

@@ -1,4 +1,4 @@
-"""The recorder: copies fields of records into samples, by a list that components contribute."""
+"""The recorder: copies fields of records into samples; components declare the fields."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ SAMPLES_A_TICK = 16
 """More than one mission tick can write."""
 MAX_ITEMS = 64
 MOVE = 5
-"""Numbers of a move: source's address, byte in the row, words, 1 for a rotation, bytes to the same
-of the next row of a batch."""
+"""Numbers of a move: source's address, byte in the row, words, 1 for a rotation, stride in bytes to
+the next row of a batch."""
 
 
 class Recorder(Component):
-    """Writes a row of the samples at SAMPLE_RATE; the vehicle takes them before they are full.
+    """Writes a row of samples at SAMPLE_RATE; the vehicle takes them before the buffer is full.
 
-    Columns of components that a vehicle lacks do not exist.
+    A vehicle records only the columns of its own components.
     """
 
     slot, side = "record", "plant"
@@ -128,7 +128,7 @@ class Recorder(Component):
         self._me = me
 
     def get_period(self, step: str, context: Any) -> float:
-        """One row a sample."""
+        """Return the sample period (s)."""
         return 1.0 / SAMPLE_RATE
 
     @property
@@ -150,7 +150,7 @@ class Recorder(Component):
         )
 
     def take(self) -> NDArray[Any]:
-        """Return a copy of the rows written so far, and begin anew."""
+        """Return a copy of the rows written so far, and clear the buffer."""
         n, self._me.n = int(self._me.n), 0
         self._newest = n - 1 if n else self._newest
         raw = self._rows.view(np.uint8)[: n * self.dtype.itemsize]
@@ -163,7 +163,7 @@ class Recorder(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Every vehicle has one."""
+        """Yield one for every vehicle."""
         yield cls("recorder")
 
 

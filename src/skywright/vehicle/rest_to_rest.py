@@ -1,4 +1,4 @@
-"""Rest-to-rest motion: the quintic that generated reference tables are made of."""
+"""Rest-to-rest motion: the quintic polynomial of generated reference tables."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def quintic(u: Array) -> tuple[Array, Array, Array]:
 
 
 def duration(distance: float, speed: float, acceleration: float) -> float:
-    """Shortest rest-to-rest quintic time (s) within a speed and an acceleration."""
+    """Return the shortest time (s) of a rest-to-rest quintic within a speed and an acceleration."""
     return max(1.875 * distance / speed, math.sqrt(5.7735 * distance / acceleration), ROW_PERIOD)
 
 
@@ -29,15 +29,15 @@ class Straight(NamedTuple):
 
     table: NDArray[Any]  # (n,) of REFERENCE: time, p_WB, v_WB, a_WB filled, the rest as given
     u: Array  # (n,) share of the time
-    s: Array  # (n,) share of the way, then its rates (1/s, 1/s^2)
+    s: Array  # (n,) share of the distance, then its rates (1/s, 1/s^2)
     ds: Array
     dds: Array
 
 
 def build_straight(start: Any, end: Any, delta: Array, total: float) -> Straight:
-    """Move the REFERENCE row `start` by `delta` (3,) in `total` s or just above.
+    """Move the REFERENCE row `start` by `delta` (3,) m in `total` s, rounded up to whole rows.
 
-    Rows are copies of `end` but for time and position.
+    Rows are copies of `end` except for time, position and its derivatives.
     """
     n = max(math.ceil(total / ROW_PERIOD), 1)
     total = n * ROW_PERIOD

@@ -1,4 +1,4 @@
-"""Result of a command, and the handle of a command in execution."""
+"""Result of a command, and handle of a command in execution."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Result(NamedTuple):
     """Result of a command. It is true if the command succeeded."""
 
     ok: bool
-    reason: str = ""  # why not, or what ended it
+    reason: str = ""  # of a failure, or of the end
     t_s: float = 0.0  # mission time at which it ended
 
     def __bool__(self) -> bool:
@@ -21,25 +21,25 @@ class Result(NamedTuple):
 
 
 class Handle:
-    """A command that was given: `done`, `result`, `wait()`. It is true unless it failed."""
+    """Handle of a command: `done`, `result`, `wait()`. It is true unless the command failed."""
 
     def __init__(self, command: Command | ArmCommand, tick: Callable[[], object]) -> None:
         self.command, self._tick = command, tick
         self.result: Result | None = None
-        """None while it is under way."""
+        """None during the execution."""
 
     @property
     def done(self) -> bool:
-        """Whether it has ended, in one way or another."""
+        """Whether the command has ended, with success or not."""
         return self.result is not None
 
     def end(self, result: Result) -> None:
-        """Set the result; the first one remains."""
+        """Set the result; later calls have no effect."""
         if self.result is None:
             self.result = result
 
     def wait(self) -> Result:
-        """Fly until it has ended; returns how."""
+        """Advance the vehicle until the command has ended; returns the result."""
         while self.result is None:
             self._tick()
         return self.result

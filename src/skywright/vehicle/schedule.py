@@ -1,6 +1,6 @@
 """The tick: executes the rows of a schedule. It is independent of components and compiled once.
 
-A row is a step: the address of its machine code and of its ports. Random numbers are ports with a
+A row is a step: the addresses of its machine code and of its ports. Random numbers are ports with a
 moving address: the base plus the clock's row of the block times a stride.
 """
 
@@ -23,7 +23,7 @@ ROW = np.dtype(
         ("n_draws", np.int64),  # number of ports with a moving address
         ("draw_port", np.int64, MAX_PORTS),
         ("draw_base", np.int64, MAX_PORTS),  # address of the block
-        ("draw_stride", np.int64, MAX_PORTS),  # bytes a row of the block
+        ("draw_stride", np.int64, MAX_PORTS),  # bytes per row of the block
         ("every", np.int64),  # control ticks between calls
         ("phase", np.int64),  # tick modulo `every` at which it is called
         ("fast", np.int64),  # 1: called after each physics step
@@ -59,7 +59,7 @@ def run_rows(at: int, first: int, last: int, clock_at: int) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def repeat_row(at: int, row: int, clock_at: int, n: int) -> None:
-    """Call a row `n` times, to time it."""
+    """Call a row `n` times, to measure its run time."""
     for _ in range(n):
         run_rows(at, row, row + 1, clock_at)
 
@@ -68,7 +68,7 @@ def repeat_row(at: int, row: int, clock_at: int, n: int) -> None:
 def run_ticks(
     at: int, n_control: int, n_all: int, clock_at: int, model: int, data: int, n: int, n_steps: int
 ) -> None:
-    """Run up to `n` control ticks of `n_steps` physics steps each, fewer when a guard fires."""
+    """Run up to `n` control ticks of `n_steps` physics steps each; a fired guard ends the run."""
     clock = carray(as_pointer(clock_at), 1, CLOCK)[0]
     for _ in range(n):
         if run_rows(at, 0, n_control, clock_at):

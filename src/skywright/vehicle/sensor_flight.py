@@ -1,7 +1,7 @@
-"""Simulated flights under a bridge, seen by a total station and a tracking camera.
+"""Simulated flights under a bridge, measured by a total station and a tracking camera.
 
-A flight is a smooth path through way-points; the sensors are those of `sim/`. Truth, station and
-camera are kept apart: the station in W on its own clock, the camera in its own frame.
+A flight is a smooth path through way-points. The sensor models are models/total_station.py and
+models/tracking_camera.py. The station measures in W on its own clock, the camera in its own frame.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ from skywright.models.tracking_camera import (
 Array = NDArray[np.float64]
 
 STEP = 0.005
-"""s, of the simulation: the camera's period."""
+"""s, time step of the simulation and period of the camera."""
 CHUNK = 2000
 """Steps between refills of the noise (10 s)."""
 STATION_AT = np.array([-18.0, -9.0, 1.6])
-"""m, where the station stands, beside the river."""
+"""m, position of the station in W, beside the river."""
 PRISM = np.array([0.05, 0.0, 0.12])
-"""m, prism on the robot."""
+"""m, position of the prism in B."""
 
 
 class Path(NamedTuple):
-    """Truth: a rigid body at a fixed rate."""
+    """True motion of a rigid body, sampled at a fixed rate."""
 
     t: Array  # (n,) s
     p_WB: Array  # (n, 3) m
@@ -53,15 +53,15 @@ class Path(NamedTuple):
 
 
 class Flight(NamedTuple):
-    """A simulated flight as its files hold it, and the truth."""
+    """Sensor data of a simulated flight, as in its files, and the truth."""
 
     truth: Path
     station: Trajectory  # W, stamped on the station's clock
     camera: Trajectory  # C, on its own clock
-    station_delay: float  # s: station's stamp - true time, in the mean
+    station_delay: float  # s, mean of station's stamp - true time
     R_CW: Array
     errors: CameraErrors
-    prism: Array  # (3,) m, on the robot
+    prism: Array  # (3,) m, in B
 
     @property
     def p_WP(self) -> Array:
@@ -70,8 +70,8 @@ class Flight(NamedTuple):
 
 
 def build_path(points: Array, times: Array, yaw: Array) -> Path:
-    """A path through way-points (k, 3) m at times (k,) s with headings (k,) rad, at rest at both
-    ends. The body leans with the acceleration, as a multirotor does.
+    """Return a path through way-points (k, 3) m at times (k,) s with headings (k,) rad, at rest at
+    both ends. The body tilts with the acceleration like a multirotor.
     """
     t = np.arange(0.0, times[-1] + 0.5 * STEP, STEP)
     line = CubicSpline(times, points, bc_type="clamped")
@@ -84,15 +84,15 @@ def build_path(points: Array, times: Array, yaw: Array) -> Path:
     return Path(t, line(t), np.stack([np.cross(y, z), y, z], axis=2))
 
 
-CALIBRATION_SPEED = 0.7  # m/s, mean, of the flight that tells the sensors' errors
+CALIBRATION_SPEED = 0.7  # m/s, mean speed of the flight that calibrates the sensors
 
 
 def build_inspection_path(
     seed: int, duration: float = 100.0, speed: float = 0.5, flat_until: float = 0.0
 ) -> Path:
-    """A flight as under a bridge: a random walk through a box of 6 x 5 x 3 m from (-1.5, -1, 1).
+    """Return a path as under a bridge: a random walk in a box of 6 x 5 x 3 m from (-1.5, -1, 1).
 
-    `speed` (m/s) is the mean; `flat_until` (s) keeps to one height, within 5 cm, until then.
+    `speed` (m/s) is the mean speed. Until `flat_until` (s) the height is constant within 5 cm.
     """
     rng = build_stream(seed, "planner")
     every = 3.0  # s between way-points
@@ -126,11 +126,11 @@ def simulate_flight(
     station_clock: float = 0.0,
     camera_clock: float = 0.0,
 ) -> Flight:
-    """What the sensors record of a path; `blocked` (s) are times without line of sight.
+    """Simulate the sensors along a path; `blocked` (s) are intervals without line of sight.
 
-    The clocks stand at `station_clock` and `camera_clock` (s) when the flight starts.
-    `arrival_stamps`: the station's samples are not stamped by the instrument when it measures but
-    by the receiver when they arrive, so each is late by another time.
+    `station_clock` and `camera_clock` (s) are the clocks' readings at the start of the flight. With
+    `arrival_stamps` the receiver stamps the station's samples when they arrive, instead of the
+    instrument when it measures, so the delay differs between samples.
     """
     errors = errors or CameraErrors()
     station_rng, camera_rng = build_stream(seed, "station"), build_stream(seed, "camera")
@@ -152,7 +152,7 @@ class Seen(NamedTuple):
 
     station: Trajectory
     camera: Trajectory
-    delay: float  # s: station's stamp - true time, in the mean
+    delay: float  # s, mean of station's stamp - true time
 
 
 def record_flight(
@@ -167,7 +167,7 @@ def record_flight(
     station_clock: float = 0.0,
     camera_clock: float = 0.0,
 ) -> Seen:
-    """Fly a path past (1,) arrays of Station and Tracker; see `simulate_flight`."""
+    """Run (1,) arrays of Station and Tracker along a path; see `simulate_flight`."""
     ts, cam = station, camera
     n = len(path.t)
     visible = np.ones(n, dtype=np.bool_)

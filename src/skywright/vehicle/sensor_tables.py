@@ -1,4 +1,4 @@
-"""What the plant's components are built from: sensors are not as their data sheets say."""
+"""Tables of the plant's components: the noise of true sensors differs from their data sheets."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ T = TypeVar("T", bound=Spec)
 
 
 def get_true_table(table: T, sensor: str, context: PlantContext) -> T:
-    """Return the table of a sensor of the plant with the noise that it truly has."""
+    """Return the table of a sensor of the plant with its true noise."""
     return deviate_noise(table, sensor, context.deviation.sensor_noise_error, context.seed)
 
 
 def get_table(component: Component, context: Any) -> Any:
-    """Return the table that a component is built from."""
+    """Return the table from which a component is built."""
     if component.group != "sensor" or not isinstance(context, PlantContext):
         return component.table
     return get_true_table(component.table, component.name, context)

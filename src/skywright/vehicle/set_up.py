@@ -1,4 +1,4 @@
-"""What a simulated vehicle starts from: its rates, the bus, the reference at rest."""
+"""Initial state of a simulated vehicle: rates, bus, and reference at rest."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 
 def fill_bus(assembly: Assembly, sim: Simulation, scene: Scene, dt: float) -> None:
-    """Tell the clock its periods (s) and the components where MuJoCo's arrays are."""
+    """Set the clock's periods (s), and the addresses and sizes of MuJoCo's arrays."""
     clock, mj = assembly.get(Clock), assembly.get(MuJoCo)
     clock["dt"], clock["h"] = dt, scene.model.opt.timestep
     for name, array in sim.arrays.items():
@@ -41,9 +41,9 @@ def fill_bus(assembly: Assembly, sim: Simulation, scene: Scene, dt: float) -> No
 def build_home_row(
     nominal: Nominal, world: World, home: tuple[Array, Array, Array], yaw: float
 ) -> NDArray[Any]:
-    """Return the reference of a robot that stands at its start with its motors off, (1,).
+    """Return the reference (1,) of a robot at rest at its start with its motors off.
 
-    `home` is the pose that scene.home_pose gives, `yaw` (rad) the heading.
+    `home` is the pose that scene.home_pose returns, `yaw` (rad) the heading.
     """
     p, q_WB, q = home
     table = np.zeros(1, REFERENCE)
@@ -73,7 +73,7 @@ def list_offers(robot: Robot) -> frozenset[str]:
 def check_rate(robot: Robot, timestep: float = TIMESTEP) -> tuple[int, float]:
     """Return the physics steps of a control tick, and its period (s).
 
-    Raises InputError where the control rate does not divide the rate of the physics.
+    Raises InputError if the control rate does not divide the rate of the physics.
     """
     rate = robot.control.rate_hz
     n_steps = round(1.0 / (rate * timestep))

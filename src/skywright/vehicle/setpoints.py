@@ -1,8 +1,8 @@
-"""Values that a mission sets of actuators, by the names under which they are recorded.
+"""Setpoints of actuators that a mission sets, by the names of their recorded columns.
 
     vehicle.actuators["winch_speed"] = 0.2
 
-A value holds until another one is set. It goes down a link like all that the robot is told.
+A value holds until another one is set. A control link delays it like every other command.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ class Place(NamedTuple):
 
 
 def check_limits(component: Component, columns: Iterable[str]) -> None:
-    """Raise InputError where `limits` of a component are not (least, most) of such `columns`.
+    """Raise InputError if `limits` of a component are not (least, most) pairs of its `columns`.
 
-    A limit of a mistyped name would hold nothing.
+    A limit with a mistyped name would have no effect.
     """
     where, limits = f"component {component.name!r}: limits", component.limits
     if not isinstance(limits, Mapping):
@@ -52,10 +52,10 @@ def check_limits(component: Component, columns: Iterable[str]) -> None:
 
 
 class Actuators(Mapping[str, Array]):
-    """The values that a mission may set, by column; reading one gives what was set last."""
+    """The setpoints that a mission may set, by column; reading one returns the last set value."""
 
     def __init__(self, places: Mapping[str, Place], lacks: str = "none") -> None:
-        """`lacks` is what there is in place of actuators."""
+        """`lacks` is the text of messages about a vehicle without actuators."""
         self._places, self._lacks = places, lacks
 
     def __getitem__(self, name: str) -> Array:
@@ -71,10 +71,10 @@ class Actuators(Mapping[str, Array]):
         return len(self._places)
 
     def check(self, name: str, value: ArrayLike) -> Array:
-        """Return a value as it would be set.
+        """Return the value as an array, without setting it.
 
-        Raises InputError for a name that is unknown, another number of values, one that is not
-        finite, and one beyond the limits of its component.
+        Raises InputError for an unknown name, a wrong number of values, a value that is not finite,
+        or a value beyond the limits of its component.
         """
         at, column, component = self._find(name)
         size = at.size if at.shape else 0

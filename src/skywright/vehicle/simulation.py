@@ -1,4 +1,4 @@
-"""The plant's MuJoCo model and data, with the arrays that compiled code reads and writes."""
+"""MuJoCo model and data of the plant, with the arrays that compiled code reads and writes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 def _ignore_warning(text: str) -> None:
-    """What MuJoCo warns of is seen in the state; by itself it appends to MUJOCO_LOG.TXT."""
+    """Ignore MuJoCo's warnings, which it would write to MUJOCO_LOG.TXT; the state is checked."""
 
 
 mujoco.set_mju_user_warning(_ignore_warning)
@@ -22,15 +22,15 @@ class Simulation:
     """Owns the plant's MjData; the arrays are views, valid as long as this object lives."""
 
     def __init__(self, scene: Scene, home: tuple[Array, Array, Array]) -> None:
-        """`home` is (p_WB, q_WB, q): where the robot starts, at rest."""
+        """`home` is (p_WB, q_WB, q), the robot's initial pose at rest."""
         self.scene = scene
-        # a diverged state must be seen, not reset behind our back
+        # no automatic reset: a diverged state must remain detectable
         scene.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         self.data = mujoco.MjData(scene.model)
         set_pose(scene, self.data, *home)
         self.data.act[:] = 0.0
         mujoco.mj_forward(scene.model, self.data)
-        # servos start where they are: their integrated command equals the motor's angle
+        # servos start at rest: their integrated command equals the motor's angle
         address = scene.model.actuator_actadr
         self.data.act[address[address >= 0]] = self.data.actuator_length[address >= 0]
         d = self.data
@@ -47,7 +47,7 @@ class Simulation:
 
     @property
     def arrays(self) -> dict[str, Array]:
-        """MuJoCo's arrays by their names in vehicle.bus.MuJoCo; they never move."""
+        """MuJoCo's arrays by their names in vehicle.bus.MuJoCo; their addresses are constant."""
         d = self.data
         return {
             "qpos": d.qpos, "qvel": d.qvel, "sensordata": d.sensordata, "site_xpos": d.site_xpos,
@@ -57,7 +57,7 @@ class Simulation:
         }  # fmt: skip
 
     def save(self) -> tuple[mujoco.MjData, Array]:
-        """Return a copy of the physics: a forward pass would not give back what it derived."""
+        """Return a copy of all data; a forward pass would not restore the derived quantities."""
         model = self.scene.model
         copy = mujoco.MjData(model)
         mujoco.mj_copyData(copy, model, self.data)
@@ -70,7 +70,7 @@ class Simulation:
 
 
 class Snapshot:
-    """The full physics state of a simulation, to come back to."""
+    """A saved physics state of a simulation, which `restore` sets again."""
 
     def __init__(self, sim: Simulation) -> None:
         model, data = sim.scene.model, sim.data

@@ -1,4 +1,4 @@
-"""One component of a vehicle, stepped alone on records of one's own: a law, an estimator."""
+"""Stepping of a single component, a law or an estimator, with inputs that the caller sets."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ ESTIMATES = np.dtype(
         ("w_WB_B", "<f8", 3), ("p_std", "<f8", 3), ("ready", "?"),
     ]
 )  # fmt: skip
-"""One row of what `run_estimator` returns."""
+"""One row of the result of `run_estimator`."""
 
 
 class Stepped:
-    """Rows of a vehicle's schedule that run alone; nothing else of the vehicle does."""
+    """Runs some rows of a vehicle's schedule without the rest of the vehicle."""
 
     def __init__(self, vehicle: SimulatedVehicle, components: list[Component]) -> None:
         self.vehicle, self.assembly = vehicle, vehicle.assembly
@@ -43,7 +43,7 @@ class Stepped:
         ]  # fmt: skip
         self.rows = [*model, *mine]
         self.ports: dict[str, Any] = {}
-        """The records that it reads and fills, by the names of its step's parameters."""
+        """The records that the steps read and fill, by the names of the steps' parameters."""
         for i in mine:
             for port in a.steps[i].ports:
                 key = None if issubclass(port.record, Draws) else a.resolve(a.steps[i], port)
@@ -52,7 +52,7 @@ class Stepped:
         self._clock = a.get(Clock)
 
     def run(self) -> None:
-        """Run the rows that are due and advance the clock; raises SimulationError as flights do."""
+        """Run the due rows and advance the clock; raises SimulationError if a step raises."""
         a, clock = self.assembly, self._clock
         at, clock_at = int(a.rows.ctypes.data), a.address(Clock)
         a.refill(1, self.vehicle.n_steps)
@@ -66,7 +66,7 @@ class Stepped:
         end_control(clock_at)
 
     def find(self, record: type[Record]) -> Any:
-        """Return the record of a class that it reads or fills, or None."""
+        """Return the record of a class that the steps read or fill, or None."""
         for view in self.ports.values():
             if view.dtype == record.dtype:
                 return view
@@ -74,10 +74,11 @@ class Stepped:
 
 
 class LawStep(Stepped):
-    """A control law that is stepped on one's own state: set `reference` and `estimate`, `step()`.
+    """A control law that runs alone: set `reference` and `estimate`, then call `step()`.
 
-    Both start at rest over the mission's start, so that the first command carries the robot.
-    Fields are those of docs/reference/python.md; SI, radians. What else a law reads is in `ports`.
+    Both are initially at rest at the mission's start, so the first command supports the robot's
+    weight. docs/reference/python.md lists the fields; units are SI and radians. `ports` has the
+    other records that the law reads.
     """
 
     def __init__(self, vehicle: SimulatedVehicle) -> None:
@@ -94,8 +95,8 @@ class LawStep(Stepped):
     def step(self) -> Any:
         """Run the law once; returns a copy of its command.
 
-        `f_B` (3,) N and `t_B` (3,) N m that the rotors shall make at B's origin, `qd` rad/s (or
-        `torque` N m) of the joints. The law's integrals go on from step to step.
+        The command has the wrench of the rotors at B's origin, `f_B` (3,) N and `t_B` (3,) N m, and
+        `qd` rad/s (or `torque` N m) of the joints. The law keeps its integrals between steps.
         """
         self.run()
         return View(self.command.copy())
@@ -122,7 +123,7 @@ class EstimatorRun(Stepped):
         self, t: Array, gyro: Array, accel: Array, t_fix: Array, p_fix: Array,
         R_fix: Array | None, heading: Array | None,
     ) -> Any:  # fmt: skip
-        """Return the estimates, one a control tick; skywright.run_estimator has the arguments."""
+        """Return the estimates, one a control tick; for the arguments see run_estimator."""
         h = float(np.median(np.diff(t)))
         imu, room = self.find(ImuBatch), len(self.find(ImuBatch).gyro)
         k = int(np.clip(round(self.vehicle.dt / h), 1, room))
@@ -145,7 +146,7 @@ class EstimatorRun(Stepped):
             target.fresh = 0.0
             due = int(np.searchsorted(t_fix, now + 0.5 * h, "right"))
             if due > nxt:
-                nxt = due - 1  # the newest, where fixes come faster than control ticks
+                nxt = due - 1  # the newest fix, if several came since the last control tick
                 target.fresh, target.t = 1.0, float(t_fix[nxt])
                 if mocap is not None and R_fix is not None:
                     self._set_pose(mocap, p_fix[nxt], R_fix[nxt])
@@ -163,7 +164,7 @@ class EstimatorRun(Stepped):
         return out
 
     def _set_pose(self, mocap: Any, p_WB: Array, R_WB: Array) -> None:
-        """A sample of motion capture; the probe is told where the nominal arm has it."""
+        """Fill a sample of motion capture; the probe's pose follows from the nominal arm."""
         v = self.vehicle
         mocap.p_WB, mocap.R_WB = p_WB, R_WB
         if v.n_joints:
@@ -171,7 +172,7 @@ class EstimatorRun(Stepped):
             mocap.p_WT, mocap.axis_W = p_WB + R_WB @ p_BT, (R_WB @ R_BT)[:, 2]
 
     def _set_period(self, h: float, dt: float) -> None:
-        """Tell the estimator how often inertial samples come, and it runs."""
+        """Set the estimator's periods (s): `h` of inertial samples, `dt` of its steps."""
         for view in self.ports.values():
             names = view.dtype.names
             if "h" in names and "dt" in names and view.dtype != Clock.dtype:

@@ -1,4 +1,4 @@
-"""Raw samples of sensors: each recorded at its own time, at the rate of its sensor.
+"""Recording of raw samples of sensors, each with its own time, at the rate of the sensor.
 
 Samples are copied at the sensor, before a link delays or loses them, into buffers that the vehicle
 empties between mission ticks.
@@ -124,7 +124,7 @@ class StreamRecorder(Component):
 def _find_source(
     records: dict[Any, NDArray[Any]], streamed: Streamed, name: str
 ) -> NDArray[Any] | None:
-    """Return the (1,) record that a component fills: on its side of a link."""
+    """Return the (1,) record that a component fills, on the sending side of a link."""
     record = streamed.columns[0].source
     names = (name_near(name), name_near(""), name, "")
     return next((records[record, n] for n in names if (record, n) in records), None)

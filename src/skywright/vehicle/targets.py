@@ -1,4 +1,4 @@
-"""Where tracked things are, as the robot believes: the mean of motion capture's samples of them."""
+"""Estimated poses of tracked things: running means of their motion-capture samples."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ from skywright.vehicle.component import Component, Out, Output, helper
 from skywright.vehicle.readings import TargetCapture
 
 PIPE = "pipe"
-"""Name of the world's pipe among what is tracked."""
+"""Name of the world's pipe in the list of tracked targets."""
 STANDS = 1.0
-"""s, after which the mean has forgotten where something was that is not meant to move."""
+"""s, time constant of the mean for things that are fixed."""
 CARRIED = 0.15
-"""s, likewise of what is carried or lies loose."""
+"""s, time constant of the mean for movable things and things on them."""
 LOST = 1.0
-"""s without a sample after which the mean begins anew."""
+"""s without a sample after which the mean starts again."""
 NEVER = 1e3
-"""s, age of a target that was not measured yet."""
+"""s, age of a target that has not been measured."""
 
 
 class Target(Output):
-    """Where a target is."""
+    """Estimated pose of a target."""
 
     p_WO: Vec3  # m
     R_WO: Mat3
-    age: float  # s, since it was last seen
-    samples: float  # in the mean, 0: none came yet
+    age: float  # s, since the last sample
+    samples: float  # number of samples in the mean
 
 
 class TargetEstimate(Component):
@@ -58,7 +58,7 @@ class TargetEstimate(Component):
             yield cls(f"{name} target")
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """No sample came yet."""
+        """Set the time constant, and start with no sample."""
         things, name = context.world.things, self.name.removesuffix(" target")
         moves = name in things and (things[name].movable or find_carrier(things, name) is not None)
         me.memory = CARRIED if moves else STANDS
@@ -75,7 +75,7 @@ class TargetEstimate(Component):
 
 @helper
 def take_sample(target: Any, p: Any, R: Any, memory: float) -> None:
-    """Take a sample (p (3,) m, R (3, 3)) into the mean, which forgets within `memory` (s)."""
+    """Add a sample (p (3,) m, R (3, 3)) to the mean, with the time constant `memory` (s)."""
     if target.age > LOST:
         target.samples = 0.0
     target.samples += 1.0
@@ -89,7 +89,7 @@ def take_sample(target: Any, p: Any, R: Any, memory: float) -> None:
 
 
 def list_tracked(robot: Robot, world: World) -> list[str]:
-    """List what motion capture tracks: the pipe (PIPE) and things; a camera sees markers itself."""
+    """List the targets of motion capture: PIPE and things, without markers if there is a camera."""
     if not world.tracks_markers:
         return []
     pipe = [PIPE] if world.pipe is not None and world.pipe.tracked else []

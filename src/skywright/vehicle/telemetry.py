@@ -1,7 +1,7 @@
-"""What a vehicle tells of itself, by name: the streams of UAL and of the arms.
+"""Telemetry of a vehicle by name: the streams of UAL and of the arms.
 
-Each is read from the robot's side, as it is at the last control tick. W is ENU, B the platform
-(FLU); quaternions are wxyz.
+Each function reads the robot side at the last control tick. W is ENU, B the platform (FLU);
+quaternions are wxyz.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Pose(NamedTuple):
 
 
 class Odometry(NamedTuple):
-    """Pose of B in W and its speeds."""
+    """Pose and velocity of B in W."""
 
     pose: Pose
     v_WB: Array  # (3,) m/s
@@ -41,22 +41,22 @@ class JointState(NamedTuple):
     """The arms' joints."""
 
     t: float  # s
-    q: Array  # (n,) rad, output side, as estimated
+    q: Array  # (n,) rad, estimated, of the output links
     qd: Array  # (n,) rad/s
     q_reference: Array  # (n,) rad
 
 
 class HandStates(NamedTuple):
-    """Compliant arms, by hand ("left", "right"); empty where nothing tells it."""
+    """Compliant arms, by hand ("left", "right"); empty without compliant arms."""
 
     tips: dict[str, Array]  # (3,) m in W
-    forces: dict[str, Array]  # (3,) N in W, on what the hand touches, as estimated
-    deflections: Array  # (n,) rad, as measured
-    torques: Array  # (n,) N m, that the springs carry: stiffness times deflection
+    forces: dict[str, Array]  # (3,) N in W, estimated, on the touched object
+    deflections: Array  # (n,) rad, measured
+    torques: Array  # (n,) N m, of the springs: stiffness times deflection
 
 
 def read_odometry(b: Backend) -> Odometry:
-    """Return pose and speeds of the platform as estimated."""
+    """Return estimated pose and velocity of the platform."""
     est = b.estimate
     return Odometry(
         _pose(b.t, est["p_WB"], est["R_WB"]), np.array(est["v_WB"]), np.array(est["w_WB_B"])
@@ -111,7 +111,7 @@ def read_hands(b: Backend) -> HandStates:
 
 
 def read_battery(b: Backend) -> float:
-    """Return the share of the battery's energy that is left; NaN where nothing measures it."""
+    """Return the remaining share of the battery's energy; NaN if it is not measured."""
     return read_charge(b)
 
 

@@ -14,11 +14,11 @@ from skywright.vehicle.native import read_error
 from skywright.vehicle.schedule import end_control, run_rows, run_ticks
 
 Stretch = tuple[int, int]
-"""Rows from the first to before the last that run in one call; the last is -1 for a Python row."""
+"""Rows first to last - 1, which run in one call; last is -1 for a row in plain Python."""
 
 
 class StepFailed(SimulationError):
-    """A step of the robot's own computer raised, gave no finite number, or did not return."""
+    """A robot-side step raised, returned a number that is not finite, or did not return."""
 
     def __init__(self, says: str, component: Component | None = None) -> None:
         """`component` is the one that failed; None: the control law."""
@@ -49,7 +49,7 @@ class Ticker:
         self._fast, self._stop, self._error = clock["fast"], clock["stop"], clock["error"]
         self._failed, self._running = clock["failed"], clock["running"]
         self.since: float | None = None  # of time.monotonic(), while a mission tick runs
-        self.stuck = ""  # what a time limit says of the step that it interrupts
+        self.stuck = ""  # message of the time limit that interrupts a step
         self._python_row = -1
         slow = assembly.list_python_rows()
         n_control, n_all = assembly.n_control, len(assembly.rows)
@@ -57,10 +57,10 @@ class Ticker:
         self._after_step = list_stretches(n_control, n_all, slow)
 
     def run(self, n: int, interactive: bool) -> None:
-        """Run up to `n` control ticks, fewer when a guard fires.
+        """Run up to `n` control ticks; a fired guard ends the run.
 
-        Raises SimulationError where a step raises, naming the component: StepFailed where that is
-        one of the robot's side.
+        Raises SimulationError with the name of the component if a step raises: StepFailed if it is
+        a robot-side component.
         """
         self._stop[0] = 0
         self.since = time.monotonic()
@@ -94,7 +94,7 @@ class Ticker:
                 return
 
     def _run_stretches(self, stretches: list[Stretch]) -> bool:
-        """Run the rows that are due; True when the tick must end at once."""
+        """Run the rows that are due; returns True if the tick must end at once."""
         for first, last in stretches:
             if last >= 0:
                 if run_rows(self._at, first, last, self._clock_at):

@@ -1,4 +1,4 @@
-"""A step that never returns is stopped: a user's law may hold an endless loop."""
+"""Time limit that stops a step which never returns, e.g. an endless loop in a user's law."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ class StepTooLong(SimulationError):
 
 @contextmanager
 def watch(ticker: Ticker, on_stuck: Callable[[str], None], limit: float) -> Iterator[None]:
-    """Watch the mission ticks that run in the block.
+    """Apply a time limit (s) to the mission ticks in the block.
 
-    A step in plain Python is interrupted: StepTooLong rises out of it. Compiled code cannot be:
-    `on_stuck` is called with what to say, from another thread, while the step still runs; it has to
-    save what was recorded and end the process. Does nothing while a debugger traces.
+    A step in plain Python is interrupted with StepTooLong. Compiled code cannot be interrupted:
+    another thread calls `on_stuck` with the message while the step still runs. `on_stuck` must save
+    the recording and end the process. The limit has no effect while a debugger traces.
     """
     done = threading.Event()
     thread_id = threading.get_ident()
@@ -47,7 +47,7 @@ def watch(ticker: Ticker, on_stuck: Callable[[str], None], limit: float) -> Iter
             ctypes.pythonapi.PyThreadState_SetAsyncExc(
                 ctypes.c_ulong(thread_id), ctypes.py_object(StepTooLong)
             )
-            done.wait(limit)  # once; the exception rises at the next line of Python
+            done.wait(limit)  # once: the exception is raised at the next Python instruction
 
     thread = threading.Thread(target=poll, name="time limit", daemon=True)
     thread.start()

@@ -1,7 +1,7 @@
-"""The tip: forward kinematics at the encoders plus a slow correction c_B from its markers.
+"""The tip: forward kinematics of the encoder angles plus a slow correction c_B from its markers.
 
-The correction absorbs calibration error, flexibility and the probe's spring. The filter tracks it
-as a random walk, one variance for the three axes, and gates artefacts of the markers.
+The correction includes calibration error, flexibility and the probe's spring. The filter models it
+as a random walk with one variance for the three axes, and rejects artefacts of the markers.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from skywright.core.rotations import cross, mat_mat, mat_t_vec, mat_vec
 from skywright.core.scratch import local
 from skywright.vehicle.component import helper
 
-GATE = 36.0  # squared, in standard deviations: a touch moves the tip faster than the walk expects
-AGREE = 0.005  # m, between rejected samples in a row: then the tip did move
+GATE = 36.0  # squared standard deviations; wide, as a touch moves the tip faster than the walk
+AGREE = 0.005  # m, largest difference of rejected samples in a row that show a true motion
 RESTART_AFTER = 3
 
 
@@ -23,12 +23,12 @@ TIP_WALK = 5e-4
 
 
 class TipCorrection(Record):
-    """What is known of the tip beyond its nominal place."""
+    """State of the tip correction."""
 
     q_c: float  # m^2/s, walk of the correction
     r_c: float  # m^2, of a tip sample
     c_B: Vec3  # m, correction
-    P_c: float  # m^2, its variance an axis
+    P_c: float  # m^2, its variance per axis
     good_p_WT: Vec3  # last accepted tip sample
     good_axis_W: Vec3
     tip_last: Vec3
@@ -38,7 +38,7 @@ class TipCorrection(Record):
 
 @helper
 def compute_tip_error(mocap: Any, c_B: Any, p: Any, R: Any, p_BI: Any, p_BT: Any, out: Any) -> None:
-    """Write measured less predicted tip (3,) m in B; `p`, `R`, `p_BT` hold at the exposure.
+    """Write measured minus predicted tip (3,) m in B; `p`, `R`, `p_BT` are those at the exposure.
 
     `p` is the position of the point p_BI of B.
     """
@@ -52,7 +52,7 @@ def compute_tip_error(mocap: Any, c_B: Any, p: Any, R: Any, p_BI: Any, p_BT: Any
 
 @helper
 def correct_tip(me: Any, mocap: Any, c_B: Any, p: Any, R: Any, p_BI: Any, p_BT: Any) -> None:
-    """Update the correction with a fresh sample; an artefact gives way to the last good sample."""
+    """Update the correction with a new sample; the last good sample replaces an artefact."""
     err = local(3)
     compute_tip_error(mocap, c_B, p, R, p_BI, p_BT, err)
     me.P_c += me.q_c * mocap.period
@@ -80,7 +80,7 @@ def correct_tip(me: Any, mocap: Any, c_B: Any, p: Any, R: Any, p_BI: Any, p_BT: 
 
 @helper
 def fill_tip(est: Any, body: Any, c_B: Any) -> None:
-    """Tip pose and velocity from platform estimate, kinematics and tip correction."""
+    """Fill tip pose and velocity from platform estimate, kinematics and tip correction."""
     tip, w = local(3), local(3)
     for i in range(3):
         tip[i] = body.p_BT[i] + c_B[i]

@@ -1,8 +1,8 @@
-"""The force of a probe's tip, from the sensor that the robot has: `Estimate.f_tip`.
+"""The force of a probe's tip from the robot's force sensor: `Estimate.f_tip`.
 
-A sensor behind the slider feels the contact force and the weight of what moves before it (0.03 kg
-are 0.29 N upright), which is taken off with the nominal mass and the estimated attitude. What the
-inertia of those parts adds while they move stays in.
+A sensor behind the slider measures the contact force and the weight of the parts beyond it (0.03 kg
+are 0.29 N upright). The weight is subtracted with the nominal mass and the estimated attitude. The
+inertial force of these parts during motion is not subtracted.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from skywright.vehicle.ports import FILL, list_steps
 from skywright.vehicle.readings import TipForce, WrenchSample
 
 TARE_S = 2.0
-"""s, of free flight whose mean is the first tare, and the time constant at which it follows."""
+"""s, free flight whose mean is the first tare; also the time constant of later updates."""
 TARE_GATE = 0.2
-"""N, beside the tare: no longer a bias, so the tip touches something and nothing is learned."""
+"""N, deviation from the tare above which the tip counts as touching and the tare is constant."""
 
 
 class TipSensor(NamedTuple):
-    """The sensor that tells a robot the force of its tip."""
+    """The sensor that measures the force of the tip."""
 
     name: str  # of its table in [robot.sensors]; "": [robot.force_sensor]
     mass: float  # kg, of the parts beyond it
@@ -78,13 +78,13 @@ class TipForceEstimator(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Robots whose probe has a force sensor of its own have one."""
+        """Yield one for a robot whose probe has its own force sensor."""
         sensor = find_tip_sensor(context.robot)
         if sensor is not None and not sensor.name:
             yield cls("tip force")
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the nominal slider."""
+        """Read the nominal mass of the slider."""
         sensor = find_tip_sensor(context.robot)
         assert sensor is not None
         me.mass = sensor.mass
@@ -96,10 +96,10 @@ class TipForceEstimator(Component):
 
 
 class WrenchTipForce(TipForceEstimator):
-    """Fills `Estimate.f_tip` of a robot with a force-torque sensor, less its bias.
+    """Fills `Estimate.f_tip` of a robot with a force-torque sensor, minus the sensor's bias.
 
-    The bias is what the sensor tells in free flight (`Reference.dead_zone` 0): its mean at first,
-    slowly on from there, and no longer where something touches.
+    The bias is measured in free flight (`Reference.dead_zone` 0): first as a mean, then with a slow
+    update. It is constant while the tip touches something.
     """
 
     class Me(Record):
@@ -110,7 +110,7 @@ class WrenchTipForce(TipForceEstimator):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Robots that measure the tip's force by it have one."""
+        """Yield one for a robot that measures the tip's force with a force-torque sensor."""
         sensor = find_tip_sensor(context.robot)
         if sensor is not None and sensor.name:
             found = cls("tip force")
@@ -118,7 +118,7 @@ class WrenchTipForce(TipForceEstimator):
             yield found
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the nominal mass of the parts beyond the sensor."""
+        """Read the nominal mass of the parts beyond the sensor, and the control period."""
         super().build(me, table, context)
         me.dt = context.dt
 
@@ -142,7 +142,7 @@ class WrenchTipForce(TipForceEstimator):
 
 @helper
 def weigh(mass: float, body: Any, est: Any) -> float:
-    """Return the weight (N) of `mass` along the probe, positive where it presses on the sensor."""
+    """Return the weight (N) of `mass` along the probe, positive if it presses on the sensor."""
     up = 0.0
     for i in range(3):
         up += est.R_WB[2, i] * body.R_BT[i, 2]

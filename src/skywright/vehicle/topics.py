@@ -81,10 +81,10 @@ geometry_msgs/Vector3 axis          # measured probe axis (out of the robot), in
 def list_topics(
     columns: Sequence[Column], joints: Sequence[str], n_rotors: int
 ) -> tuple[Topic, ...]:
-    """Return the topics that carry `columns`: those below of which all columns are there.
+    """Return the topics that carry `columns`: the known topics whose columns all exist.
 
-    `joints` are the names of the robot's joints. A column that none of them carries, such as that
-    of a user's sensor, gets a topic of its own.
+    `joints` are the names of the robot's joints. A column that no known topic carries, such as that
+    of a user's sensor, gets its own topic.
     """
     known = [*_list_common(n_rotors), *OTHERS]
     if joints:
@@ -105,7 +105,7 @@ def list_topics(
 
 
 def _list_common(n_rotors: int) -> list[Topic]:
-    """Topics of every robot."""
+    """Return the topics of every robot."""
     return [
         Topic(
             "/mission/status", "skywright_msgs/MissionStatus", "", {"time": "t", "phase": "phase"},

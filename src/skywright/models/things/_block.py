@@ -12,15 +12,15 @@ from skywright.description.world.thing import SOFT, Array, Contact, Placed
 
 
 class Block(Placed):
-    """A simple solid; O is its centre. `pitch_deg` and `yaw_deg` turn it about its y, then W's z.
+    """A simple solid; O is its centre. `pitch_deg` rotates it about y, then `yaw_deg` about z of W.
 
-    With `held_n` it is stuck (a plug in its socket) until it is pulled with that force.
+    With `held_n` it is held, e.g. a plug in its socket, until it is pulled with that force.
     """
 
     pitch_deg: float = 0.0
     moves: bool = False
     mass_kg: Positive | None = None
-    friction: NonNegative | None = None  # 0.5 of one that moves, else 1
+    friction: NonNegative | None = None  # default: 0.5 if movable, else 1
     held_n: Positive | None = None
 
     @property
@@ -30,7 +30,7 @@ class Block(Placed):
 
     @property
     def frees_at_n(self) -> float | None:
-        """The force of the table, or None."""
+        """Pulling force (N) that frees the block, or None."""
         return self.held_n
 
     @property
@@ -40,7 +40,7 @@ class Block(Placed):
 
     @property
     def contact(self) -> Contact:
-        """Soft if hands may hold it."""
+        """Soft contact if the block is movable, so that hands can hold it."""
         if self.moves:
             return SOFT._replace(friction=0.5 if self.friction is None else self.friction)
         return Contact(friction=1.0 if self.friction is None else self.friction)

@@ -2,7 +2,7 @@
 
 Only this module converts things to MuJoCo elements. In the nominal scene every thing has the pose
 of the file. In the plant movable things have a free joint, jointed parts have their joints, and a
-tracked thing that is fixed has its true pose. Movable things are bodies `object NAME`; the rest are
+fixed tracked thing has its true pose. Movable things are bodies `object NAME`. All others are
 geometries of the movable thing that carries them, or of a fixed body (models/fixed_body.py).
 
 Contacts have Coulomb friction on an elliptic cone. Where something can be carried, MuJoCo's no-slip
@@ -87,7 +87,7 @@ def add_things(spec: mujoco.MjSpec, things: Things, plant: bool, offsets: dict[s
 
 
 def _let_sleep(spec: mujoco.MjSpec) -> None:
-    """Let things at rest sleep (MuJoCo) until a moving body touches them; the robot never sleeps.
+    """Enable MuJoCo's sleeping of things at rest until a moving body touches them.
 
     A thing on its rack has up to 24 contacts, which would otherwise be computed in every step.
     """
@@ -146,7 +146,7 @@ def _add_joint(body: mujoco.MjsBody, name: str, part: Part) -> None:
 
 
 def _hold(spec: mujoco.MjSpec, name: str, thing: Thing, p_WO: Array) -> None:
-    """Weld a thing to W until it is pulled, and measure the pulling force."""
+    """Weld a thing with `frees_at_n` to W, and add a sensor of the pulling force."""
     if thing.frees_at_n is None:
         return
     _add_contact_sensor(spec, f"touch {name}", OBJECT + name)

@@ -17,14 +17,15 @@ from skywright.description.world.thing import (
 class Handled(Placed):
     """A movable thing with a handle along its y, above O.
 
-    Its friction applies to every contact pair, whatever the pipe's or the hook's is (priority 2).
+    Its friction applies to all its contacts, independent of the friction of pipe or hook (priority
+    2).
     """
 
     mass_kg: Positive
-    friction: NonNegative = 0.5  # with hooks and with what it stands on
+    friction: NonNegative = 0.5  # with hooks and with the support
     handle_length_m: Positive = 0.45
     handle_diameter_m: Positive = 0.016
-    handle_height_m: Positive  # of the handle's axis above O
+    handle_height_m: Positive  # height of the handle's axis above O
 
     @property
     def movable(self) -> bool:

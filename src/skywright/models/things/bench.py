@@ -1,4 +1,4 @@
-"""A bench: a fixture that clamps the platform, arms free; a trial may make it drift."""
+"""A bench: a fixture that clamps the platform while the arms are free; a trial can move it."""
 
 import math
 from typing import Any, ClassVar
@@ -10,12 +10,12 @@ from skywright.description.world.thing import Fixture
 
 
 class Bench(Fixture):
-    """O is where the platform's origin is clamped."""
+    """A fixture that clamps the platform; O is the clamped origin of the platform."""
 
     kind: str = "bench"
     anywhere: ClassVar[bool] = True
     z_m: float = Field(default=1.2, gt=0, le=100)
-    pitch_deg: float = Field(default=0.0, ge=-90, le=90)  # about y; 90: what was up points along x
+    pitch_deg: float = Field(default=0.0, ge=-90, le=90)  # about y; at 90, z of B points along x
 
     @property
     def q_WB(self) -> tuple[float, float, float, float]:
@@ -24,7 +24,7 @@ class Bench(Fixture):
         return math.cos(half), 0.0, math.sin(half), 0.0
 
     def extend_plant(self, spec: Any, name: str) -> None:
-        """Clamp the platform to a body that code moves (a MuJoCo "mocap" body)."""
+        """Clamp the platform to a body whose pose is prescribed (a MuJoCo "mocap" body)."""
         import mujoco
 
         place = [self.x_m, self.y_m, self.z_m]
@@ -37,5 +37,5 @@ class Bench(Fixture):
         clamp.data = np.array([0, 0, 0, 0, 0, 0, 1.0, 0, 0, 0, 1.0, 0])  # same frame
 
     def describe(self) -> str:
-        """Height of the platform."""
+        """Return a description with height and pitch of the platform."""
         return f"bench that clamps the platform at {self.z_m:g} m, pitched {self.pitch_deg:g} deg"

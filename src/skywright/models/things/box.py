@@ -10,7 +10,7 @@ _FRONT = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])  # z out
 
 
 class Box(Block):
-    """A box with three edges."""
+    """A box; `size_x_m`, `size_y_m` and `size_z_m` are its full edge lengths."""
 
     kind: str = "box"
     size_x_m: Positive
@@ -37,6 +37,6 @@ class Box(Block):
         }
 
     def describe(self) -> str:
-        """Its size."""
+        """Return a description with its size."""
         does = "moves" if self.moves else "stands"
         return f"box of {self.size_x_m:g} x {self.size_y_m:g} x {self.size_z_m:g} m that {does}"

@@ -6,7 +6,7 @@ from skywright.models.things._block import Block
 
 
 class Cylinder(Block):
-    """A round solid along its own z."""
+    """A cylinder whose axis is its own z."""
 
     kind: str = "cylinder"
     diameter_m: Positive
@@ -29,6 +29,6 @@ class Cylinder(Block):
         return {"top": build_frame(z=0.5 * self.length_m)}
 
     def describe(self) -> str:
-        """Its size."""
+        """Return a description with its size."""
         does = "moves" if self.moves else "stands"
         return f"cylinder of {self.diameter_m:g} m diameter, {self.length_m:g} m long, that {does}"

@@ -6,11 +6,11 @@ from skywright.description.world.datum import DatumThing
 
 
 class Datum(DatumThing):
-    """A printed mark that the probe's camera measures (`[robot.probe.camera]`); it has no solid.
+    """A printed mark that the probe's camera measures (`[robot.probe.camera]`); no geometry.
 
-    Touches do not show where a robot is along a pipe and around it, or along a wall. The mark does:
-    its middle lies at (`s_m`, `around_deg`) on the pipe, or at (`x_m`, `y_m`) in the frame S of the
-    structure, by the asset's own count.
+    Touches do not measure the robot's position along and around a pipe, or along a wall. The mark
+    does: its centre is at (`s_m`, `around_deg`) on the pipe, or at (`x_m`, `y_m`) in the frame S of
+    the structure, in asset coordinates.
     """
 
     kind: str = "datum"

@@ -12,10 +12,10 @@ _FACING = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 
 class Marker(Placed):
-    """Frame M; it has no solid.
+    """A marker with frame M; it adds no geometry.
 
-    Its normal (z of M) looks along -x, turned by `pitch_deg` about y and `yaw_deg` about z; y of M
-    is up, x to the right of one who looks at it.
+    Its normal (z of M) points along -x, rotated by `pitch_deg` about y and then `yaw_deg` about z.
+    y of M points up, and x to the right of an observer who faces the marker.
     """
 
     kind: str = "marker"
@@ -29,5 +29,5 @@ class Marker(Placed):
         return rot_z(math.radians(self.yaw_deg)) @ rot_y(math.radians(self.pitch_deg)) @ _FACING
 
     def describe(self) -> str:
-        """The thing that carries it."""
+        """Return a description with the thing that carries it."""
         return "marker" if self.on is None else f"marker on {self.on}"

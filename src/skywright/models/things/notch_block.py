@@ -9,8 +9,8 @@ from skywright.description.world.thing import Frame, Part, Placed, Solid, build_
 class NotchBlock(Placed):
     """A flat steel block with long notches across it; O is its centre.
 
-    Conductivity and permeability must be those of the part (EN 1711, ISO 17643): a block of another
-    material sets another sensitivity.
+    Conductivity and permeability must be those of the inspected part (EN 1711, ISO 17643): with
+    another material the set-up gives another sensitivity.
     """
 
     kind: str = "notch_block"
@@ -36,6 +36,6 @@ class NotchBlock(Placed):
         return {"top": build_frame(z=0.5 * self.size_z_m)}
 
     def describe(self) -> str:
-        """Its notches."""
+        """Return a description with its notches."""
         depths = ", ".join(f"{1e3 * d:g}" for d in self.notches_m)
         return f"reference block with notches of {depths} mm"

@@ -19,11 +19,11 @@ _INWARD = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # x ag
 
 
 class Pad(Placed):
-    """A plate on foam; O is the middle of its outer face, x the way of one that runs into it.
+    """A plate on foam; O is the centre of its outer face, and x points into the face.
 
-    It is `on` a frame whose z points outward, such as `BOX.front`. Its stiffness is a number of its
-    own, whatever touches it: MuJoCo's soft contacts are the stiffer the heavier the robot, which
-    would spoil a comparison of robots.
+    It is `on` a frame whose z points outward, such as `BOX.front`. Its stiffness does not depend on
+    the colliding robot. The stiffness of MuJoCo's soft contacts, in contrast, increases with the
+    robot's mass, so collisions of different robots would not be comparable.
     """
 
     kind: str = "pad"
@@ -33,11 +33,11 @@ class Pad(Placed):
     damping_ns_per_m: NonNegative = 15.0
     mass_kg: Positive = 0.1  # of the plate
     thickness_m: Positive = 0.02  # of the plate
-    travel_m: Positive = 0.05  # until the foam is flat
+    travel_m: Positive = 0.05  # largest compression of the foam
 
     @property
     def frame(self) -> Frame:
-        """The pose of O: foam and plate above the face."""
+        """Pose of O: above the face by the thickness of foam and plate."""
         depth = self.travel_m + self.thickness_m
         return build_frame(self.x_m, self.y_m, self.z_m + depth, self.attitude)
 
@@ -64,5 +64,5 @@ class Pad(Placed):
         return {"face": build_frame(R=_INWARD.T)}
 
     def describe(self) -> str:
-        """Its spring."""
+        """Return a description with its stiffness."""
         return f"pad of {self.stiffness_n_per_m:g} N/m on {self.on}"

@@ -2,7 +2,7 @@
 
 It has the shape of a T: a round crossbar for two hooks, and below its middle a post, a flange and
 the square peg. Frame O: origin in the middle of the flange's underside, where the peg begins; x
-ahead, y along the crossbar, z up. `on` a socket the flange rests on the block.
+forward, y along the crossbar, z up. `on` a socket the flange rests on the block.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ FLANGE_M, POST_M = 0.01, 0.012  # thickness of the flange, half width of the pos
 
 
 class Peg(Handled):
-    """The bar; it sinks into a wall by less than a tenth of a millimetre under its own weight."""
+    """The bar; under its own weight its contacts penetrate a wall by less than 0.1 mm."""
 
     kind: str = "peg"
     mass_kg: Positive = 0.4
@@ -60,9 +60,9 @@ class Peg(Handled):
         return [Part([*solids, self.build_handle(SHARES["handle"] * self.mass_kg)])]
 
     def list_frames(self) -> dict[str, Frame]:
-        """The handle's, and `tip`, the middle of the peg's end."""
+        """Return the frames of the handle, and `tip`, the centre of the peg's end."""
         return super().list_frames() | {"tip": build_frame(z=-self.length_m)}
 
     def describe(self) -> str:
-        """Its mass and the peg's size."""
+        """Return a description with its mass and the peg's size."""
         return f"bar of {self.mass_kg:g} kg with a peg of {1e3 * self.side_m:g} mm"

@@ -19,14 +19,14 @@ COLLAR_M = 0.02  # m, thickness of the boxes whose faces are the chamfer
 
 
 class Socket(Placed):
-    """The block, on a post from the ground where it is on nothing else."""
+    """The block; if it is `on` no other thing, a post from the ground supports it."""
 
     kind: str = "socket"
-    hole_m: Positive  # side of the hole; less the peg's side this is the clearance
+    hole_m: Positive  # side of the hole; minus the peg's side it is the clearance
     chamfer_m: NonNegative = 0.0  # at 45 deg, around the hole
     width_m: Positive = 0.12  # of the block
-    depth_m: Positive = 0.08  # of block and hole: the hole goes through
-    post_m: Positive = 0.06  # side of the square post that carries the block
+    depth_m: Positive = 0.08  # of block and hole; the hole is a through hole
+    post_m: Positive = 0.06  # side of the square post that supports the block
 
     @model_validator(mode="after")
     def _hole_is_in_the_block(self) -> Socket:
@@ -87,5 +87,5 @@ class Socket(Placed):
         return {"hole": build_frame()}
 
     def describe(self) -> str:
-        """The hole's size."""
+        """Return a description with the hole's size."""
         return f"socket with a hole of {1e3 * self.hole_m:g} mm at {self.z_m:g} m"

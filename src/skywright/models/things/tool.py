@@ -1,9 +1,9 @@
 """An inspection tool that two hands carry and place on a pipe (Suarez 2020, fig. 19).
 
-A box with the sensor, two C-shaped feet of aluminium profile that fit the pipe's contour, and a bar
-as handle. Frame O: origin in the middle between the feet's top plates, x ahead, y along the handle,
-z up. Each foot is a short plate along x and two legs that open downward, so that pipes of different
-diameters rest on the legs.
+It is a box with the sensor, two C-shaped feet of aluminium profile that fit the pipe's contour, and
+a bar as handle. Frame O: origin in the middle between the feet's top plates, x forward, y along the
+handle, z up. Each foot is a short plate along x and two legs that open downward, so that the legs
+contact pipes of different diameters.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Tool(Handled):
     leg_length_m: Positive = 0.12
     leg_angle_deg: float = Field(default=45.0, ge=20, le=70)  # from the vertical
     profile_m: Positive = 0.01  # thickness of legs and plates
-    # of its contacts, critically damped; two steps of the simulation at least
+    # of its critically damped contacts; at least two time steps of the simulation
     contact_time_constant_s: float = Field(default=0.008, ge=0.002, le=0.05)
 
     @model_validator(mode="after")
@@ -57,7 +57,7 @@ class Tool(Handled):
 
     @property
     def contact(self) -> Contact:
-        """Contact of carried things, with the softness of its table."""
+        """Contact of carried things, with the time constant of its table."""
         return super().contact._replace(time_constant_s=self.contact_time_constant_s)
 
     def list_parts(self) -> list[Part]:
@@ -103,13 +103,13 @@ class Tool(Handled):
         return out
 
     def describe(self) -> str:
-        """Its mass, and the diameters of pipes that it fits."""
+        """Return a description with its mass and the pipe diameters that it fits."""
         low, high = compute_diameters(self)
         return f"tool of {self.mass_kg:g} kg for pipes of {low:.3f} to {high:.3f} m diameter"
 
 
 class Seat(NamedTuple):
-    """Contact of a tool on a pipe: height of O above the pipe's axis, and contact point along a
+    """Pose of a tool on a pipe: height of O above the pipe's axis, and contact point along a
     leg."""
 
     height: float  # m

@@ -14,29 +14,29 @@ from skywright.description.world.thing import Thing
 
 
 class Patch(Spec):
-    """A rectangle of the surface with another thickness of wall, of paint, or both."""
+    """A rectangle of the surface with its own thickness of wall, of paint, or both."""
 
-    u_m: Coordinate = 0.0  # middle: along the pipe's axis, or x of the structure's frame S
-    v_m: Coordinate = 0.0  # middle: around the pipe (radius times angle), or y of S
+    u_m: Coordinate = 0.0  # centre: along the pipe's axis, or x of the structure's frame S
+    v_m: Coordinate = 0.0  # centre: around the pipe (radius times angle), or y of S
     size_u_m: float = Field(default=0.1, gt=0, le=1000)
     size_v_m: float = Field(default=0.1, gt=0, le=1000)
-    thickness_m: float | None = Field(default=None, ge=2e-4, le=1.0)  # default: as around it
-    paint_m: float | None = Field(default=None, ge=0, le=0.01)  # default: as around it
+    thickness_m: float | None = Field(default=None, ge=2e-4, le=1.0)  # default: unchanged
+    paint_m: float | None = Field(default=None, ge=0, le=0.01)  # default: unchanged
 
 
 class Pit(Spec):
-    """A round pit in the wall's far side, with a parabolic bottom."""
+    """A round pit in the back surface of the wall, with a parabolic bottom."""
 
-    u_m: Coordinate = 0.0  # middle, as of a patch
+    u_m: Coordinate = 0.0  # centre, as for a patch
     v_m: Coordinate = 0.0
     diameter_m: float = Field(default=0.01, gt=0, le=1.0)
     depth_m: float = Field(default=0.002, gt=0, le=0.5)
 
 
 class Wall(Thing):
-    """The wall of the world's pipe or structure; it has no solid of its own.
+    """The wall of the world's pipe or structure; it adds no geometry.
 
-    `random_pits` further pits, drawn from `pit_seed`, lie within `pit_range_m` of the middle.
+    `random_pits` further pits, drawn with `pit_seed`, lie within `pit_range_m` of the centre.
     """
 
     kind: str = "wall"
@@ -46,25 +46,25 @@ class Wall(Thing):
     random_pits: int = Field(default=0, ge=0, le=1000)
     pit_seed: int = Field(default=0, ge=0, le=2**32)
     pit_range_m: float = Field(default=0.2, gt=0, le=100)
-    velocity_m_per_s: float = Field(default=5920.0, ge=500, le=15000)  # sound, steel
+    velocity_m_per_s: float = Field(default=5920.0, ge=500, le=15000)  # speed of sound; steel
     roughness_front_m: float = Field(default=5e-6, ge=0, le=0.001)  # rms
     roughness_back_m: float = Field(default=10e-6, ge=0, le=0.001)  # rms
     paint_m: float = Field(default=0.0, ge=0, le=0.01)
-    cap_m: float = Field(default=0.0, ge=0, le=0.005)  # height of the weld's cap
+    cap_m: float = Field(default=0.0, ge=0, le=0.005)  # height of the weld cap
 
     def describe(self) -> str:
-        """Its thickness."""
+        """Return a description with its thickness."""
         pits = len(self.pits) + self.random_pits
         return f"wall of {1e3 * self.thickness_m:g} mm with {pits} pits"
 
 
 class WallField(NamedTuple):
-    """A wall as arrays."""
+    """Data of a wall as arrays."""
 
     thickness: float  # m
     paint: float  # m
-    patches: Array  # (n, 6) middle u, v, half sizes, thickness, paint (m); NaN: as around it
-    pits: Array  # (n, 4) middle u, v, radius, depth (m)
+    patches: Array  # (n, 6) centre u, v, half sizes, thickness, paint (m); NaN: unchanged
+    pits: Array  # (n, 4) centre u, v, radius, depth (m)
 
 
 def build_wall_field(wall: Wall) -> WallField:

@@ -1,1 +1,1 @@
-"""Compliant arms: springs in their joints, position servos, hands that feel forces."""
+"""Compliant arms: joints with springs, position servos, force estimates of the hands."""

@@ -1,12 +1,12 @@
 """The force that a compliant arm exerts with its hand, from the deflection of its springs.
 
-Two estimators (robot.control.force_estimator). "cartesian" is Suarez 2020, (25)-(28), as printed:
+Two estimators (robot.control.force_estimator). "cartesian" is Suarez 2020, (25)-(28), as published:
 the displacement of the hand between the arm with rigid joints and the real one, times a Cartesian
-stiffness. It reads the arm's own weight as a force, is linear in angles that are not small, and
-diverges as the arm stretches. "torque" is the static equilibrium of the links: spring torque =
-gravity torque + J^T f, with f the force on what the hand touches.
+stiffness. It includes the arm's own weight in the force, is linearised in angles that are not
+small, and diverges as the arm stretches. "torque" is the static equilibrium of the links: spring
+torque = gravity torque + J^T f, with f the force on the touched object.
 
-Only joints whose deflection is measured say anything; with two of them f lies in the arm's plane.
+Only joints with a measured deflection contribute; with two of them f lies in the arm's plane.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ from skywright.vehicle.component import Component, Out, Recorded, helper
 SINGULAR = 1e-3
 """m, lever below which a direction of force is taken as unobservable."""
 TARE_TIME = 0.5
-"""s, over which the forces that are called zero are averaged."""
+"""s, time constant of the average of the forces that a tare subtracts."""
 
 
 class Tare(Record):
-    """Memory of a force estimator."""
+    """State of a force estimator."""
 
     tare: HandPoints  # N, subtracted from the estimated force, in W
 
@@ -60,12 +60,12 @@ class _ForceEstimator(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Yield the one that the robot names."""
+        """Yield the estimator that the robot's `force_estimator` selects."""
         if is_compliant(context.robot) and context.robot.control.force_estimator == cls.kind:
             yield cls("contact_force")
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Tell whether the part across a direction means something."""
+        """Set whether the transverse component of the estimated force is valid."""
         context.records[HandForce, ""]["across"] = self.across
 
     def get_period(self, step: str, context: Any) -> float:
@@ -74,7 +74,7 @@ class _ForceEstimator(Component):
 
 
 class CartesianForce(_ForceEstimator):
-    """Suarez 2020, (25)-(28); the part across a direction is the arm's own weight."""
+    """Suarez 2020, (25)-(28); the transverse component is not valid: it is the arm's own weight."""
 
     kind = "cartesian"
 
@@ -90,7 +90,7 @@ class CartesianForce(_ForceEstimator):
 
 
 class TorqueForce(_ForceEstimator):
-    """Equilibrium of the links."""
+    """Static equilibrium of the links."""
 
     kind, across = "torque", 1.0
 
@@ -107,7 +107,7 @@ class TorqueForce(_ForceEstimator):
 
 @helper
 def report_force(me: Any, arm: Any, ref: Any, est: Any, force: Any, h: int, f_B: Any) -> None:
-    """Fill the force of a hand in W, less the tare; average the tare while the reference asks."""
+    """Fill the force of a hand in W minus the tare; average the tare while `ref.tare` is set."""
     mat_vec(est.R_WB, f_B, force.f_WH[h])
     gain = 1.0 - math.exp(-arm.dt / TARE_TIME)
     for a in range(3):
@@ -121,7 +121,7 @@ def force_from_displacement(arm: Any, hands: Any, h: int, f_B: Any) -> None:
     """Fill f_B (N) with (25)-(28): F = K_C dl, K_C = J^-T K_p J^-1, in x and z of the arms' base.
 
     J is 2 x 2, of the shoulder's pitch and the elbow (the arm's own is 3 x 4, which has no
-    inverse). Where the arm is stretched J has none either: then this returns zero.
+    inverse). For a stretched arm J is singular too, and the force is zero.
     """
     shoulder, elbow = arm.first[h], arm.first[h] + arm.n - 1
     dl, dl_B, f_A = local(3), local(3), local(3)
@@ -149,9 +149,9 @@ def force_from_displacement(arm: Any, hands: Any, h: int, f_B: Any) -> None:
 def force_from_torques(arm: Any, joints: Any, hands: Any, h: int, f_B: Any) -> None:
     """Fill f_B (N): least squares of J^T f = spring torque - gravity torque, measured joints.
 
-    J is that of the centre of the hand's ball, through which a force on it passes (one across the
-    hand's end would have 6 % more lever). Damped: (J J^T + l^2 1) f = J dt, so that directions in
-    which the arm has no lever read zero.
+    J is the Jacobian of the centre of the hand's ball, because a force on the ball passes through
+    it (at the hand's end a transverse force would have 6 % more lever). The damping,
+    (J J^T + l^2 1) f = J dt, gives zero force in directions in which the arm has no lever.
     """
     first = arm.first[h]
     M, y = local(3, 3), local(3)

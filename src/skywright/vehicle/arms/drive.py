@@ -1,4 +1,4 @@
-"""Shaft angles to the position servos."""
+"""Commanded shaft angles to the position servos."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class PositionDrive(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Yield the drive, and the law that commands it."""
+        """Yield the drive and the arms' law that commands it."""
         if is_compliant(context.robot):
             kind = context.robot.control.arms_law or "compliant"
             found = find("arms_law", kind, key="robot.control.arms_law")
@@ -31,7 +31,7 @@ class PositionDrive(Component):
         n_joints: int
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Count the joints; the servos hold where they stand."""
+        """Count the joints and set the servos' commands to the home angles."""
         me.n_joints = context.model["n_joints"]
         for (record, _), view in context.records.items():
             if record is ServoDrive:

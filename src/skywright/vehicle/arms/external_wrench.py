@@ -1,14 +1,14 @@
-"""External wrench on a robot whose arms hang on a joint without a servo, or on no such joint.
+"""External wrench on a robot whose arms may hang on a joint without a servo.
 
 Momentum observer (De Luca and Mattone 2005, ICRA, eq. 6-9, here for the linear momentum, whose
 balance in W has no Coriolis terms): with P = R_WB (m v_B + m w x c + L_s q')
 
     dP/dt = R_WB f_rotors + m g + f_hands + f_rest,    f_rest = k (P - P_predicted).
 
-The swinging link's momentum is in P, so a swing alone is no external force; the estimators' plain
-`f_ext_W` (mass times the platform's acceleration, less the rotors' force) shows it as one.
-f_hands, the reaction of what the hands press, is known from the joints; subtracting it here means
-that the sum f_hands + f_rest counts no force twice, whatever f_hands says.
+P includes the momentum of the swinging link, so a swing alone gives no external force. The
+estimators' simple `f_ext_W` (mass times the platform's acceleration, minus the rotors' force) does
+include it. f_hands, the reaction to the forces of the hands, is measured at the joints. The
+observer subtracts it, so the sum f_hands + f_rest counts no force twice, also for a wrong f_hands.
 """
 
 from __future__ import annotations
@@ -34,12 +34,13 @@ from skywright.vehicle.component import Component, Law, Out, helper
 from skywright.vehicle.estimates import RotorForce
 
 SWING_BANDWIDTH = 2.0
-"""rad/s, of the torque about the swinging joint: below its own frequency, so that at that of the
-arms on their springs `balance_rate` stays a fraction (k^2 M_ss / (m l g), 0.4) of the rate."""
+"""rad/s, of the torque about the swinging joint. It is below the joint's own frequency, so that at
+the frequency of the arms on their springs `balance_rate` is a fraction (k^2 M_ss / (m l g), 0.4) of
+the joint's rate."""
 TRUSTED = 2.0
-"""Largest force at a hand that is believed, over the one asked for."""
+"""Largest accepted ratio of the measured force at a hand to the commanded force."""
 HANGING = 0.1
-"""m, lever below which the weight of a hanging link says nothing about a force."""
+"""m, lever below which the swing angle gives no estimate of a force at the hands."""
 
 
 class WrenchObserver(Component):
@@ -51,12 +52,12 @@ class WrenchObserver(Component):
         bandwidth: Vec3  # rad/s, of f_rest_W along the platform's axes forward, left, up
         momentum_W: Vec3  # N s, as predicted
         momentum_s: float  # N m s, of the joint, as predicted
-        told_rate: float  # rad/s, of the balance as the reference turns the link, as late as s_rest
-        told_slow: float  # rad/s, as late as s_slow
+        told_rate: float  # rad/s, balance_rate due to the reference, with the lag of s_rest
+        told_slow: float  # rad/s, with the lag of s_slow
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Yield one where the platform's law has such a port."""
+        """Yield one if law, estimator or a part has a port of Wrench."""
         if Wrench in context.asked:
             yield cls("external_wrench")
 
@@ -98,7 +99,7 @@ class WrenchObserver(Component):
 
 
 class View(NamedTuple):
-    """What the functions below work on."""
+    """Records that the functions below read and write."""
 
     me: Any
     dt: float
@@ -139,13 +140,13 @@ def observe_force(v: View, P: Any, f_W: Any) -> None:
 
 @helper
 def observe_swing(v: View, rate: float, wanted: float, wanted_rate: float) -> None:
-    """The same for the link's joint: dp/dt = dT/dq + L_s . g + s_hands + s_rest.
+    """Fill s_rest, s_slow and balance_rate: dp/dt = dT/dq + L_s . g + s_hands + s_rest.
 
-    p = L_s . v_B + M_ws . w + M_ss q'. Of dT/dq only what makes the balance independent of a steady
-    velocity is kept: w . (L_s x v_B) + q' (axis x L_s) . v_B; the rest is quadratic in slow rates.
-    A changing torque moves the angle at which the link is in balance, at `balance_rate`. Where the
-    reference turns the link (rad, rad/s), on the ground, a torque turns it that way too: what that
-    moves the balance is no part of `balance_rate`, for the reference tells it already.
+    p = L_s . v_B + M_ws . w + M_ss q'. Of dT/dq only w . (L_s x v_B) + q' (axis x L_s) . v_B is
+    kept, which makes the balance independent of a steady velocity; the other terms are quadratic in
+    slow rates. A changing torque moves the equilibrium angle of the link at `balance_rate`. Where
+    the reference turns the link (rad, rad/s), on the ground, a torque turns it in that direction
+    too. `balance_rate` excludes this part of the motion, because the reference already contains it.
     """
     w, me, out, est, dt = v.floating, v.me, v.out, v.est, v.dt
     v_B, lever, turned = local(3), local(3), local(3)
@@ -165,7 +166,7 @@ def observe_swing(v: View, rate: float, wanted: float, wanted_rate: float) -> No
     size = math.sqrt(size)
     angle = wanted - est.q[w.swing]
     told = (math.cos(angle) * turned[2] - math.sin(angle) * w.L_s[2]) / size * wanted_rate
-    blend = find_gain(SWING_BANDWIDTH, dt) * dt  # twice, as late as s_slow
+    blend = find_gain(SWING_BANDWIDTH, dt) * dt  # two stages, to match the lag of s_slow
     me.told_rate += blend * (told - me.told_rate)
     me.told_slow += blend * (me.told_rate - me.told_slow)
     out.balance_rate = change / (size * v.body.gravity) - me.told_slow
@@ -173,22 +174,22 @@ def observe_swing(v: View, rate: float, wanted: float, wanted_rate: float) -> No
 
 @helper
 def find_gain(bandwidth: float, dt: float) -> float:
-    """Gain (1/s) of a first-order observer of a bandwidth (rad/s) at the period dt."""
+    """Return the gain (1/s) of a first-order observer of a bandwidth (rad/s) at the period dt."""
     return -math.expm1(-bandwidth * dt) / dt
 
 
 @helper
 def start(v: View, P: Any) -> None:
-    """Motors off: when they start, the ground still carries the end of a link that lies on it."""
+    """Initialise the observer with motors off: the ground carries the end of a link on it."""
     w, me, out = v.floating, v.me, v.out
     level = math.sqrt(w.L_s[0] ** 2 + w.L_s[1] ** 2)
     for a in range(3):
         out.f_rest_W[a] = 0.0
-    if w.swing >= 0 and abs(w.L_s[2]) > level:  # it lies rather than hangs
+    if w.swing >= 0 and abs(w.L_s[2]) > level:  # the link lies rather than hangs
         out.f_rest_W[2] = w.L_s[2] * w.L_s[2] / w.M_ss * v.body.gravity
     for a in range(3):
         me.momentum_W[a] = P[a]
-    torque = 0.0  # what holds the link on the ground
+    torque = 0.0  # that supports the link on the ground
     for a in range(3):
         torque += w.L_s[a] * v.est.R_WB[2, a] * v.body.gravity
     out.s_rest, out.s_slow, out.balance_rate = torque, torque, 0.0
@@ -199,15 +200,16 @@ def start(v: View, P: Any) -> None:
 
 @helper
 def take_hands(v: View, arm: Any, hands: Any, force: Any, tasks: Any) -> None:
-    """Reaction of the forces that the hands exert; and the level force from the swing angle.
+    """Fill the reaction to the forces of the hands, and the horizontal force from the swing angle.
 
-    A hand's force counts while the reference asks it to press, and up to twice what is asked: in
-    free air the springs carry the arm's inertia, and near a stretched arm their reading means
-    little. f_rest takes what this leaves out. A load that is said to hang on a hand counts in full.
+    A hand's force counts only while the reference commands a force, and up to twice that force: in
+    free air the springs carry the arm's inertia, and near a stretched arm their readings are
+    inaccurate. f_rest includes the remainder. A load in the reference counts in full.
 
-    Slowed down to `bandwidth[0]`: while friction holds a hand, the link bounces on the springs of
-    the arm (2.2 Hz under a wide pipe). The rotors answer a level force by leaning, at that
-    frequency more than a quarter turn late: what cancels a steady reaction would drive the bounce.
+    The reaction is low-passed at `bandwidth[0]`. While friction holds a hand, the link oscillates
+    on the springs of the arm (2.2 Hz under a wide pipe). The robot counters a horizontal force by
+    tilting, with a phase lag of more than 90 deg at that frequency: compensation that cancels a
+    steady reaction would excite the oscillation.
     """
     w, est, out = v.floating, v.est, v.out
     f_W, f_B, t_B = local(3), local(3), local(3)

@@ -20,12 +20,12 @@ class FloatingBody(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Yield one where the platform's law has such a port."""
+        """Yield one if law, estimator or a part has a port of Floating or Wrench."""
         if {Floating, Wrench} & context.asked:
             yield cls("floating")
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Find the joint."""
+        """Find the joint that swings."""
         context.records[Floating, ""]["swing"] = find_free_joint(context.robot)
 
     @staticmethod

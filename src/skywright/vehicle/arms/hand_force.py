@@ -1,17 +1,17 @@
-"""Force of a hand through the springs of its joints, and force and position together.
+"""Force control of a hand through its joint springs, and combined force and position control.
 
-Suarez 2020, figure 17: the error of the force moves the hand's reference, so that the springs
-stretch until the force is right. The arm's own compliance C = J K^-1 J^T turns newtons into metres
-(the inverse of K_C of (27), which exists at a singularity where K_C does not): dr_F = C n e. The
-joints that make this way are those that yield to the force, dtheta = K^-1 J^T n e, and there it is
-commanded, as `ARMS.wind`: each spring is wound and the links stay where they are. The printed way
-through the inverse kinematics moves the hand as far, but at a fixed roll of the shoulder other
-joints make up for what the roll's spring yields, and the arm walks off: a squeeze of 4 N turned the
-yaw by 70 deg.
+Suarez 2020, figure 17: the force error moves the hand's reference so that the springs stretch until
+the force is reached. The compliance of the arm C = J K^-1 J^T converts newtons into metres (it is
+the inverse of K_C of (27) and exists at a singularity, where K_C does not): dr_F = C n e. The joint
+displacements that give dr_F are the spring deflections under the force, dtheta = K^-1 J^T n e.
+`ArmsMemory.wind` holds them: the shafts wind the springs while the links do not move. The published
+method through the inverse kinematics moves the hand by the same distance. At a fixed shoulder roll,
+however, other joints compensate for the deflection of the roll spring and the arm drifts: a squeeze
+of 4 N turned the yaw by 70 deg.
 
-Held by what it touches, the force follows the shafts: integral of w e, in series with the servos'
-lag. Held position is another matter: a free hand on its springs rings, and an integral loop around
-that is stable below 2 zeta w_n only (laws/compliant.py has both bandwidths).
+While an object holds the hand, the force follows the shafts: the loop is an integral of w e in
+series with the servo lag. For position, a free hand oscillates on its springs, and an integral loop
+around it is stable only below 2 zeta w_n (laws/compliant.py defines both bandwidths).
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from skywright.models.springs import spring_deflection, spring_stiffness
 from skywright.vehicle.arms.view import ArmsView
 from skywright.vehicle.component import helper
 
-TOUCH = 0.3  # N, under which the hand counts as free
-TOUCH_SPEED = 0.04  # m/s of a free hand on its way to a contact: it arrives with half a newton
-LET_OUT = 0.3  # s, in which a wound spring is let out when another task begins
+TOUCH = 0.3  # N, below which the hand counts as free
+TOUCH_SPEED = 0.04  # m/s, limit of a free hand before contact: gives about 0.5 N at contact
+LET_OUT = 0.3  # s, time constant of the release of a wound spring when another task begins
 
 
 @helper
 def wind_for(v: ArmsView, h: int, f_W: Any, out: Any) -> float:
     """Fill out (MAX_JOINTS,) rad with K^-1 J^T f_W, f_W (3,) N; returns |C f_W| (m).
 
-    Of the joints whose deflection is measured: what is not felt is not controlled. A hand that
-    yields sideways to the noise of a force that only pitch joints feel would wander off.
+    Only joints with a measured deflection contribute. Otherwise the noise of a force that only
+    pitch joints measure would make the hand drift sideways.
     """
     f_B, c_B = local(3), local(3)
     c_B[:] = 0.0
@@ -59,14 +59,14 @@ def wind_for(v: ArmsView, h: int, f_W: Any, out: Any) -> float:
 def step_force(v: ArmsView, h: int, f_ref: Any, gamma: float, along: bool) -> None:
     """Wind the springs of hand h by gamma w T K^-1 J^T (f_ref - f).
 
-    `along`: of the error only the part along f_ref; the force across it stays, as it must where
-    what is held has a weight. Else the force across is led to zero as well: left alone, an arm at
-    the end of a swinging link walks away until the hand slips. The printed estimator reads the
-    arm's weight across f_ref: with it only the force along can be led.
+    `along`: control only the component of the error along f_ref. The transverse force remains, as
+    required for a held object with a weight. Otherwise the transverse force is controlled to zero:
+    without this an arm at the end of a swinging link drifts until the hand slips. The "cartesian"
+    estimator reads the arm's weight as a transverse force, so with it `along` always applies.
 
-    The hand moves within speed_hand, before it touches within TOUCH_SPEED. A spring is wound up to
-    the servo's stall torque, a shaft leads its link's limits by the spring's deflection at most;
-    what is more is not integrated (anti-windup).
+    The speed of the hand is limited to speed_hand, before contact to TOUCH_SPEED. A spring is wound
+    at most to the servo's stall torque, and a shaft leads the limits of its link by at most the
+    spring's deflection. Beyond these limits the integral stops (anti-windup).
     """
     error, share = local(3), local(MAX_JOINTS)
     size = norm(f_ref)
@@ -96,7 +96,7 @@ def step_force(v: ArmsView, h: int, f_ref: Any, gamma: float, along: bool) -> No
 
 @helper
 def let_out(v: ArmsView, h: int) -> None:
-    """Let the wound springs of hand h go, in a task that asks for no force."""
+    """Release the wound springs of hand h, in a task that commands no force."""
     share = math.exp(-v.arm.dt / LET_OUT)
     for j in range(v.arm.first[h], v.arm.first[h] + v.arm.n):
         v.me.wind[j] *= share
@@ -104,10 +104,10 @@ def let_out(v: ArmsView, h: int) -> None:
 
 @helper
 def step_hold_position(v: ArmsView, h: int, gamma: float, dr: Any) -> None:
-    """Fill dr (3,) m of the position's part in (31): (1 - gamma) w T (p_WH - p) and v_WH T.
+    """Fill dr (3,) m with the position part of (31): (1 - gamma) w T (p_WH - p) + v_WH T.
 
-    The goal's own speed v_WH is fed forward: what is held is led as fast as the goal moves, and
-    only what the springs yield to its weight is left to the slow loop.
+    The goal's velocity v_WH is fed forward, so that a held object moves as fast as the goal. The
+    slow loop corrects only the deflection of the springs under the object's weight.
     """
     for a in range(3):
         e = v.tasks.p_WH[h, a] - v.hands.p_WH[h, a]

@@ -1,9 +1,9 @@
-"""Motion of a hand: straight lines, velocities, and from the hand to the joints.
+"""Motion of a hand: straight lines, velocities, and the inverse kinematics to the joints.
 
-Suarez 2020, (23), (24) and (7). The hand's reference p_ref lives in W, so that the arm makes up
-for what the platform and the passive link do. The paper steps from the measured hand; with the
-servos' lag (17) it would then move at v T / T_s. Here the step is taken from the last reference,
-which moves at v, and the servos are led by their lag.
+Suarez 2020, (23), (24) and (7). The hand's reference p_ref is expressed in W, so that the arm
+compensates for motion of the platform and of the passive link. The paper steps from the measured
+hand position; with the servo lag (17) the hand would then move at v T / T_s. Here each step starts
+from the last reference, which moves at v, and the commands lead the servos by their lag.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from skywright.vehicle.arms.view import ArmsView
 from skywright.vehicle.component import helper
 
 SIGHT = 0.5  # s without a sample after which a marker counts as out of sight
-LEAD_MAX = 0.05  # m, by which the servos' lag may be made up for
+LEAD_MAX = 0.05  # m, largest lead that compensates for the servo lag
 
 
 @helper
 def start_hand(v: ArmsView, h: int) -> None:
-    """Start a task at the hand's commanded position, so that nothing jumps."""
+    """Start a task at the hand's commanded position, so that the commands stay continuous."""
     first = v.arm.first[h]
     p_A = local(3)
     arm_point(v.arm.upper, v.arm.fore, v.state.q_goal[first : first + 4], p_A)
@@ -39,7 +39,7 @@ def start_hand(v: ArmsView, h: int) -> None:
 
 @helper
 def _from_base(v: ArmsView, h: int, p_A: Any, p_W: Any) -> None:
-    """Fill p_W with a point given from the shoulder of arm h in A."""
+    """Fill p_W with the world position of a point p_A, relative to the shoulder of arm h, in A."""
     vec, p_B = local(3), local(3)
     for a in range(3):
         vec[a] = v.arm.p_BS[h, a] + p_A[a]
@@ -66,7 +66,7 @@ def step_position(v: ArmsView, h: int, dr: Any) -> None:
 
 @helper
 def step_to_marker(v: ArmsView, h: int, dr: Any) -> None:
-    """Fill dr (3,) m: (23) towards v.tasks.p_WH in the marker's frame, while it is seen."""
+    """Fill dr (3,) m: (23) towards v.tasks.p_WH in the marker's frame, while it is in sight."""
     e = local(3)
     mat_vec(v.marker.R_WO, v.tasks.p_WH[h], e)
     for a in range(3):
@@ -90,11 +90,11 @@ def step_velocity(v: ArmsView, h: int, dr: Any) -> None:
 
 @helper
 def move_hand(v: ArmsView, h: int, dr: Any, smooth: bool) -> None:
-    """Step p_ref by dr (3,) m in W and command the joints that bring the hand there: (7), dr_G.
+    """Step p_ref by dr (3,) m in W and command the joint angles for it: (7), dr_G.
 
-    The deflection under the arm's weight, dr_G of (23), is made up for joint by joint
-    (`hold_joint`). `smooth` sends the angles through the servos' profiles and leads their lag.
-    Where the arm does not reach, p_ref stays at the nearest point that it does: no windup.
+    `hold_joint` compensates for the deflection under the arm's weight, dr_G of (23), at each joint.
+    `smooth` passes the angles through the servos' profiles and compensates for their lag. If p_ref
+    is out of reach, it is set to the nearest reachable point (anti-windup).
     """
     first = v.arm.first[h]
     p_W, p_B, p_A, vec = local(3), local(3), local(3), local(3)
@@ -109,7 +109,7 @@ def move_hand(v: ArmsView, h: int, dr: Any, smooth: bool) -> None:
         _lead(v, h, p_B, lead)
     q, reached, status = local(4), local(3), -1
     for attempt in range(2):
-        if attempt == 1:  # a lead that ends out of reach is no reason to give p_ref up
+        if attempt == 1:  # p_ref may be reachable where p_ref + lead is not
             lead[:] = 0.0
         for a in range(3):
             vec[a] = p_B[a] + lead[a] - v.hands.p_BA[a]
@@ -144,9 +144,10 @@ def move_hand(v: ArmsView, h: int, dr: Any, smooth: bool) -> None:
 
 @helper
 def _lead(v: ArmsView, h: int, p_B: Any, lead: Any) -> None:
-    """Fill `lead` (m, in B): the way of p_ref, seen from the arms' base, in the servos' lag.
+    """Fill `lead` (m, in B): displacement of p_ref relative to the arms' base in the servo lag.
 
-    (17) inverted: theta_ref = theta + T_s theta'; with half a period of holding and the profile's.
+    This inverts (17): theta_ref = theta + T_s theta'. The lag includes half a period for the hold
+    between commands, and the lag of the profile.
     """
     v_B, turn, arm, vec = local(3), local(3), local(3), local(3)
     for a in range(3):

@@ -1,4 +1,4 @@
-"""Hands of compliant arms: gravity's torques, deflections that no encoder sees, kinematics."""
+"""Hands of compliant arms: gravity torques, deflections without an encoder, kinematics."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from skywright.vehicle.arms.ports import ArmModel, Hands, HandsReference, Joints
 from skywright.vehicle.bus import Estimate
 from skywright.vehicle.component import InOut, Out, Recorded, helper
 
-DEFLECTION_STEPS, DEFLECTION_TOLERANCE = 20, 2e-4  # a tick at most; rad: encoders have 0.2 deg
+DEFLECTION_STEPS, DEFLECTION_TOLERANCE = 20, 2e-4  # most a tick; rad (encoders: 0.2 deg)
 
 
 class HandKinematics(ArmComponent):
-    """Fills Hands and the torques of gravity at the servos' rate.
+    """Fills Hands and the gravity torques at the servos' rate.
 
-    It finds the deflections of joints without an encoder, and with them where the links are:
-    Estimate and Kinematics change accordingly.
+    It computes the deflections of joints without an encoder, and updates the joint angles in
+    Estimate and the link poses in Kinematics with them.
     """
 
     slot = "control"
@@ -90,7 +90,7 @@ class HandKinematics(ArmComponent):
 
 
 class View(NamedTuple):
-    """What the functions below work on."""
+    """Records that the functions below read and write."""
 
     model: Any
     arm: Any
@@ -102,7 +102,7 @@ class View(NamedTuple):
 
 @helper
 def fill_base(v: View, hands: Any) -> None:
-    """Fill the frame of the arms' base: B, or the passive link's."""
+    """Fill the pose in B of frame A, the arms' base: B itself, or the frame of the passive link."""
     for a in range(3):
         hands.p_BA[a] = 0.0
         for c in range(3):
@@ -116,7 +116,7 @@ def fill_base(v: View, hands: Any) -> None:
 
 @helper
 def fill_hand(v: View, stiff: Any, hands: Any, h: int) -> None:
-    """Fill place, frame, Jacobians and velocity of a hand."""
+    """Fill position, frame, Jacobians and velocity of a hand."""
     k, arm, est = v.kin, v.arm, v.est
     vec, spin, rate = local(3), local(3), local(3)
     for a in range(3):
@@ -146,28 +146,28 @@ def fill_hand(v: View, stiff: Any, hands: Any, h: int) -> None:
 
 @helper
 def add_load(v: View) -> None:
-    """Add what a weight that hangs on the hands asks of the joints to `t_gravity`: J^T f.
+    """Add the joint torques of a weight that hangs on the hands to `t_gravity`: J^T f.
 
-    All that knows the arms' own weight (feed-forward, estimates of deflection and force) then knows
-    the load's.
+    Feed-forward, deflection estimate and force estimate then include the load along with the arms'
+    own weight.
     """
     arm = v.arm
     for h in range(arm.n_hands):
         if v.ref.load[h] == 0.0:
             continue
         for j in range(arm.first[h], arm.first[h] + arm.n):
-            for a in range(3):  # row z of R_WB: what is up, in B
+            for a in range(3):  # row z of R_WB: the vertical, in B
                 v.joints.t_gravity[j] += v.kin.J_BH[h, a, j] * v.est.R_WB[2, a] * v.ref.load[h]
 
 
 @helper
 def fill_weight_stiffness(v: View, stiffness: Any) -> None:
-    """Fill `stiffness` (MAX_JOINTS,) N m/rad: change of t_gravity_j with q_j, load included.
+    """Fill `stiffness` (MAX_JOINTS,) N m/rad: derivative of t_gravity_j by q_j, load included.
 
-    Of a weight w at r from the axis a it is w . r - (a . w) (a . r): positive where it hangs.
+    A weight w at r from the axis a adds w . r - (a . w) (a . r), positive if it hangs below.
     """
     m, k = v.model, v.kin
-    r, up = local(3), v.est.R_WB[2]  # row z: what is up, in B
+    r, up = local(3), v.est.R_WB[2]  # row z: the vertical, in B
     for j in range(MAX_JOINTS):
         stiffness[j] = 0.0
     for n in range(m.n_links + v.arm.n_hands):
@@ -194,11 +194,11 @@ def fill_weight_stiffness(v: View, stiffness: Any) -> None:
 def step_deflections(v: View) -> float:
     """One step towards the deflections of joints without an encoder: D = spring^-1(t_gravity(q)).
 
-    q is the shaft less the deflection, so that the weight's own stiffness G feeds back: to take
-    over D whole diverges where G exceeds the spring's k. The step is therefore shortened to
-    1 / (1 + 2 trace G / k), the trace of all joints of the arm that are found so: it bounds G's
-    largest eigenvalue, and twice allows for the slope of D within the gear's play. What hangs
-    converges so however heavy it is. Returns the largest step (rad).
+    q is the shaft angle minus the deflection, so the stiffness G of the weight feeds back: a full
+    step to D diverges if G exceeds the spring's k. The step is therefore scaled by
+    1 / (1 + 2 trace G / k), with the trace over all joints of the arm without an encoder. The trace
+    bounds the largest eigenvalue of G, and the factor 2 covers the slope of D within the gear's
+    play. The iteration converges for any hanging load. Returns the largest step (rad).
     """
     arm, joints, est = v.arm, v.joints, v.est
     stiffness = local(MAX_JOINTS)

@@ -1,12 +1,12 @@
 """Loops of one compliant joint: torque and output position with the switch delta.
 
-Suarez 2020, (14)-(22). The servo's shaft theta answers its reference with the lag T_s, (17), so
-that (22), which adds to theta, integrates once by itself; the printed I terms integrate again. They
-are stopped while a limit holds the command back.
+Suarez 2020, (14)-(22). The servo's shaft theta follows its reference with the lag T_s, (17).
+Equation (22) adds to theta and is therefore an integrator; the published I terms integrate a second
+time. They stop while a limit clips the command.
 
-theta is that of (17), not the servo's reading: with a resolution of 0.33 deg, a command of the
-reading plus K_p q_e rounds to the reading again for errors below 6 deg, and a zero of the encoder
-that is off by 0.4 deg makes the joint run until K_p q_e stands against it, 16 deg away.
+theta is the state of (17), not the servo's reading. With a resolution of 0.33 deg, a command of the
+reading plus K_p q_e would round to the reading for errors below 6 deg. An offset of the encoder of
+0.4 deg would move the joint until K_p q_e balances it, 16 deg away.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from skywright.vehicle.arms.view import ArmsView
 from skywright.vehicle.component import helper
 
 SHAFT_TRUST = math.radians(2.0)
-"""rad, that the model of a shaft may be off its reading: zero and resolution; more is a stall."""
-TRIM_MAX = math.radians(4.0)  # rad, of the integral in free air
+"""rad, bound of the modelled shaft about its reading: offset and resolution; more is a stall."""
+TRIM_MAX = math.radians(4.0)  # rad, limit of the integral in free air
 
 
 @helper
 def follow_shafts(v: ArmsView) -> None:
-    """Advance the shafts by one period, by (17), from the last commands."""
+    """Advance the modelled shafts by one period with (17), from the last commands."""
     share = 1.0 - math.exp(-v.arm.dt / v.arm.servo_tau)
     for j in range(len(v.me.shaft)):
         shaft = v.me.shaft[j] + share * (v.me.theta_ref[j] - v.me.shaft[j])
@@ -33,11 +33,11 @@ def follow_shafts(v: ArmsView) -> None:
 
 @helper
 def hold_joint(v: ArmsView, j: int, q: float, trim: bool) -> None:
-    """Command the shaft so that the output link comes to `q` (rad) against its weight.
+    """Command the shaft so that the output link reaches `q` (rad) under its weight.
 
-    What the spring yields to the weight is fed forward, and what it is wound by for a force
-    (hand_force.py). With `trim`, in free air, the integral of
-    (21) takes up the rest (play, errors of mass and stiffness) where the deflection is measured.
+    The spring's deflection under the weight and its winding for a force (hand_force.py) are fed
+    forward. With `trim`, in free air, the integral of (21) corrects the remaining error (play,
+    errors of mass and stiffness) of joints with a measured deflection.
     """
     shift = 0.0
     v.state.q_goal[j] = min(max(q, v.arm.q_min[j]), v.arm.q_max[j])
@@ -69,7 +69,7 @@ def step_joint(v: ArmsView, j: int, delta: float, q_ref: float, tau_ref: float) 
     dtheta_tau = v.me.kp_torque / k * tau_e + i_tau  # (19)
     dtheta_p = v.me.kp_position * q_e + i_p  # (21)
     wanted = theta + delta * dtheta_p + (1.0 - delta) * dtheta_tau  # (22)
-    # the shaft may lead the link's limits by the spring's deflection, and is as fast as it is
+    # the shaft may lead the link's limits by the spring's deflection, within the servo's speed
     lowest, highest = v.arm.q_min[j] + min(dtheta, 0.0), v.arm.q_max[j] + max(dtheta, 0.0)
     reach = v.arm.speed_max * v.arm.servo_tau
     lowest, highest = max(lowest, theta - reach), min(highest, theta + reach)

@@ -1,7 +1,7 @@
-"""Joints with springs: where the output links are, from the servos' shafts and the deflections.
+"""Joints with springs: angles of the output links from the servo shafts and the deflections.
 
-Suarez 2020: a servo's shaft theta turns the output link q through a spring, theta - q being the
-deflection (14). Where no encoder measures it, it is that of the arm's weight (hands.py).
+Suarez 2020: a servo's shaft theta turns the output link q through a spring; theta - q is the
+deflection (14). Without an encoder, the deflection is that under the arm's weight (hands.py).
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from skywright.vehicle.component import Component, Out
 from skywright.vehicle.readings import Shafts
 
 STOP_HARDENING = 10.0
-"""Stiffness of a stop over that of its spring, as controllers believe it."""
+"""Ratio of the stiffness of a stop to that of its spring, in the controllers' model."""
 SWING_BANDWIDTH = 40.0  # rad/s, of the rate estimate of a passive joint
 
 
 class ArmComponent(Component):
-    """Base of what the robot's side of compliant arms consists of."""
+    """Base of the robot-side components of compliant arms."""
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
@@ -43,16 +43,16 @@ class ArmComponent(Component):
 
 
 class JointEstimator(ArmComponent):
-    """Fills the joints of Estimate (output links) every tick, and what is believed of the arms.
+    """Fills the joint angles of Estimate (output links) every tick, and ArmModel at the start.
 
-    The rate of a passive joint is a filtered difference of its encoder; the controller holds the
-    servos' own rate for zero between their slow readings.
+    The rate of a passive joint is a filtered difference of its encoder readings. The rates of servo
+    joints are set to zero, because their readings are slow.
     """
 
     slot = "body"
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Fill the model from the robot's description; the links stand where the servos hold."""
+        """Fill ArmModel from the robot's description; the links start at the home angles."""
         context.records[ArmModel, ""][:] = build_arm_model(context.robot, context.springs)
         fill_home(context.records[Estimate, ""]["q"], context)
 
@@ -78,7 +78,7 @@ class JointEstimator(ArmComponent):
 
 
 def fill_home(joints: Any, context: Any) -> None:
-    """Write the angles (..., MAX_JOINTS) rad at which the servos stand and hold at first."""
+    """Write the servos' home angles (..., MAX_JOINTS) rad, which they hold at the start."""
     q = home_pose(context.robot, context.world, 0.0, 0.0, 0.0)[2]
     joints[..., : len(q)] = q
 
@@ -86,7 +86,7 @@ def fill_home(joints: Any, context: Any) -> None:
 def build_arm_model(robot: Robot, springs: Springs | None = None) -> NDArray[Any]:
     """Return the ArmModel, a (1,) array, of a robot with compliant arms.
 
-    `springs` are those that are believed, by default the file's.
+    `springs` are the springs of the controllers' model, by default those of the robot file.
     """
     assert robot.arm is not None
     springs = springs or believe_springs(robot)

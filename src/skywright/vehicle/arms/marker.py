@@ -1,8 +1,8 @@
-"""Where the marker is that hands are led to, by the camera's or motion capture's samples of it.
+"""Pose of the marker that hands move to, from samples of the camera or of motion capture.
 
-A camera sample is put into W with the estimated platform pose, and averaged there: the marker
-stands still or moves slowly. The arm's reference goes back from W with the same pose, so that an
-error of localisation does not reach the hand (only its change since the image does).
+A camera sample is transformed to W with the estimated platform pose and averaged there, because the
+marker is still or slow. The arm's reference is transformed back with the same pose, so that only
+the change of the localisation error since the image affects the hand.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from skywright.vehicle.targets import CARRIED, NEVER, Target, take_sample
 
 
 class MarkerEstimate(ArmComponent):
-    """Fills Marker: by the camera, or without one by motion capture."""
+    """Fills Marker from the camera, or from motion capture if there is no camera."""
 
     slot = "estimate"
 
@@ -36,7 +36,7 @@ class MarkerEstimate(ArmComponent):
             yield component
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """No marker has been measured yet."""
+        """Start with no measured marker."""
         start = context.records[Marker, ""][0]
         start["R_WO"], start["age"] = np.eye(3), NEVER
 

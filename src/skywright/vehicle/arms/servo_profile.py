@@ -7,8 +7,8 @@ a = (g - x - 3/2 v T) / T^2 and is, at the middle,
 
     x' = x + v T + a T^2 / 2 = x/2 + v T/4 + g/2,      v' T = v T + a T^2 = g - x - v T/2.
 
-Its matrix [[1/2, 1/4], [-1, -1/2]] is nilpotent: the goal is reached after two updates, exactly,
-without overshoot. A goal that moves at a constant speed is followed 3/2 T late.
+Its matrix [[1/2, 1/4], [-1, -1/2]] is nilpotent: the profile reaches the goal exactly after two
+updates, without overshoot. It follows a goal of constant speed with a lag of 3/2 T.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from skywright.vehicle.arms.view import ArmsView
 from skywright.vehicle.component import helper
 
 PROFILE_LAG = 1.5
-"""Command periods by which a moving goal is followed late."""
+"""Lag behind a moving goal, in command periods."""
 
 
 @helper

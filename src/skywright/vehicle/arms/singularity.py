@@ -1,13 +1,13 @@
-"""Nearness of an arm to its singularity, and the way out: the platform moves, the hand stays.
+"""Distance of an arm from its singularity, and the platform displacement that restores it.
 
-Stretched, the arm of Suarez 2020 has no lever along its own line: the force there no longer shows
-in the joints' torques and no displacement makes it (section VI-B's failed trial). The measure is
-the lever of the joints in the direction of the task,
+The stretched arm of Suarez 2020 has no lever along its own line: a force in this direction causes
+no joint torque, and no joint displacement produces it (the failed trial of section VI-B). The
+measure is the lever of the joints in the direction of the task,
 
     l = 1 / sqrt(n^T (J J^T)^-1 n)    (m: speed of the hand along n, joints at 1 rad/s)
 
-A deflection encoder's error of 0.2 deg at the strongest spring (10 mN m) reads as 0.1 N at a lever
-of 0.1 m: that, a fifth of the arm's reach, is where the notice comes.
+An error of 0.2 deg of a deflection encoder at the strongest spring (10 mN m) is a force of 0.1 N at
+a lever of 0.1 m. The `singular` flag is set at this lever, a fifth of the arm's reach.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from skywright.vehicle.arms.view import ArmsView
 from skywright.vehicle.component import helper
 
 NEAR, CLEAR = 0.2, 0.3
-"""Lever over reach below which the notice comes, and above which it goes."""
+"""Ratios of lever to reach below which `singular` is set, and above which it is cleared."""
 
 
 @helper
@@ -57,7 +57,7 @@ def watch_singularity(v: ArmsView, h: int, way_W: Any) -> None:
         v.state.singular[h] = 1.0
     elif share > CLEAR:
         v.state.singular[h] = 0.0
-    # a right angle at the elbow, the hand where it is: the shoulder comes nearer along the arm
+    # for a right angle at the elbow with a fixed hand, the shoulder moves along the arm
     good = math.sqrt(v.arm.upper * v.arm.upper + v.arm.fore * v.arm.fore)
     for a in range(3):
         way_B[a] = p_B[a] * (1.0 - good / rho)

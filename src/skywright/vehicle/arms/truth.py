@@ -1,4 +1,4 @@
-"""Ports of the plant's side of compliant arms; the robot's side sees none."""
+"""Plant-side ports of compliant arms; no robot-side component reads them."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from skywright.vehicle.component import Output
 
 
 class HandTruth(Output):
-    """The hands now."""
+    """True state of the hands."""
 
     p_WH: HandPoints  # m
     R_WH: HandFrames
-    f_WH: HandPoints  # N, force that each hand exerts on what it touches
+    f_WH: HandPoints  # N, force of each hand on the touched object
 
 
 class TapePull(Output):
@@ -24,7 +24,7 @@ class TapePull(Output):
 
 
 class ServoState(Output):
-    """State of a position servo: its command, and its progress towards it."""
+    """State of the position servos: command and present angle."""
 
     held: PerJoint  # rad
     now: PerJoint  # rad

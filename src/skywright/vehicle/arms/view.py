@@ -9,7 +9,7 @@ from skywright.vehicle.arms.ports import PerJoint
 
 
 class ArmsMemory(Record):
-    """Gains and memory of the law."""
+    """Gains and state of the law."""
 
     kp_torque: float  # gains of (19) and (21)
     ki_torque: float
@@ -18,8 +18,8 @@ class ArmsMemory(Record):
     ki_force: float  # rad/s, of the force loop
     ki_hold: float  # rad/s, of the hand's position while it exerts a force
     theta_ref: PerJoint  # rad, last command
-    shaft: PerJoint  # rad, shafts as (17) says of the commands
-    wind: PerJoint  # rad, by which shafts lead for the force of a hand
+    shaft: PerJoint  # rad, shafts modelled from the commands with (17)
+    wind: PerJoint  # rad, winding of the springs for the force of a hand
     w_goal: PerJoint  # rad a period, speed of the servos' profiles
     i_torque: PerJoint  # rad, integral part of (19)
     i_position: PerJoint  # rad, of (21)

@@ -1,4 +1,4 @@
-"""What a filter states of its position: standard deviations now, from those at its horizon."""
+"""Standard deviations of the present position estimate, from the covariance at the horizon."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from skywright.vehicle.estimators._strapdown import BA_, N_STATE, P_, R_, V_
 
 @helper
 def tell_deviation(me: Any, P: Any, gravity: float, state: Any) -> None:
-    """Fill the standard deviations of the position now; `P` (15 or more) is that of the horizon.
+    """Fill the standard deviations of the present position; `P` (15 or more) is at the horizon.
 
-    `me` is a Strapdown. Within the T seconds since the horizon the error of the position grows to
+    `me` is a Strapdown. In the T seconds since the horizon the position error grows to
 
         dp + T dv - [s] dtheta - T^2/2 R db_a,    s = double integral of R f,
 
-    and the accelerometer's noise adds q_v T^3 / 3; slow errors of the localisation pass into the
-    estimate as they are. What p has moved beyond T v and gravity is s.
-    The gyroscope's share is left out: its bias makes g T^3 / 6 of a position, 0.2 mm of 1 mrad/s in
-    the longest T (0.5 s).
+    and the accelerometer's noise adds q_v T^3 / 3. Slow errors of the localisation add in full. s
+    is the displacement of p minus T v and minus that of gravity.
+    The gyroscope's contribution is omitted: a bias b gives a position error of b g T^3 / 6, 0.2 mm
+    for 1 mrad/s in the longest T (0.5 s).
     """
     row, s = local(N_STATE), local(3)
     T = me.h * (me.n - me.n_f)

@@ -1,4 +1,4 @@
-"""Fusing fixes, odometry and ranges into the filter of station_camera.py, at its horizon."""
+"""Fusion of fixes, odometry and ranges into the filter of station_camera.py, at its horizon."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from skywright.vehicle.estimators._strapdown import (
 )
 
 N_FUSION = 25
-B_, T_, G_, RANGE_, DELAY_, RATE_ = 15, 18, 21, 22, 23, 24  # where the further errors start
+B_, T_, G_, RANGE_, DELAY_, RATE_ = 15, 18, 21, 22, 23, 24  # first index of the further errors
 
-GATE_FIX = 21.1  # chi-square of 3, exceeded once in 10,000
-GATE_ODO = 30.0  # the camera has jumped, not the robot
+GATE_FIX = 21.1  # chi-square, 3 degrees of freedom, exceeded once in 10,000
+GATE_ODO = 30.0  # beyond it the camera has jumped, not the robot
 GATE_RANGE = 16.0
 NO_GATE = math.inf
-RUN = 5  # rejected fixes in a row: not they are wrong but the filter
-OFTEN, OFTEN_S = 8.0, 0.5  # jumps of the camera within s: not it jumps but the inertial unit is off
+RUN = 5  # rejected fixes in a row after which the filter counts as wrong
+OFTEN, OFTEN_S = 8.0, 0.5  # jumps within s after which the inertial unit counts as wrong
 NOISIEST = 1.9
-"""Times the stated noise that a camera may have: plant.sensor_noise_error of 0.2, cut at three
-deviations, is 1.82. It exceeds GATE_ODO in every sixth sample then; what counts as a jump for OFTEN
-exceeds this as well."""
+"""Largest ratio of the camera's noise to the stated noise: plant.sensor_noise_error of 0.2, cut at
+three deviations, gives 1.82. Every sixth sample then exceeds GATE_ODO. A sample counts as a jump
+for OFTEN only if it exceeds the gate scaled by this ratio."""
 
 
 @helper
@@ -60,7 +60,7 @@ def _turn_frame(me: Any, x: float, y: float, z: float) -> None:
 
 @helper
 def _grown(me: Any, out: Any) -> None:
-    """Write g T."""
+    """Write g T: rotation and scale of the aligned camera's frame."""
     g = math.exp(me.growth)
     for i in range(3):
         for j in range(3):
@@ -131,7 +131,7 @@ def _inject(me: Any, dx: Any) -> None:
 
 @helper
 def fuse_fix(me: Any, z: Any) -> None:
-    """Fuse the fix of the station when the horizon's clock reaches its time stamp."""
+    """Fuse a fix of the station whose time stamp the horizon has reached."""
     H, nu, kept, r, lever = local(3, N_FUSION), local(3), local(3), local(3), local(3)
     dx = local(N_FUSION)
     clear(H)
@@ -151,7 +151,7 @@ def fuse_fix(me: Any, z: Any) -> None:
             return
         me.rejected_row = 0
         me.restarts += 1
-        for i in range(3):  # lost: the position is anywhere, what the camera tells of it is not
+        for i in range(3):  # the position is lost, but position plus drift remains known
             me.P_full[P_ + i, P_ + i] += far
             me.P_full[B_ + i, B_ + i] += far
             me.P_full[P_ + i, B_ + i] -= far
@@ -163,7 +163,7 @@ def fuse_fix(me: Any, z: Any) -> None:
 
 @helper
 def align(me: Any, k: int, a: Any, R: Any) -> None:
-    """Camera sample `k` in W: position (3,) m and attitude (3, 3)."""
+    """Write camera sample `k` in W: position (3,) m and attitude (3, 3)."""
     mat_vec(me.R_WC, me.odo_p[k], a)
     for i in range(3):
         a[i] *= me.scale
@@ -172,7 +172,7 @@ def align(me: Any, k: int, a: Any, R: Any) -> None:
 
 @helper
 def fuse_odometry(me: Any, k: int) -> None:
-    """Fuse camera sample `k`; a jump of the camera goes into its drift."""
+    """Fuse camera sample `k`; a jump of the camera is added to its drift."""
     H, nu, kept, r, lever = local(6, N_FUSION), local(6), local(6), local(6), local(3)
     a, R, seen, rest = local(3), local(3, 3), local(3, 3), local(3, 3)
     dx, turn = local(N_FUSION), local(3)
@@ -230,7 +230,7 @@ def doubt_inertial(me: Any) -> None:
 
 @helper
 def fuse_range(me: Any, distance: float) -> None:
-    """Fuse the distance to the ground below; what is not the ground is gated."""
+    """Fuse the distance to the ground below; the gate rejects distances to other objects."""
     H, nu, r, lever = local(3, N_FUSION), local(1), local(1), local(3)
     dx, one = local(N_FUSION), local(1, N_FUSION)
     clear(H)

@@ -1,7 +1,7 @@
-"""The Kalman filter's correction of an error state by a few numbers at once.
+"""Measurement update of an error-state Kalman filter, for up to six scalars at once.
 
-The first 15 errors are those of every filter here: position, velocity, attitude, gyroscope's and
-accelerometer's bias (filter.py).
+The first 15 errors are common to all filters here: position, velocity, attitude, gyroscope bias and
+accelerometer bias (filter.py).
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ MOST_NUMBERS, MOST_STATES = 6, 25
 def correct(P: Any, H: Any, nu: Any, r: Any, gate: float, dx: Any) -> float:
     """Correct `P` (n, n) by innovations `nu` (m,) with the Jacobian `H` (m, n).
 
-    `r` (m,) are the variances of the independent noise. Writes the error's estimate into `dx` (n,)
-    and returns the squared normalised innovation; beyond `gate` nothing changes and `dx` is zero.
-    `nu` is whitened in place.
+    `r` (m,) are the variances of independent noise. Writes the estimated error into `dx` (n,) and
+    returns the squared normalised innovation. If this exceeds `gate`, P does not change and `dx` is
+    zero. `nu` is whitened in place.
     """
     m, n = H.shape
     W, S = local(MOST_NUMBERS, MOST_STATES), local(MOST_NUMBERS, MOST_NUMBERS)
@@ -81,7 +81,7 @@ def correct(P: Any, H: Any, nu: Any, r: Any, gate: float, dx: Any) -> float:
 
 @helper
 def inject(me: Any, dx: Any) -> None:
-    """Move the estimated error `dx` (15 or more,) of the horizon's state into it."""
+    """Add the estimated error `dx` (15 or more,) to the state at the horizon."""
     turn, rot, old = local(3), local(3, 3), local(3, 3)
     for i in range(3):
         me.p_f[i] += dx[P_ + i]
@@ -98,9 +98,9 @@ def inject(me: Any, dx: Any) -> None:
 
 @helper
 def place_point(me: Any, p_B: Any, H: Any, out: Any) -> None:
-    """Write where a point of B lies, from the inertial unit in W (m), into `out` (3,).
+    """Write the vector (m) in W from the inertial unit to the point p_B of B into `out` (3,).
 
-    Its Jacobian, with the position's, goes into rows 0 to 2 of `H`, which are zero before.
+    The Jacobian of the point's position is written to rows 0 to 2 of `H`, which must be zero.
     """
     d = local(3)
     for i in range(3):

@@ -1,8 +1,8 @@
-"""Fusing a fix of a point of the robot, with or without a heading, into the error-state filter.
+"""Fusion of a fix of a point of the robot, with or without a heading, into the error-state filter.
 
-A position alone does not tell a robot that flies straight which way it faces: heading is observable
-through horizontal acceleration only, and a transport hardly accelerates. So a fix brings a heading
-(two antennas, or a magnetometer); roll and pitch follow from gravity.
+From positions alone, heading is observable only during horizontal acceleration, which is small in a
+transport flight. A fix therefore includes a heading (two antennas, or a magnetometer). Roll and
+pitch follow from gravity.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from skywright.vehicle.component import helper
 from skywright.vehicle.estimators._kalman import correct, inject, place_point
 from skywright.vehicle.estimators._strapdown import BA_, BG_, MASK, N_STATE, P_, R_, V_
 
-GATES = (16.27, 18.47)  # chi-square of 3 and of 4 at 99.9 %
-LEVEL_SAMPLES = 256  # inertial samples at rest from which roll and pitch are taken at the start
+GATES = (16.27, 18.47)  # chi-square of 3 and of 4 degrees of freedom at 99.9 %
+LEVEL_SAMPLES = 256  # inertial samples at rest that give roll and pitch at the start
 
 
 class FixNoise(Record):
     """Noise of fixes."""
 
-    p_BF: Vec3  # m, the point that they are of
+    p_BF: Vec3  # m, the measured point
     r_fix: Vec3  # m^2
-    r_heading: float  # rad^2; 0: they have no heading
+    r_heading: float  # rad^2; 0: no heading
 
 
 @helper
 def fuse_fix(me: Any, fix: Any) -> bool:
-    """Fuse a fix taken at the horizon; False when the gate rejects it."""
+    """Fuse a fix taken at the horizon; returns False if the gate rejects it."""
     n = 4 if me.r_heading > 0.0 else 3
     H, nu, r, lever = local(4, N_STATE), local(4), local(4), local(3)
     dx = local(N_STATE)
@@ -42,7 +42,7 @@ def fuse_fix(me: Any, fix: Any) -> bool:
     for i in range(3):
         nu[i] = fix.p[i] - (me.p_f[i] + lever[i])
         r[i] = me.r_fix[i]
-    if n == 4:  # a turn about W's z is the heading's
+    if n == 4:  # the heading measures the rotation about W's z
         off = fix.heading - math.atan2(me.R_f[1, 0], me.R_f[0, 0])
         nu[3] = math.atan2(math.sin(off), math.cos(off))
         H[3, R_ + 2], r[3] = 1.0, me.r_heading
@@ -55,10 +55,10 @@ def fuse_fix(me: Any, fix: Any) -> bool:
 
 @helper
 def start_from_fix(me: Any, fix: Any, n: int, gravity: float, speed: float) -> None:
-    """Begin at rest at a fix taken at inertial sample `n`: level by gravity, facing as it says.
+    """Start at rest at a fix taken at inertial sample `n`: tilt by gravity, heading by the fix.
 
-    `speed` (m/s) is one sigma of how much at rest. The tilt is wrong by the accelerometer's bias
-    over g, and the filter is told that the two belong together.
+    `speed` (m/s) is one sigma of the velocity at the start. The tilt error is the accelerometer
+    bias over g; the covariance includes this correlation.
     """
     f, x, y, z = local(3), local(3), local(3), local(3)
     for i in range(3):
@@ -66,11 +66,11 @@ def start_from_fix(me: Any, fix: Any, n: int, gravity: float, speed: float) -> N
     for k in range(max(me.n - LEVEL_SAMPLES, 0), me.n):
         for i in range(3):
             f[i] += me.accel[k & MASK, i]
-    # rows of R_WB: up is where the specific force points, x faces along the heading
+    # rows of R_WB: the specific force points up, and x points along the heading
     size = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
     for i in range(3):
         z[i] = f[i] / size
-    # in B, the level axis ahead: B's x less its part along z
+    # the horizontal forward axis in B: x of B minus its component along z
     for i in range(3):
         x[i] = (1.0 if i == 0 else 0.0) - z[0] * z[i]
     size = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
@@ -112,9 +112,9 @@ def start_from_fix(me: Any, fix: Any, n: int, gravity: float, speed: float) -> N
 
 @helper
 def move_to_fix(me: Any, fix: Any, speed: float, turn: float) -> None:
-    """Go to a fix where the filter lost its place; velocity and attitude stay, less certain.
+    """Reset the position to a fix; velocity and attitude stay, with a larger covariance.
 
-    `speed` (m/s) and `turn` (rad) are one sigma more.
+    `speed` (m/s) and `turn` (rad) are the added standard deviations.
     """
     d, lever = local(3), local(3)
     for i in range(3):

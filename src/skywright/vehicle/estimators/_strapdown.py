@@ -1,8 +1,8 @@
-"""Strapdown integration of inertial samples, and the covariance that goes with it.
+"""Strapdown integration of inertial samples, and propagation of the covariance.
 
-The error is (dp, dv, dtheta, db_g, db_a) with the attitude's in W (filter.py). Its F has four
-blocks off the diagonal, so F P F' is shears of block rows (`shear`), one a block, instead of two
-dense 15 x 15 products.
+The error is (dp, dv, dtheta, db_g, db_a) with the attitude error in W (filter.py). Its transition
+matrix F has four off-diagonal blocks. F P F' is therefore computed as one shear of block rows
+(`shear`) for each block, instead of two dense 15 x 15 products.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from skywright.core.types import IMU_HISTORY
 from skywright.vehicle.component import Context, helper
 from skywright.vehicle.tip import TipCorrection, fill_tip
 
-P_, V_, R_, BG_, BA_ = 0, 3, 6, 9, 12  # where the error's parts start
+P_, V_, R_, BG_, BA_ = 0, 3, 6, 9, 12  # first index of each part of the error
 N_STATE = 15
-MASK = IMU_HISTORY - 1  # of an index into the ring of samples
-COVARIANCE_STEP = 10  # IMU samples: R turns by 0.01 rad in it at 1 rad/s
+MASK = IMU_HISTORY - 1  # of an index into the ring buffer of samples
+COVARIANCE_STEP = 10  # inertial samples, in which R turns by 0.01 rad at 1 rad/s
 SPEED_START = 0.3  # m/s, 1 sigma when the filter starts
-HOLD_ACCEL, HOLD_RATE = 1.0, 0.2  # m/s^2, rad/s: 1 sigma of what a lost inertial sample hid
+HOLD_ACCEL, HOLD_RATE = 1.0, 0.2  # m/s^2, rad/s: 1 sigma of the error of a held sample
 
 
 class Strapdown(TipCorrection):
@@ -30,18 +30,18 @@ class Strapdown(TipCorrection):
 
     dt: float  # s, control period
     bandwidth: float  # rad/s, of the external force
-    rotor_tau: float  # s, believed rotor lag
+    rotor_tau: float  # s, nominal rotor lag
     h: float  # s, period of the inertial unit
-    p_BI: Vec3  # m, its place in B
+    p_BI: Vec3  # m, its position in B
     q_v: float  # (m/s^2)^2/Hz, noise density of the accelerometer, squared
     q_R: float  # (rad/s)^2/Hz, of the gyroscope
-    q_ba: float  # of the biases' walks
+    q_ba: float  # of the random walks of the biases
     q_bg: float
     p_ba: float  # variance of the turn-on biases
     p_bg: float
-    vibration_v: float  # (m/s)^2, shaking of the unit on its mount
+    vibration_v: float  # (m/s)^2, vibration of the unit on its mount
     vibration_R: float  # rad^2
-    p_slow: Vec3  # m, 1 sigma of what the localisation errs by so slowly that nothing tells it
+    p_slow: Vec3  # m, 1 sigma of slow errors of the localisation, which are not observable
     # the newest state, at the inertial unit
     t: float  # s
     p: Vec3
@@ -73,7 +73,7 @@ def fill_strapdown(me: Any, context: Context) -> None:
     me.q_v, me.q_R = s.accel_noise_mps2_sqrthz**2, s.gyro_noise_rad_s_sqrthz**2
     me.q_ba, me.q_bg = s.accel_walk_mps3_sqrthz**2, s.gyro_walk_rad_s2_sqrthz**2
     me.p_ba, me.p_bg = s.accel_bias_mps2**2, s.gyro_bias_rad_s**2
-    # velocity and attitude shake with the integral of what the rotors do to the unit at hover
+    # vibration of velocity and attitude: the integral of the unit's rotor vibration at hover
     n, most = len(rotors.thrust_min), robot.rotors.thrust_max_n
     share = context.mass * context.world.gravity_mps2 / (n * most)
     speed = math.sqrt(share * most / rotors.k_f)
@@ -88,8 +88,8 @@ def integrate(
 ) -> None:  # fmt: skip
     """Strapdown integration of the samples first..last-1, in place.
 
-    `dv` (3,) returns the integral of R f (m/s), `turn` (3, 3) that of R (s). A sample holds the
-    mean over its period, so the force is rotated with the attitude in the middle of it.
+    Writes the integral of R f (m/s) to `dv` (3,) and that of R (s) to `turn` (3, 3). A sample is
+    the mean over its period, so the specific force is rotated with the attitude at its middle.
     """
     h = me.h
     for i in range(3):
@@ -105,7 +105,7 @@ def integrate(
         mx = fx + 0.5 * (y * fz - z * fy)
         my = fy + 0.5 * (z * fx - x * fz)
         mz = fz + 0.5 * (x * fy - y * fx)
-        # exp of a turn of millirad: the series to fifth order is exact to rounding
+        # exp of a rotation of some mrad: the series to fifth order is exact to rounding
         s = x * x + y * y + z * z
         a = 1.0 - s * (1.0 / 6.0) * (1.0 - s * 0.05)
         b = 0.5 - s * (1.0 / 24.0)
@@ -166,8 +166,8 @@ def _mirror(P: Any, i: int) -> None:
 def propagate_covariance(me: Any, P: Any, dv: Any, turn: Any, dt: float) -> None:
     """Advance `P` by `dt`: dp' = dv, dv' = -[R f] dtheta - R db_a, dtheta' = -R db_g, plus noise.
 
-    Half of the drift before and half after makes the step exact to second order. Rows of `P`
-    beyond the 15 belong to states that stay as they are.
+    Half of the drift before and half after makes the step second-order accurate. Rows of `P` beyond
+    the 15 belong to states that are constant here.
     """
     M = local(3, 3)
     M[0, 0] = M[1, 1] = M[2, 2] = 0.0
@@ -203,7 +203,7 @@ def advance(me: Any, last: int, gravity: float) -> None:
 
 @helper
 def receive_inertial(me: Any, imu: Any, body: Any) -> None:
-    """Append this tick's inertial samples; a gap (packets lost) is bridged by holding the first."""
+    """Append this tick's inertial samples; the first one also fills a gap of lost packets."""
     before = me.n
     missing = int((imu.t - me.t) / me.h + 0.5) - imu.n
     me.t = imu.t
@@ -230,7 +230,7 @@ def receive_inertial(me: Any, imu: Any, body: Any) -> None:
 
 @helper
 def fill_estimate(me: Any, imu: Any, t: float, est: Any) -> None:
-    """Platform pose and velocity at B from the state at the inertial unit, brought to now."""
+    """Fill pose and velocity of B from the state at the inertial unit, predicted to time `t`."""
     w, lever, turn = local(3), local(3), local(3)
     for i in range(3):
         if imu.n > 0:
@@ -239,7 +239,7 @@ def fill_estimate(me: Any, imu: Any, t: float, est: Any) -> None:
                 mean += imu.gyro[k, i] / imu.n
             est.w_WB_B[i] = mean - me.bg[i]
         w[i] = est.w_WB_B[i]
-    late = max(t - me.t, 0.0)  # of the newest data; zero without a link
+    late = max(t - me.t, 0.0)  # age of the newest data; zero without a link
     if late > 0.0:
         rot = local(3, 3)
         for i in range(3):
@@ -266,7 +266,7 @@ def fill_estimate(me: Any, imu: Any, t: float, est: Any) -> None:
 def estimate_force(
     me: Any, body: Any, allocated: Any, est: Any, rotor: Any, dv: Any, span: float
 ) -> None:
-    """External force: measured specific force times mass, less what the rotors make; low-passed.
+    """Fill the external force: mass times specific force, minus the rotors' force; low-passed.
 
     `dv` is the integral of the specific force in W over `span` seconds.
     """
@@ -296,10 +296,10 @@ def predict_now(
     before: int,
     changed: bool,
 ) -> None:
-    """Bring the state to now and fill the estimate.
+    """Integrate the state up to the newest inertial sample and fill the estimate.
 
-    `before` is the inertial sample that it stood at, `changed` says that the horizon has changed
-    since: then it is integrated anew from there.
+    `before` is the inertial sample of the present state. If the state at the horizon has
+    `changed`, the integration starts again from there.
     """
     gravity = body.gravity
     dv, turn = local(3), local(3, 3)
@@ -322,8 +322,8 @@ def predict_now(
 def head_covariance(me: Any, gravity: float, P: Any) -> None:
     """Write the covariance of the newest state into `P` (15, 15), for tests of consistency.
 
-    The inertial unit shakes with the rotors while the body does not: the share of that in
-    velocity and attitude is bounded, not a random walk, so it is added here and not integrated.
+    The rotors make the inertial unit vibrate relative to the body. The resulting error of velocity
+    and attitude is bounded, not a random walk; it is therefore added here and not integrated.
     """
     p, v, R, dv, turn = local(3), local(3), local(3, 3), local(3), local(3, 3)
     for i in range(3):

@@ -1,17 +1,17 @@
-"""Error-state Kalman filter of inertial unit and external localisation, at a delayed horizon.
+"""Error-state Kalman filter of inertial unit and external localisation, with a delayed horizon.
 
-External localisation is motion capture (`fuse`), or fixes of a point (_position_fix.py).
+External localisation is motion capture (`fuse`) or fixes of a point (_position_fix.py).
 
 State: position p and velocity v of the inertial unit in W, attitude R_WB, gyroscope bias b_g and
 accelerometer bias b_a in B. The error is (dp, dv, dtheta, db_g, db_a), 15 numbers, with the
 attitude error in W: R_true = exp(dtheta) R (Sola, Quaternion kinematics for the error-state Kalman
 filter, 2017, arXiv 1711.02508, section 7, "global angular errors").
 
-Delay: a motion-capture sample is fused into the state of its exposure, then the inertial samples
-since are integrated again. The covariance lives at the horizon only, so each inertial sample
-enters it once and nothing is stored or rewound; for samples in order this equals the filter that
-would have had them without delay, followed by a prediction. The state is integrated at the rate
-of the inertial unit (1 kHz), the covariance in steps of at most COVARIANCE_STEP samples.
+Delay: a motion-capture sample is fused into the state at its exposure, then the later inertial
+samples are integrated again. The covariance is kept at the horizon only, so each inertial sample
+enters it once and no past covariance is stored. For samples in order this equals a filter without
+delay, followed by a prediction. The state is integrated at the rate of the inertial unit (1 kHz),
+the covariance in steps of at most COVARIANCE_STEP samples.
 
 Integration and covariance step are in _strapdown.py.
 """
@@ -58,26 +58,26 @@ from skywright.vehicle.estimators.station_camera import StationCamera
 from skywright.vehicle.readings import Fix, ImuBatch, MocapSample
 from skywright.vehicle.tip import TIP_WALK, correct_tip
 
-GATE = 22.46  # chi-square of 6 at 99.9 %
+GATE = 22.46  # chi-square of 6 degrees of freedom at 99.9 %
 RESTART_AFTER = 10  # rejected samples in a row that agree with each other
-AGREE_P, AGREE_R = 0.1, 0.2  # m, rad: how far two good samples may be apart
-AGREE_SIGMAS = 4.0  # of two fixes, on top
-KNOWN_AFTER = 400  # samples that tell noise to 2 %: a variance from 3 n numbers is sqrt(2 / 3n) off
-SHEET_WORTH = 5.0  # samples that a data sheet is worth, whose noise is 20 % off
-LEAST_NOISE = 1e-10  # m^2 and rad^2: a perfect sensor would leave nothing to weigh
+AGREE_P, AGREE_R = 0.1, 0.2  # m, rad: largest difference of two samples that agree
+AGREE_SIGMAS = 4.0  # of the noise of fixes, in addition
+KNOWN_AFTER = 400  # samples for noise within 2 %: the error of a variance is sqrt(2 / 3n)
+SHEET_WORTH = 5.0  # samples that correspond to a data sheet, whose noise is 20 % off
+LEAST_NOISE = 1e-10  # m^2 and rad^2: keeps the innovation covariance of a perfect sensor regular
 
 
 class Filter(Estimator):
-    """Fills Estimate from inertial unit and motion capture, or fixes of a point."""
+    """Fills Estimate from the inertial unit and from motion capture or fixes of a point."""
 
     columns = POSITION_COLUMNS
 
     class Me(Strapdown, FixNoise):
         r_p: float  # m^2, motion capture
         r_R: float  # rad^2
-        # what the gate saw
-        nu: Annotated[Array, 6]  # innovation over its standard deviation, last fused sample
-        nis: float  # its square, last sample
+        # state of the gate
+        nu: Annotated[Array, 6]  # whitened innovation of the last fused sample
+        nis: float  # squared normalised innovation of the last sample
         last_fix: float  # s, of the newest sample that was fused
         fused: int
         rejected: int
@@ -98,7 +98,7 @@ class Filter(Estimator):
         """Read the data sheets' values."""
         fill_strapdown(me, context)
         m, fix, s = context.world.mocap, context.world.gnss.errors, context.robot.sensors
-        # a fix's correlated errors look like motion: they are not weighed, but stated
+        # correlated errors of fixes look like motion: they enter the stated deviation only
         me.p_slow = [fix.drift_level_m, fix.drift_level_m, fix.drift_up_m]
         if context.world.localisation != "gnss":
             me.p_slow = 0.0
@@ -137,7 +137,7 @@ class Filter(Estimator):
         state.ready = 1.0 if me.ready == 2.0 else 0.0
         if me.ready < 2.0:
             return
-        if me.n - me.n_f > IMU_HISTORY // 2:  # nothing to fuse for long: keep up with the ring
+        if me.n - me.n_f > IMU_HISTORY // 2:  # no sample for long: stay within the ring buffer
             advance(me, me.n - IMU_HISTORY // 4, body.gravity)
             changed = True
         predict_now(me, imu, body, allocated, est, rotor, clock.t, before, changed)
@@ -148,12 +148,12 @@ class Filter(Estimator):
 
 @helper
 def fuse(me: Any, mocap: Any) -> bool:
-    """Fuse a motion-capture sample taken at the horizon; False when the gate rejects it.
+    """Fuse a motion-capture sample taken at the horizon; returns False if the gate rejects it.
 
-    The residual before the correction times the residual after it has the variance of the noise as
-    its mean (Desroziers et al., Diagnosis of observation, background and analysis-error
-    statistics in observation space, 2005, (4)): so the filter learns the noise from the data sheet
-    on.
+    The mean product of the residuals before and after the correction is the variance of the noise
+    (Desroziers et al., Diagnosis of observation, background and analysis-error statistics in
+    observation space, 2005, (4)). The filter estimates the noise with it, starting from the data
+    sheet.
     """
     H, nu, r, lever = local(6, N_STATE), local(6), local(6), local(3)
     rot, turn, dx, before = local(3, 3), local(3), local(N_STATE), local(6)
@@ -193,14 +193,14 @@ def fuse(me: Any, mocap: Any) -> bool:
         else:
             me.r_R += gain / 3.0 * (before[i] * after - me.r_R)
     me.r_p, me.r_R = max(me.r_p, LEAST_NOISE), max(me.r_R, LEAST_NOISE)
-    me.r_c = 2.0 * me.r_p  # of the tip: the platform's own error counts too
+    me.r_c = 2.0 * me.r_p  # of the tip: includes the error of the platform's position
     inject(me, dx)
     return True
 
 
 @helper
 def agrees_with_last(me: Any, mocap: Any) -> bool:
-    """Whether a sample lies near the last unused one; keeps it as the last unused one."""
+    """Return whether a sample agrees with the last one given here, and store it as the last."""
     rot, turn = local(3, 3), local(3)
     mat_t_mat(me.last_R, mocap.R_WB, rot)
     log_so3(rot, turn)
@@ -216,7 +216,7 @@ def agrees_with_last(me: Any, mocap: Any) -> bool:
 
 @helper
 def start_at(me: Any, mocap: Any, n: int) -> None:
-    """Begin at rest at a motion-capture sample taken at inertial sample `n`."""
+    """Start at rest at a motion-capture sample taken at inertial sample `n`."""
     lever = local(3)
     mat_vec(mocap.R_WB, me.p_BI, lever)
     for i in range(N_STATE):
@@ -240,11 +240,11 @@ def start_at(me: Any, mocap: Any, n: int) -> None:
 
 @helper
 def use_mocap(me: Any, mocap: Any, t: float, gravity: float) -> bool:
-    """Advance the horizon to the exposure and fuse the sample; False if nothing changed."""
+    """Advance the horizon to the exposure and fuse the sample; returns False if nothing changed."""
     n = me.n - int((t - mocap.t) / me.h + 0.5)
     if n > me.n or n < 0 or n <= me.n - IMU_HISTORY:
-        return False  # not of this stretch of data
-    if me.ready < 2.0:  # two samples that agree begin the filter: one may be an artefact
+        return False  # outside the stored inertial samples
+    if me.ready < 2.0:  # the filter starts at two samples that agree: one may be an artefact
         agrees = agrees_with_last(me, mocap)
         if me.ready == 1.0 and agrees:
             start_at(me, mocap, n)
@@ -261,7 +261,7 @@ def use_mocap(me: Any, mocap: Any, t: float, gravity: float) -> bool:
         me.rejected += 1
         me.refused += 1
         me.rejected_row = me.rejected_row + 1 if agrees_with_last(me, mocap) else 1
-        if me.rejected_row >= RESTART_AFTER:  # they agree with each other: the filter is wrong
+        if me.rejected_row >= RESTART_AFTER:  # the samples agree with each other: filter wrong
             start_at(me, mocap, n)
             me.restarts += 1
     correct_tip(me, mocap, me.c_B, me.p_f, me.R_f, me.p_BI, me.p_BT[(n - 1) & MASK])
@@ -270,7 +270,7 @@ def use_mocap(me: Any, mocap: Any, t: float, gravity: float) -> bool:
 
 @helper
 def use_fix(me: Any, fix: Any, t: float, gravity: float) -> bool:
-    """Advance the horizon to the time of a fix and fuse it; False if nothing changed."""
+    """Advance the horizon to the time of a fix and fuse it; returns False if nothing changed."""
     n = me.n - int((t - fix.t) / me.h + 0.5)
     if n > me.n or n < me.n_f or n <= me.n - IMU_HISTORY:
         return False

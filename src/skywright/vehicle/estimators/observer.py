@@ -1,11 +1,11 @@
-"""The plain estimator: motion capture and gyroscope, delay compensated.
+"""A simple estimator from motion capture and gyroscope, with delay compensation.
 
-Translation: a third-order observer (position, velocity, external force) per axis that predicts
-with the believed rotor force and corrects with each motion-capture sample at the time of its
-exposure. The gains are those of a critically damped g-h-k filter: all three poles at
-theta = exp(-w T) for a sample that comes T after the one before (Brookner, Tracking and Kalman
-Filtering Made Easy, 1998, eq. 1.3-10), so they follow from one bandwidth at any rate and through
-drop-outs. Attitude: the gyroscope is integrated, motion capture corrects angle and bias
+Translation: a third-order observer (position, velocity, external force) per axis that predicts with
+the nominal rotor force and corrects with each motion-capture sample at the time of its exposure.
+The gains are those of a critically damped g-h-k filter: all three poles at theta = exp(-w T) for a
+sample T after the previous one (Brookner, Tracking and Kalman Filtering Made Easy, 1998, eq.
+1.3-10). They follow from one bandwidth w at any sample rate and through drop-outs. Attitude: the
+gyroscope is integrated, motion capture corrects angle and bias
 (complementary filter on SO(3), Mahony et al. 2008). Tip: forward kinematics plus a slow
 correction in B that absorbs calibration error, flexibility and spring.
 """
@@ -44,7 +44,7 @@ class Observer(Estimator):
     class Me(Record):
         dt: float  # s, control period
         bandwidth: float  # rad/s
-        rotor_tau: float  # s, believed rotor lag
+        rotor_tau: float  # s, nominal rotor lag
         gyro: Vec3  # rad/s, mean of the newest samples
         bias: Vec3  # rad/s, gyroscope
         c_B: Vec3  # m, tip correction (kinematic error, flexibility, spring)
@@ -55,7 +55,7 @@ class Observer(Estimator):
         p_BT: Annotated[Array, HISTORY, 3]
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take its bandwidth and the rotors' lag."""
+        """Read the bandwidth and the rotor lag."""
         me.dt, me.bandwidth = context.dt, context.robot.control.observer_bandwidth_rad_s
         me.rotor_tau = context.rotors.time_constant
 
@@ -99,7 +99,7 @@ class Observer(Estimator):
 
 @helper
 def start(me: Any, mocap: Any, p_BT: Any, est: Any) -> None:
-    """Begin at the first motion-capture sample, at rest."""
+    """Start at rest at the first motion-capture sample."""
     for a in range(3):
         est.p_WB[a] = mocap.p_WB[a]
         est.v_WB[a] = 0.0
@@ -146,7 +146,7 @@ def predict(me: Any, body: Any, allocated: Any, est: Any, rotor: Any) -> None:
 
 @helper
 def correct(me: Any, mocap: Any, t: float, mass: float, est: Any) -> None:
-    """Use a fresh motion-capture sample, compared with the estimate at its exposure."""
+    """Correct by a new motion-capture sample, compared with the estimate at its exposure."""
     dt = me.dt
     back = int((t - mocap.t) / dt + 0.5)
     back = min(max(back, 0), HISTORY - 1)
@@ -189,7 +189,7 @@ def correct(me: Any, mocap: Any, t: float, mass: float, est: Any) -> None:
     gc = 1.0 - theta
     for i in range(3):
         me.c_B[i] += gc * err[i]
-    # the corrections also hold for the past that later samples will be compared with
+    # apply the corrections to the past estimates too: later samples are compared with them
     for n in range(back + 1):
         j = (me.head - 1 - n) % HISTORY
         mat_mat(me.R[j], step, rot)

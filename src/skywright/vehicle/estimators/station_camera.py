@@ -1,18 +1,19 @@
 """Error-state Kalman filter of inertial unit, total station, tracking camera and range finder.
 
-As filter.py, which it shares the integration with, but nothing tells the pose: the
-station tells now and then, late, where the prism was; the camera tells at 200 Hz how the robot
-moved, in a frame of its own. Beyond the 15 errors of that filter it estimates how the camera errs
-against its calibration (vehicle/sensors/station.py): drift b, rotation T, scale g = exp(growth) of
-the aligned frame, further the range finder's bias and the station's clock:
+It shares the integration with filter.py, but no sensor measures the pose in W. The station measures
+the position of the prism, infrequently and with a delay. The camera measures the motion of the
+robot at 200 Hz, in its own frame. Beyond the 15 errors of filter.py, the state has the errors of
+the camera relative to its calibration (vehicle/sensors/station.py), namely drift b, rotation T and
+scale g = exp(growth) of the aligned frame, the range finder's bias, and the station's clock offset:
 
     camera aligned to W:  a = p_B + b,  b' = (g T - 1) v + drift;   attitude: T R_WB
     station:              z = p_B + R p_BP - v delay                (stamps ahead by `delay`)
     range finder:         d = p_z / R_zz + bias                     (above the ground z = 0)
 
-The errors of rotations are in W: T_true = exp(turn) T. A sample waits until the horizon, which
-moves every FUSE_EVERY to a fixed lag behind now, passes its stamp, so that the station's late
-samples are in order with the camera's; from there to now only the inertial samples are integrated.
+Rotation errors are in W: T_true = exp(turn) T. The horizon moves every FUSE_EVERY to a fixed lag
+behind the present. A sample is fused when the horizon passes its stamp, so that late samples of the
+station are in order with those of the camera. From the horizon to the present only the inertial
+samples are integrated.
 """
 
 from __future__ import annotations
@@ -64,13 +65,13 @@ from skywright.vehicle.readings import Fix, ImuBatch, Odometry, Range
 from skywright.vehicle.sensors.station import StationCamera as Station
 
 PENDING = 128
-"""Samples of a sensor that may wait for the horizon."""
+"""Most samples of a sensor that wait for the horizon."""
 DRIFT_START = 1.0  # m
-RATE_TIME = 60.0  # s in which the drift of the camera's heading takes another rate: assumed
-FUSE_EVERY = 0.02  # s: the state is integrated again from the horizon each time that this moves
+RATE_TIME = 60.0  # s in which the heading drift's rate walks by its initial sigma: assumed
+FUSE_EVERY = 0.02  # s, between moves of the horizon; each integrates the state again from there
 LAG = 0.25
 """s, of the horizon: 98 % of the station's samples arrive sooner."""
-# what may have changed since the calibration, 1 sigma
+# changes since the calibration, 1 sigma
 TILT_SINCE, HEADING_SINCE = math.radians(0.2), math.radians(1.0)
 SCALE_SINCE, CLOCK_SINCE = 0.005, 2e-3
 
@@ -81,7 +82,7 @@ class StationCamera(Estimator):
     columns = POSITION_COLUMNS
 
     class Me(Strapdown):
-        lag: float  # s, how far the horizon is behind
+        lag: float  # s, of the horizon behind the present
         p_BP: Vec3  # m, prism
         R_WC: Mat3  # frame and scale of the camera as calibrated
         scale: float  # m of a unit of the camera
@@ -102,13 +103,13 @@ class StationCamera(Estimator):
         # state beyond Strapdown's, at its horizon
         drift: Vec3  # m, of the aligned camera
         T: Mat3  # rotation of the aligned camera against the truth
-        growth: float  # log of its scale against the truth
+        growth: float  # logarithm of its scale against the truth
         range_bias: float  # m
         delay: float  # s, station's clock beyond `clock`
         rate: float  # rad/s, of the drift of the camera's heading
         P_full: Annotated[Array, N_FUSION, N_FUSION]
-        # samples that wait
-        fix_n: int  # received, modulo PENDING the place of the next one
+        # samples that wait for the horizon
+        fix_n: int  # received; modulo PENDING the index of the next one
         fix_used: int
         fix_t: Annotated[Array, PENDING]
         fix_p: Annotated[Array, PENDING, 3]
@@ -121,16 +122,16 @@ class StationCamera(Estimator):
         range_used: int
         range_t: Annotated[Array, PENDING]
         range: Annotated[Array, PENDING]
-        # what became of them
+        # counters
         last_fix: float  # s, stamp of the newest fix that was fused
         fixes: int
         rejected: int
         rejected_row: int
         late: int  # came after the horizon had passed
         jumps: int  # of the camera
-        often: float  # of them lately
+        often: float  # jumps of the last OFTEN_S, exponentially weighted
         last_odo: float  # s, stamp of the newest camera sample that was fused
-        restarts: int  # times that the inertial unit or the place was given up
+        restarts: int  # inflations of the covariance of the inertial states or of the position
 
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Read the data sheets' values."""
@@ -186,7 +187,7 @@ class StationCamera(Estimator):
         before = me.n
         if imu.n > 0:
             receive_inertial(me, imu, body)
-            lost = me.h * (me.n - before - imu.n)  # s of samples that were held
+            lost = me.h * (me.n - before - imu.n)  # s, gap that a held sample fills
             for i in range(3):
                 me.P_full[V_ + i, V_ + i] += (HOLD_ACCEL * lost) ** 2
                 me.P_full[R_ + i, R_ + i] += (HOLD_RATE * lost) ** 2
@@ -208,7 +209,7 @@ class StationCamera(Estimator):
             return
         if me.h * (me.n - me.n_f) > me.lag + FUSE_EVERY:
             changed = use_pending(me, body.gravity) or changed
-        if me.n - me.n_f > IMU_HISTORY - 2 * COVARIANCE_STEP:  # nothing to fuse for long
+        if me.n - me.n_f > IMU_HISTORY - 2 * COVARIANCE_STEP:  # no sample to fuse for long
             advance(me, me.n - IMU_HISTORY // 2, body.gravity)
             changed = True
         if changed:
@@ -223,7 +224,7 @@ class StationCamera(Estimator):
 
 @helper
 def keep_fix(me: Any, fix: Any) -> None:
-    """Store a fix until the horizon reaches it; stamps on the robot's clock."""
+    """Store a fix until the horizon reaches it; its stamp is converted to the robot's clock."""
     k = me.fix_n % PENDING
     me.fix_t[k] = fix.t - me.clock
     for i in range(3):
@@ -256,15 +257,15 @@ def keep_range(me: Any, found: Any) -> None:
 
 @helper
 def _place(me: Any, t: float) -> int:
-    """Inertial samples taken up to time `t`."""
+    """Return the number of inertial samples taken up to time `t`."""
     return me.n - math.floor((me.t - t) / me.h + 0.5)
 
 
 @helper
 def start(me: Any) -> None:
-    """Begin at rest from the oldest fix that waits and the camera sample nearest to it.
+    """Start at rest from the oldest waiting fix and the camera sample nearest to it in time.
 
-    The attitude is the camera's: it and the camera's rotation T err together.
+    The attitude is that of the camera, so its error and that of the rotation T are correlated.
     """
     t = me.fix_t[me.fix_used % PENDING]
     n = _place(me, t)
@@ -313,7 +314,7 @@ def start(me: Any) -> None:
 
 @helper
 def use_pending(me: Any, gravity: float) -> bool:
-    """Move the horizon to what waits and is old enough, in order of time, and fuse it."""
+    """Fuse the waiting samples that are older than the lag, in order, at the moving horizon."""
     until, changed = me.t - me.lag, False
     while True:
         t, kind = math.inf, -1
@@ -326,7 +327,7 @@ def use_pending(me: Any, gravity: float) -> bool:
         if kind < 0 or t > until:
             return changed
         n = _place(me, t)
-        if n < me.n_f - 1:  # by a sample: rounding
+        if n < me.n_f - 1:  # one sample is allowed for rounding
             me.late += 1
         else:
             advance(me, min(n, me.n), gravity)

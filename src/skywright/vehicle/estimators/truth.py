@@ -1,6 +1,6 @@
-"""The true state instead of an estimate: an explicit choice, which a report says.
+"""The true state instead of an estimate; a report states this choice.
 
-The filter runs beneath, for the external force and the tip's samples.
+The filter still runs, for the external force and the tip's samples.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class TrueState(Estimator):
 
     @classmethod
     def assemble(cls, table: Any, context: Any) -> list[Component]:
-        """Return a filter, and what overwrites its estimate."""
+        """Return a filter and the component that overwrites its estimate."""
         return [*Filter.assemble(Filter.Table(), context), cls("truth estimator", table)]
 
     @staticmethod

@@ -35,11 +35,11 @@ MAX_COILS = 16
 
 
 class EddyArray(Sensor):
-    """Reads the pipe under each coil, once a sample, flaws, paint and weld caps included.
+    """Measures the pipe under each coil, once a sample, including flaws, paint and weld caps.
 
-    A coil's place is the tip's plus its offset along the array, which lies at `axis_deg` from the
-    tip's x about the probe. A differential coil subtracts what a second one reads `spacing_m`
-    across the array.
+    The position of a coil is that of the tip plus its offset along the array. The array's axis is
+    at `axis_deg` from the tip's x axis, about the probe. A differential coil subtracts the reading
+    of a second coil, `spacing_m` away across the array.
     """
 
     slot = "derive"
@@ -50,34 +50,34 @@ class EddyArray(Sensor):
         layout: Literal["absolute", "differential"] = "absolute"
         coils: int = Field(default=1, ge=1, le=MAX_COILS)
         width_m: float = Field(default=0.04, ge=0.001, le=0.2)  # from the first coil to the last
-        axis_deg: float = Field(default=0.0, ge=-180, le=180)
+        axis_deg: float = Field(default=0.0, ge=-180, le=180)  # of the array, from the tip's x
         spacing_m: float = Field(default=0.003, ge=0.0005, le=0.02)  # of a differential pair
-        rigid: Fraction = 0.0  # 0: the array bends with the surface; 1: a flat plate
+        rigid: Fraction = 0.0  # 0: the array conforms to the surface; 1: a flat plate
         frequency_khz: float = Field(default=100.0, ge=1.0, le=10000.0)
         inner_radius_m: float = Field(default=0.001, ge=0, le=0.02)  # of the winding
         outer_radius_m: float = Field(default=0.0025, ge=0.0002, le=0.03)
         winding_m: float = Field(default=0.003, ge=0.0001, le=0.03)  # length
         recess_m: float = Field(default=0.0005, ge=0.00001, le=0.01)  # wear plate
         nose_radius_m: float = Field(default=0.008, ge=0.0005, le=1.0)
-        gain_db: float = Field(default=0.0, ge=-80, le=80)  # set on the reference block
-        phase_deg: float = Field(default=0.0, ge=-360, le=360)  # likewise, turns the display
+        gain_db: float = Field(default=0.0, ge=-80, le=80)  # as set on the reference block
+        phase_deg: float = Field(default=0.0, ge=-360, le=360)  # likewise; rotates the display
         noise: float = Field(default=0.05, ge=0, le=10)  # units rms, at 0 dB
         low_pass_hz: NonNegative = 0.0  # 0: none
         high_pass_hz: NonNegative = 0.0  # 0: none
-        gain_drift_db: float = Field(default=0.0, ge=-20, le=20)  # an hour, of the true instrument
-        phase_drift_deg: float = Field(default=0.0, ge=-90, le=90)  # an hour, likewise
+        gain_drift_db: float = Field(default=0.0, ge=-20, le=20)  # per hour, of the true instrument
+        phase_drift_deg: float = Field(default=0.0, ge=-90, le=90)  # per hour, likewise
 
         def build_coil(self) -> Coil:
-            """The winding."""
+            """Return the winding."""
             return Coil(self.inner_radius_m, self.outer_radius_m, self.winding_m,
                         recess=self.recess_m, nose_radius=self.nose_radius_m)  # fmt: skip
 
         def build_instrument(self) -> Instrument:
-            """The excitation; gain and rotation of the display come after it."""
+            """Return the excitation; gain and rotation of the display are applied later."""
             return Instrument(frequency=1e3 * self.frequency_khz, noise=self.noise)
 
     class Me(Record):
-        tables: int  # address of complex (tilt * gap, welds * blend), as of the pen probe
+        tables: int  # address of complex (tilt * gap, welds * blend), as for the pen probe
         d_log_mu: int
         texture: int
         welds: int
@@ -90,21 +90,21 @@ class EddyArray(Sensor):
         spacing: float  # m, 0: absolute
         rigid: float
         cracks: int  # address of (cracks, 4): s, c, cos, sin of the mouth's angle
-        signals: int  # address of complex, one crack's table after the other
+        signals: int  # address of complex, the cracks' tables one after the other
         shapes: int  # address of (cracks, 3): start, cells in x and in y
         n_cracks: int
         gaps: int  # address of GAPS
         n_gaps: int
-        cap: int  # address of the gap at distances from a weld
+        cap: int  # address of the gap by distance from a weld
         n_cap: int
         paint: float  # m
         patches: int  # address of (patches, 6)
         n_patches: int
-        gain: Annotated[Array, 2]  # complex, now
-        drift_db: float  # a second
-        drift_rad: float  # a second
-        low: float  # share of a new sample in the low-pass, 1: none
-        high: float  # of the slow mean that the high-pass takes away, 0: none
+        gain: Annotated[Array, 2]  # complex, before drift
+        drift_db: float  # per second
+        drift_rad: float  # per second
+        low: float  # weight of a new sample in the low-pass, 1: no low-pass
+        high: float  # weight in the slow mean that the high-pass subtracts, 0: no high-pass
         state: Annotated[Array, 64]  # low-pass and slow mean of each coil, re and im
         started: int
 
@@ -120,8 +120,8 @@ class EddyArray(Sensor):
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Tabulate the signals of metal, welds and cracks.
 
-        Raises InputError in a world without a pipe, for a robot without a probe, a coil that does
-        not fit, and filters without a pass band.
+        Raises InputError for a world without a pipe, a robot without a probe, a coil that does not
+        fit, or filters without a pass band.
         """
         world = context.world
         if world.pipe is None or context.robot.probe is None:
@@ -174,7 +174,7 @@ class EddyArray(Sensor):
         self._sigma = table.noise
 
     def draw(self, what: Any, rng: np.random.Generator, n: int) -> Any:
-        """White noise of the instrument's size."""
+        """Draw white noise with the instrument's standard deviation."""
         return self._sigma * super().draw(what, rng, n)
 
     def _keep_cracks(self, me: Any, context: Any, coil: Coil, instrument: Instrument) -> None:
@@ -199,7 +199,7 @@ class EddyArray(Sensor):
         me.gaps, me.n_gaps = context.keep(np.ascontiguousarray(GAPS)), len(GAPS)
 
     def get_period(self, step: str, context: Any) -> float:
-        """Once a sample."""
+        """Return the sample period (s)."""
         return 1.0 / SAMPLE_RATE
 
     @staticmethod
@@ -212,7 +212,7 @@ class EddyArray(Sensor):
         re, im = size * math.cos(turn), size * math.sin(turn)
         g_re = me.gain[0] * re - me.gain[1] * im
         g_im = me.gain[0] * im + me.gain[1] * re
-        # the array's direction and the one across it, on the surface: along s, along c, outward
+        # components of the array's axis (a) and of the axis across it (b) along s, c and outward
         sa = ca = na = sb = cb = 0.0
         for i in range(3):
             along = me.axis[0] * truth.R_WT[i, 0] + me.axis[1] * truth.R_WT[i, 1]
@@ -241,13 +241,13 @@ class EddyArray(Sensor):
 
 
 def share(frequency: float) -> float:
-    """Return the share of a new sample in a first-order low-pass (Hz) at the sample rate."""
+    """Return the weight of a new sample in a first-order low-pass (Hz) at the sample rate."""
     return 1.0 - math.exp(-2.0 * math.pi * frequency / SAMPLE_RATE)
 
 
 @helper
 def filter_sample(me: Any, at: int, x: float) -> float:
-    """Return one component after low-pass and high-pass; they start settled."""
+    """Return one component after low-pass and high-pass; their state starts at the first sample."""
     if not me.started:
         me.state[at] = me.state[at + 1] = x
     me.state[at] += me.low * (x - me.state[at])
@@ -257,7 +257,7 @@ def filter_sample(me: Any, at: int, x: float) -> float:
 
 @helper
 def read_coil(me: Any, s: float, c: float, gap: float, tilt: float) -> tuple[float, float]:
-    """Return what one coil reads at (s, c) m: metal, welds, texture, cracks, under paint."""
+    """Return one coil's reading at (s, c) m: metal, welds, texture and cracks, under paint."""
     paint = me.paint
     for i in range(me.n_patches):
         row = words(me.patches + 48 * i, 6)
@@ -288,7 +288,7 @@ def read_coil(me: Any, s: float, c: float, gap: float, tilt: float) -> tuple[flo
 
 @helper
 def interpolate(me: Any, start: int, nx: int, ny: int, gap: float, x: float, y: float) -> complex:
-    """Return a crack's signal between the points of its table."""
+    """Return a crack's signal, interpolated trilinearly in its table."""
     gaps = words(me.gaps, me.n_gaps)
     if not gap < gaps[me.n_gaps - 1]:
         return 0.0j

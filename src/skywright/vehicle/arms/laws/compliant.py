@@ -1,7 +1,7 @@
 """Law of compliant arms with position servos (Suarez 2020, sections V-B to V-E).
 
-Runs at the servos' rate and fills the shafts' commanded angles for what HandsReference asks of each
-hand (the tasks in core/types.py).
+It runs at the servos' rate and fills the commanded shaft angles for the task of each hand in
+HandsReference (the tasks in core/types.py).
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ from skywright.vehicle.readings import Shafts
 
 
 class Compliant(ArmsLaw):
-    """Joint angles, hands led on lines or at velocities, forces, and both together."""
+    """Controls joint angles, hand positions and velocities, hand forces, and combinations."""
 
     Me = ArmsMemory
 
@@ -60,11 +60,11 @@ class Compliant(ArmsLaw):
         Torque, (19) in (22) on (17): theta' = dtheta/T_s and tau' = k theta' with the link held, so
         Kp = w T_s / k gives the bandwidth w; Ki = Kp w / 4 makes the double integrator that (22)
         becomes critically damped. `kp_torque` is w T_s, `ki_torque` w^2 T_s / 4 (over k at each
-        joint). Position, (21): the free link rings on its spring, weakly damped, and the encoder
-        sits beyond it; `kp_position` and `ki_position` are of a bandwidth (rad/s) that is slow
-        against it. Force: displacement = integral of w C (f_ref - f) with C the arm's own
-        compliance, so that f answers at w; its phase margin is 60 deg with the lag T_s and 1.5 T of
-        sampling.
+        joint). Position, (21): the free link oscillates on its spring with little damping, and the
+        encoder is on the link's side; the bandwidth (rad/s) of `kp_position` and `ki_position` is
+        therefore well below the link's frequency. Force: displacement = integral of
+        w C (f_ref - f) with C the arm's own compliance, so that the bandwidth of f is w; its phase
+        margin is 60 deg with the lag T_s and 1.5 T of sampling.
         """
         arm, c = build_arm_model(context.robot, context.springs)[0], context.robot.control
         lag, period = float(arm["servo_tau"]), float(arm["dt"])
@@ -107,7 +107,7 @@ class Compliant(ArmsLaw):
 
 @helper
 def is_force(task: int) -> bool:
-    """Whether a task commands a force (core/types.py)."""
+    """Return whether a task commands a force (core/types.py)."""
     return TASK_FORCE <= task <= TASK_SQUEEZE
 
 
@@ -118,7 +118,7 @@ def lead_hand(v: ArmsView, h: int, f_ref: Any, dr: Any, zero: Any) -> None:
     for a in range(3):
         f_ref[a] = v.tasks.f_WH[h, a]
     if v.arm.chain:
-        # a force is led in all of the arm's plane: what counts is the worst direction there
+        # TASK_FORCE controls the force in the whole plane of the arm: use the arm's own direction
         watch_singularity(v, h, zero if task == TASK_FORCE else f_ref)
     if not is_force(task):
         let_out(v, h)
