@@ -66,7 +66,7 @@ _PARTS = {
     "skywright.run.results": ("Run", "open_run"),
     "skywright.vehicle.uav": ("Uav",),
 }  # fmt: skip
-"""Parts by the module that they are imported from when they are first asked for."""
+"""Public names by the module that defines them; a module is imported at first use."""
 
 __all__ = [
     "Box",
@@ -109,7 +109,7 @@ def __getattr__(name: str) -> Any:
 
         try:
             return version("skywright")
-        except PackageNotFoundError:  # run from a source tree that was never installed
+        except PackageNotFoundError:  # run from a source tree without installation
             return "0+unknown"
     for module, names in _PARTS.items():
         if name in names:
@@ -194,7 +194,7 @@ def run(
 
     description = as_description(description)
     if out is not None:
-        check_free(Path(out))  # before anyone waits for a plan
+        check_free(Path(out))  # checked before planning
     observers: list[Observer] = []
     if progress:
         from skywright.models.capability import check_can_fly
@@ -266,9 +266,9 @@ def run(
 
 
 def _reach(person: Any, description: Description) -> Any:
-    """Return the operator as the robot hears it: behind the world's radio, if there is one.
+    """Return the operator, behind the world's radio if there is one.
 
-    The gateway has the radio itself: its packets are what it delays.
+    The gateway applies the radio itself, to its packets.
     """
     if person is None or getattr(person, "gateway", None) is not None:
         return person

@@ -1,14 +1,14 @@
-"""The one error base class. Every message says what was wrong and lists what is valid."""
+"""Error classes. Every message states what is wrong and lists the valid values."""
 
 import difflib
 from collections.abc import Iterable
 
 
 class SkywrightError(Exception):
-    """Base of every error that a user can cause or meet; the command line prints it as one line.
+    """Base of every error that a user can cause; the command line prints it as one line.
 
-    `exit_code` follows the command-line contract: 1 a requirement failed or no plan exists,
-    2 the input is wrong, 3 the simulation failed.
+    `exit_code` follows the command-line contract: 1 a requirement failed or no plan exists, 2 the
+    input is wrong, 3 the simulation failed.
     """
 
     exit_code = 2
@@ -31,17 +31,17 @@ class InfeasibleError(SkywrightError):
 
 
 class SimulationError(SkywrightError):
-    """The simulation diverged or met NaN."""
+    """The simulation diverged or produced NaN."""
 
     exit_code = 3
 
 
 LONGEST_NAME = 100
-"""Characters of a name in a message."""
+"""Largest number of characters of a name in a message."""
 
 
 def neighbours(word: str, valid: Iterable[str], count: int = 5) -> str:
-    """Return the valid names nearest to `word` for an error message, or all when there are few."""
+    """Return the valid names nearest to `word` for an error message, or all if there are few."""
     names = [name[:LONGEST_NAME] for name in sorted(valid)]
     if len(names) <= count:
         return ", ".join(names)

@@ -306,7 +306,7 @@ def _as_world(world: World | Path_) -> World:
 
 
 def as_description(description: Description | Path_) -> Description:
-    """Return a description as it is, or load the mission of that name, file or run."""
+    """Return a description unchanged, or load the mission of that name, file or run."""
     return description if isinstance(description, Description) else load_description(description)
 
 

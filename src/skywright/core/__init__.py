@@ -1,1 +1,1 @@
-"""Records, units, rotations, draws, TOML and finding what is asked for by name."""
+"""Records, units, rotations, random streams, TOML files, and finding classes by name."""

@@ -1,4 +1,4 @@
-"""Names of the arrays that nearly every module speaks of."""
+"""Array types that most modules use."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Reading files of unknown origin: regular ones, of a limited size, nested no deeper than needed.
+"""Reading files of unknown origin: regular files of limited size and nesting depth.
 
-A device (`/dev/zero`), a pipe without a writer or a file of gigabytes would otherwise take all
-memory, or wait for ever.
+A device (`/dev/zero`), a pipe without a writer or a file of gigabytes would otherwise exhaust the
+memory or block forever.
 """
 
 import json
@@ -15,23 +15,23 @@ from typing import Any
 from skywright.errors import InputError
 
 LARGEST_TOML = 5_000_000
-"""Bytes of a description; a mission with everything that it says takes 0.05 MB."""
+"""Bytes of a description; a mission with all its keys takes 0.05 MB."""
 LARGEST_CODE = 5_000_000
 LARGEST_TABLE = 200_000_000
 LARGEST_RECORDING = 8_000_000_000
 DEEPEST = 40
-"""Tables and lists inside of each other; a description needs 8."""
+"""Largest nesting depth of tables and lists; a description needs 8."""
 
 
 def read_bytes(path: Path, limit: int, advice: str = "", label: str | None = None) -> bytes:
     """Return the content of a regular file of at most `limit` bytes.
 
-    Raises InputError where there is none, it cannot be read, is no regular file, or is larger:
-    `advice` says what to do then. `label` is what messages call it.
+    Raises InputError if the file does not exist, cannot be read, is not a regular file, or is
+    larger; `advice` is then added to the message. `label` is the name of the file in messages.
     """
     label, more = label or str(path), f"; {advice}" if advice else ""
     try:
-        there = os.stat(path)  # opening a pipe would wait for its writer
+        there = os.stat(path)  # opening a pipe would block until it has a writer
         if not stat.S_ISREG(there.st_mode):
             kind = "directory" if stat.S_ISDIR(there.st_mode) else "device or pipe"
             raise InputError(f"{label}: is a {kind}; a file is needed")
@@ -46,7 +46,7 @@ def read_bytes(path: Path, limit: int, advice: str = "", label: str | None = Non
 
 
 def read_text(path: Path, limit: int, advice: str = "", label: str | None = None) -> str:
-    """Return a file's text in UTF-8, as `read_bytes` does its bytes."""
+    """Return a file's text in UTF-8; limits and errors are those of `read_bytes`."""
     try:
         return read_bytes(path, limit, advice, label).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -56,12 +56,12 @@ def read_text(path: Path, limit: int, advice: str = "", label: str | None = None
 
 
 def parse_toml(text: str, label: str) -> dict[str, Any]:
-    """Parse TOML; raises InputError in one line where it is malformed or nested too deeply."""
+    """Parse TOML; raises InputError with one line if it is malformed or nested too deeply."""
     return _parse(tomllib.loads, text, label, "TOML")
 
 
 def parse_json(text: str, label: str) -> Any:
-    """Parse JSON; raises InputError in one line where it is malformed or nested too deeply."""
+    """Parse JSON; raises InputError with one line if it is malformed or nested too deeply."""
     return _parse(json.loads, text, label, "JSON")
 
 
@@ -70,7 +70,7 @@ def _parse(parse: Any, text: str, label: str, kind: str) -> Any:
         found = parse(text)
     except RecursionError:
         found = _too_deep()
-    except ValueError as error:  # a number too long to convert is one too
+    except ValueError as error:  # also raised for a number too long to convert
         raise InputError(f"{label}: malformed {kind}: {str(error).splitlines()[0]}") from None
     level: Iterable[Any] = [found]
     for _ in range(DEEPEST):

@@ -13,7 +13,7 @@ from skywright.errors import InputError, neighbours
 
 
 class Found(NamedTuple):
-    """A description file and what messages call it."""
+    """A description file and its name in messages."""
 
     path: Path
     label: str
@@ -27,7 +27,7 @@ class Entry(NamedTuple):
 
 
 def list_folders(data: Path, kind: str) -> dict[str, Path]:
-    """List the built-in files of a kind by name: those that folders of `data` hold."""
+    """List the built-in files of a kind by name: those in the folders of `data`."""
     return {p.parent.name: p for p in sorted(data.glob(f"*/{kind}.toml"))}
 
 
@@ -36,7 +36,7 @@ def list_entries(known: Mapping[str, Path], kind: str) -> list[Entry]:
     return [Entry(n, _read(p)[kind].get("description", "")) for n, p in sorted(known.items())]
 
 
-@cache  # they do not change
+@cache  # built-in files do not change
 def _read(path: Path) -> dict[str, Any]:
     return tomllib.loads(path.read_text(encoding="utf-8"))
 

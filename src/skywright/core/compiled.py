@@ -20,20 +20,20 @@ from skywright.core.user_code import njit
 P = ParamSpec("P")
 R = TypeVar("R")
 
-# a helper takes the record of a law for that of the loop that the law inherits: meant so
+# intended: a helper takes the record of a law as that of the loop that the law inherits
 warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
 
 COMPILE: Any = {
     "cache": True, "error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True,
 }  # fmt: skip
-"""How code is compiled that only compiled code calls: half of the time is saved."""
+"""Options for code that only compiled code calls: they halve the compilation time."""
 
 
 class HelperType(types.Dispatcher):
-    """A helper as the compiler sees it: one signature whatever record an array is part of.
+    """numba type of a helper: one signature for arrays of all records.
 
-    numba has a type for each shape of a record's array and for each constant, and would compile
-    a product of two matrices eight times.
+    numba has a type for each shape of a record's array and for each constant, and would compile a
+    product of two matrices eight times.
     """
 
     def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
@@ -52,11 +52,11 @@ def _simplify(kind: Any) -> Any:
 
 @lower_cast(types.NestedArray, types.Array)
 def _cast_nested(_context: Any, _builder: Any, _from: Any, _to: Any, value: Any) -> Any:
-    return value  # both are the same structure
+    return value  # both have the same structure
 
 
 class Helper(Generic[P, R]):
-    """A function that compiled code calls. Python calls it uncompiled, or `python` in its place."""
+    """A function for compiled code. From Python it, or `python` in its place, runs uncompiled."""
 
     def __init__(
         self, function: Callable[P, R], python: Callable[P, R] | None = None, **options: Any
@@ -65,7 +65,7 @@ class Helper(Generic[P, R]):
         self._build = partial(njit(**{**COMPILE, **options}), function)
         update_wrapper(self, function)
 
-    dispatcher: Any = cached_property(lambda self: self._build())  # cached code needs few
+    dispatcher: Any = cached_property(lambda self: self._build())  # built on demand
 
     @property
     def _numba_type_(self) -> Any:
@@ -76,7 +76,7 @@ class Helper(Generic[P, R]):
 
 
 def helper(function: Callable[P, R]) -> Helper[P, R]:
-    """Decorate a function that steps call."""
+    """Decorate a function that steps call; see `Helper`."""
     return Helper(function)
 
 
@@ -86,7 +86,7 @@ def _words(address: int, n: int) -> Any:
 
 
 def _integers(address: int, n: int) -> Any:
-    """Return the `n` whole numbers at an address."""
+    """Return the `n` integers at an address."""
     return carray(as_pointer(address), n, np.int64)
 
 

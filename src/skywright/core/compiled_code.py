@@ -1,10 +1,10 @@
-"""Throw compiled code away whose callees changed.
+"""Removes compiled code whose callees changed.
 
-numba stores compiled functions beside their source and compiles again when that file changes; it
-does not notice another file that the function called or took a record from. After an update of a
-checkout the machine code of two versions would run together, at worst writing past a record's end.
-So the first process after a change removes what depends on the files that changed, by their
-imports.
+numba stores compiled functions beside their source and compiles again when that file changes. It
+does not detect changes in other files whose functions are called or whose records are used. After
+an update of a checkout, machine code of two versions would run together, at worst writing past the
+end of a record. The first process after a change therefore removes the code of all modules that
+import changed files, directly or indirectly.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ Stamps = dict[str, list[int]]  # modification time (ns) and size of each module'
 def drop_stale_code(root: Path) -> list[str]:
     """Remove compiled code below `root` (the package) that a changed file made stale.
 
-    Returns the modules whose code was dropped. Does nothing where the folder cannot be written
-    (numba then keeps its cache elsewhere, for installed versions, whose files do not change).
+    Returns the modules whose code was removed. Does nothing if the folder cannot be written (numba
+    then caches installed versions elsewhere, and their files do not change).
     """
     elsewhere = os.environ.get("NUMBA_CACHE_DIR")
     folder = Path(elsewhere) if elsewhere else root / "__pycache__"
@@ -55,7 +55,7 @@ def drop_stale_code(root: Path) -> list[str]:
 
 
 def find_dependents(changed: Iterable[str], imports: Mapping[str, Iterable[str]]) -> set[str]:
-    """Modules that import any of `changed`, directly or not; `changed` themselves included."""
+    """Return the modules that import any of `changed`, directly or not, and `changed` too."""
     users = defaultdict(set)
     for name, used in imports.items():
         for one in used:
@@ -69,7 +69,7 @@ def find_dependents(changed: Iterable[str], imports: Mapping[str, Iterable[str]]
 
 
 def read_stamps(root: Path) -> Stamps:
-    """Return time and size of the modules below `root` by their names."""
+    """Return modification time and size of the modules below `root`, by module name."""
     stamps = {}
     for folder, folders, files in os.walk(root):
         folders[:] = [f for f in folders if f not in ("__pycache__", "data", "templates")]
@@ -92,7 +92,7 @@ def _read_imports(root: Path, modules: Iterable[str]) -> dict[str, set[str]]:
     for name in known:
         path = root.parent.joinpath(*name.split("."))
         file = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
-        with suppress(OSError):  # gone: it only has users
+        with suppress(OSError):  # deleted: it only has users
             imports[name] = set(_list_imports(file.read_text(encoding="utf-8"), known))
     return imports
 
@@ -107,7 +107,7 @@ def _list_imports(text: str, known: set[str]) -> Iterable[str]:
 
 
 def _list_compiled(root: Path, module: str, elsewhere: Path | None) -> Iterable[Path]:
-    """The files of numba's cache that belong to a module."""
+    """Return the files of numba's cache that belong to a module."""
     path = root.parent.joinpath(*module.split("."))
     pattern = f"{path.name}.*.nb[ic]"
     if elsewhere is None:

@@ -1,8 +1,7 @@
-"""Finding a class by its kind: built in, in a user's file, or in an installed package.
+"""Finds classes by their kind: built in, in a user's file, or in an installed package.
 
-What a description names (`kind = "airspeed"`, `kind = "my_sensor.py:Airspeed"`) becomes a class
-here. A class says to which group it belongs (`group = "sensor"`); what lies below never imports
-what it finds.
+This module resolves kinds (`kind = "airspeed"`, `kind = "my_sensor.py:Airspeed"`) to classes. A
+class states its group (`group = "sensor"`). Lower packages never import the classes that they use.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from skywright.errors import InputError, SkywrightError, neighbours
 
 
 class Group(NamedTuple):
-    """Where classes of one group are found."""
+    """Where the classes of one group are searched."""
 
     what: str  # in messages
     package: str  # of the built-in ones: one module or folder each
@@ -46,7 +45,7 @@ GROUPS = {
 
 
 class Kind(NamedTuple):
-    """What was found: its name (absolute for a file), the class, and the file of a user's."""
+    """A resolved kind: its name (absolute for a file), the class, and the file of a user class."""
 
     name: str
     cls: Any
@@ -61,10 +60,10 @@ class Offer(NamedTuple):
 
 
 def find(group: str, kind: object, folders: Iterable[Path] = (), key: str = "kind") -> Kind:
-    """Return the class that `kind` names in a group.
+    """Return the class of a kind in a group.
 
     A file is looked up in `folders` (that of the file that names it first), then in the current
-    folder. Raises InputError, which begins with `key`, for a kind that is unknown, stands twice, is
+    folder. Raises InputError, which begins with `key`, for a kind that is unknown, defined twice or
     of another group, or whose file fails to import.
     """
     if not isinstance(kind, str) or not kind:
@@ -88,16 +87,16 @@ def find(group: str, kind: object, folders: Iterable[Path] = (), key: str = "kin
 
 
 def list_kinds(group: str) -> list[str]:
-    """List the kinds of a group by name, built in and installed, without importing any."""
+    """List the kinds of a group by name, built in and installed, without importing them."""
     return sorted(list_offers(group))
 
 
 @lru_cache
 def list_offers(group: str) -> dict[str, list[Offer]]:
-    """Return what there is of a group by name, without importing any.
+    """Return the offers of a group by name, without importing them.
 
     Components of all groups share one list of entry points: their names are `GROUP.NAME`, such as
-    `law.lqr`. A name with more than one offer is refused where it is used.
+    `law.lqr`. A name with more than one offer is refused when it is used.
     """
     found: dict[str, list[Offer]] = {}
     for module in list_modules(group):
@@ -114,7 +113,7 @@ def list_offers(group: str) -> dict[str, list[Offer]]:
 
 @lru_cache
 def list_modules(group: str) -> tuple[str, ...]:
-    """Return the names of the modules in a group's package that hold a kind, unimported."""
+    """Return the modules in a group's package that define a kind, without importing them."""
     spec = importlib.util.find_spec(GROUPS[group].package)
     if spec is None or spec.submodule_search_locations is None:
         return ()
@@ -123,7 +122,7 @@ def list_modules(group: str) -> tuple[str, ...]:
 
 
 SHARED = {"skills"}
-"""Modules in a group's package that hold no kind; others begin with an underscore."""
+"""Modules in a group's package that define no kind; others begin with an underscore."""
 
 
 @lru_cache
@@ -136,7 +135,7 @@ def load_built_in(group: str, kind: str) -> Any:
 
 
 def list_classes(module: Any, group: str) -> list[Any]:
-    """Return the classes of a group that a module, or a package's modules, define."""
+    """Return the classes of a group that a module, or the modules of a package, define."""
     return [
         cls
         for cls in vars(module).values()
@@ -197,9 +196,10 @@ def explain(error: BaseException) -> str:
 
 @contextmanager
 def blame(cls: type, what: str, error: type[SkywrightError] = InputError) -> Iterator[None]:
-    """Tell what a user's class raises inside as an `error` with class, line and file.
+    """Convert errors raised by a user's class to an `error` with class, line and file.
 
-    What built-in classes raise is a defect of ours and goes on as it is, and so do our own errors.
+    Errors of built-in classes are defects of Skywright and are not converted; nor are its own
+    errors.
     """
     try:
         yield

@@ -1,7 +1,7 @@
-"""An interrupt that is not lost.
+"""Interrupts that are not lost.
 
-Python raises KeyboardInterrupt wherever the program happens to be. In a callback from C, as while
-numba compiles, it is printed and forgotten; so it is also noted, and whoever loops asks.
+Python raises KeyboardInterrupt at any point of the program. In a callback from C, as while numba
+compiles, it is printed and discarded. It is therefore also stored, for loops to check.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ _noted = False
 
 
 def listen() -> None:
-    """Note SIGINT, unless it is ignored, and SIGTERM: a polite kill ends a run as Ctrl-C does."""
+    """Handle SIGINT, unless it is ignored, and SIGTERM, which ends a run as Ctrl-C does."""
     global _noted
     _noted = False
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
@@ -22,7 +22,7 @@ def listen() -> None:
 
 
 def check_interrupt() -> None:
-    """Raise KeyboardInterrupt when one came since the last call."""
+    """Raise KeyboardInterrupt if one occurred since the last call."""
     global _noted
     if _noted:
         _noted = False

@@ -1,4 +1,4 @@
-"""Names of keys and their units: what to say about a key that does not exist."""
+"""Names of keys and their units: messages about unknown keys."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ UNITS = {
     "s_per_m": "siemens per metre",
     "nm_per_rad": "newton metres per radian",
 }
-"""Unit suffixes in keys, and how to say them."""
+"""Unit suffixes of keys, and their names in messages."""
 
 _FOREIGN_UNIT = re.compile(
     "mm|cm|km|in|ft|um|nm|g|t|lb|gf|kgf|kn|mn|ms|us|min|h|hr|khz|rpm|rps|mwh|kwh|mah|kw|mw|v|"
@@ -39,7 +39,7 @@ _FOREIGN_UNIT = re.compile(
 
 
 def describe_unknown(name: str, at: str, valid: list[str]) -> str:
-    """Say that a key is unknown: the key with the right unit if there is one, and neighbours."""
+    """Return a message about an unknown key: the key with the right unit if any, and neighbours."""
     where = f"{at}.{name}" if at else name
     twin = _find_unit_twin(name, valid)
     if twin is not None:
@@ -51,7 +51,7 @@ def describe_unknown(name: str, at: str, valid: list[str]) -> str:
 
 
 def _find_unit_twin(name: str, valid: list[str]) -> tuple[str, str] | None:
-    """Find the key that means the same but carries the right unit: (key, its unit in words)."""
+    """Find the key with the same stem and another unit: (key, name of its unit)."""
     for field in sorted(valid, key=len):
         for suffix in sorted(UNITS, key=len, reverse=True):
             if not field.endswith("_" + suffix):

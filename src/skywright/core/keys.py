@@ -1,7 +1,7 @@
-"""Dotted keys: where they lead in a description, and assigning to them (`--set`).
+"""Dotted keys: resolving them in a description, and assigning to them (`--set`).
 
-The pydantic specs are the only list of keys. This module walks them, so that `--set` reaches
-every value, also one that exists only as a default.
+The pydantic specs are the only list of keys. This module traverses them, so that `--set` reaches
+every value, including those that exist only as a default.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ def apply_assignments(
 ) -> Layer:
     """Build the layer of `KEY=VALUE` assignments on top of the merged tree of the files.
 
-    `assignments` are (dotted key, value); a text value is read as TOML where that is possible and
-    the key is not itself a text. `roots` maps the four roots to their specs.
-    Raises InputError on an unknown key, naming its neighbours.
+    `assignments` are (dotted key, value); a text value is parsed as TOML if possible, unless the
+    key is a text. `roots` maps the four roots to their specs. Raises InputError on an unknown key,
+    naming its neighbours.
     """
     work = copy.deepcopy(dict(tree))
     sources: dict[str, Any] = {}
@@ -50,9 +50,9 @@ def apply_assignments(
 
 
 def parse_assignment(text: str) -> tuple[str, str]:
-    """Split `KEY=VALUE`; the key is dotted, the value may be empty or hold further `=`.
+    """Split `KEY=VALUE`; the key is dotted, the value may be empty or contain further `=`.
 
-    Raises InputError when there is no `=` or no key.
+    Raises InputError if there is no `=` or no key.
     """
     key, equals, value = text.partition("=")
     key = key.strip()
@@ -66,11 +66,11 @@ def parse_assignment(text: str) -> tuple[str, str]:
 def resolve_key(
     key: str, tree: Mapping[str, Any], roots: Mapping[str, type[Spec]], label: str
 ) -> tuple[list[str | int], object]:
-    """Follow a dotted key through the specs and the tree.
+    """Resolve a dotted key through the specs and the tree.
 
-    Names of requirements contain dots and list items are numbers: both are understood. Returns the
-    path (names and list indices) and the annotation of what it leads to.
-    Raises InputError naming the neighbours of the first unknown part.
+    Names of requirements contain dots and list items are numbers: both are supported. Returns the
+    path (names and list indices) and the annotation at its end. Raises InputError naming the
+    neighbours of the first unknown part.
     """
     parts = key.split(".")
     root = parts[0]
@@ -93,14 +93,14 @@ def resolve_key(
 def _step(
     annotation: object, here: Any, rest: list[str], path: list[str | int], key: str, label: str
 ) -> tuple[str | int, object, int]:
-    """One step of `resolve_key`: (name or index, what it leads to, parts used)."""
+    """Execute one step of `resolve_key`: (name or index, annotation there, parts used)."""
     at = ".".join(map(str, path))
     part = rest[0]
     annotation = strip_optional(annotation)
     model = find_model(annotation, here)
     if model is not None:
         if issubclass(model, OpenSpec) and part != "kind" and "kind" in here:
-            find(model.group, here["kind"], key=f"{label}: {at}.kind")  # told before its keys are
+            find(model.group, here["kind"], key=f"{label}: {at}.kind")  # reported before its keys
         fields = {n: f for n, f in model.model_fields.items() if n not in model.inline_tables}
         if part in fields:
             return part, fields[part].annotation, 1
@@ -112,7 +112,7 @@ def _step(
     if origin is dict:
         child = get_args(annotation)[1]
         names = list(here) if isinstance(here, dict) else []
-        for used in range(len(rest), 0, -1):  # the longest existing name wins
+        for used in range(len(rest), 0, -1):  # the longest existing name has priority
             name = ".".join(rest[:used])
             if name in names:
                 return name, child, used
@@ -137,7 +137,7 @@ def _step(
 
 
 def strip_optional(annotation: object) -> object:
-    """Turn `X | None` into X and take `Annotated` off."""
+    """Convert `X | None` to X and remove `Annotated`."""
     while True:
         if get_origin(annotation) is typing.Annotated:
             annotation = get_args(annotation)[0]
@@ -158,13 +158,13 @@ def as_model(annotation: object) -> type[Spec] | None:
 
 
 def find_model(annotation: object, here: object) -> type[Spec] | None:
-    """Return the spec of the table `here`, if it is one: that of its kind where kinds are open."""
+    """Return the spec of the table `here`, or None; for open kinds, that of its kind."""
     model = as_model(annotation)
     return model.find_class(here) if model and issubclass(model, OpenSpec) else model
 
 
 def is_text(annotation: object) -> bool:
-    """Whether a key's value is text (a plain string or one of a few words)."""
+    """Whether a key's value is text (a plain string or one of fixed words)."""
     annotation = strip_optional(annotation)
     if annotation is str:
         return True
@@ -180,7 +180,7 @@ def list_inline_tables(model: type[Spec], here: Any) -> list[str]:
 
 
 def get_inline_model(model: type[Spec], table: Mapping[str, Any]) -> object:
-    """The spec of an inline table: the one with the most of its keys."""
+    """Return the spec of an inline table: the one that shares most of its keys."""
     candidates = [get_args(model.model_fields[n].annotation)[1] for n in model.inline_tables]
     return max(candidates, key=lambda c: len(set(table) & set(c.model_fields)))
 
@@ -194,7 +194,7 @@ def _child(here: Any, name: str | int) -> Any:
 
 
 def _put(tree: Any, path: list[str | int], value: Any) -> None:
-    """Write a value at a path, making tables on the way."""
+    """Write a value at a path; creates missing tables."""
     for name in path[:-1]:
         if isinstance(tree, dict):
             child = tree.get(name)
@@ -216,7 +216,7 @@ def _put_in_layer(layer: Tree, work: Tree, path: list[str | int]) -> None:
 
 
 def walk_path(model: type[Spec], tree: Any, path: list[Any]) -> tuple[type[Spec] | None, Any]:
-    """Follow a file path: (the spec there if it is a table, the tree there)."""
+    """Follow a path of a file: (the spec there if it is a table, the tree there)."""
     annotation: object = model
     here = tree
     for name in path:

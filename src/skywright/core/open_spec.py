@@ -1,4 +1,4 @@
-"""Tables whose class follows from their key `kind`: built in, in a user's file, or installed."""
+"""Tables whose class depends on their key `kind`: built in, in a user's file, or installed."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from skywright.errors import InputError
 
 
 class OpenSpec(Spec):
-    """A table of a `group` (core/find.py): the class that its `kind` names validates it."""
+    """A table of a `group` (core/find.py): the class of its `kind` validates it."""
 
     group: ClassVar[str]
     kind: str
 
     @classmethod
     def find_class(cls, table: object) -> type[Spec]:
-        """Return the class of a table, or this one where its kind names none."""
+        """Return the class of a table, or this one if its kind is invalid."""
         try:
             found = find(cls.group, table["kind"]).cls if isinstance(table, Mapping) else cls
-        except (InputError, KeyError):  # what is wrong with the kind is told by the validation
+        except (InputError, KeyError):  # the validation reports an invalid kind
             return cls
         return found if issubclass(found, cls) else cls
 
     def __reduce__(self) -> Any:
-        """Pickle that of a user's file by its kind: another process loads the file first."""
+        """Pickle the class of a user's file by its kind: another process loads the file first."""
         if not is_user_module(type(self).__module__):
             return super().__reduce__()
         return _revive, (self.group, self.kind, self.model_dump(exclude_unset=True))

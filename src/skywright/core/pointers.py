@@ -1,7 +1,7 @@
-"""Addresses in compiled code: views on arrays by address, and calls through a pointer.
+"""Addresses in compiled code: array views by address, and calls through a pointer.
 
-Handing numba many arrays of large records costs microseconds a call, because every argument's type
-is looked up again; an address costs nothing. The caller keeps the arrays alive.
+Passing many arrays of large records to numba costs microseconds a call, because it looks up the
+type of every argument; an address has no such cost. The caller keeps the arrays alive.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def as_pointer(typingctx: Any, address: Any) -> Any:
 
 @intrinsic
 def call_pointer(typingctx: Any, function: Any, argument: Any) -> Any:
-    """Call the C function `void f(void *)` at an address with an address."""
+    """Call the C function `void f(void *)` at an address; the argument is an address."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         kind = ir.FunctionType(ir.VoidType(), [cgutils.voidptr_t])

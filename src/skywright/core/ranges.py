@@ -1,8 +1,8 @@
-"""What a number of a description can be at most and at least, by the unit that its key ends in.
+"""Plausible range of each number in a description, by the unit in its key.
 
-A key's own bounds (`Field(gt=..., le=...)`) say what its model allows; these say what no robot that
-is flown around structures has. They hold for the magnitude. Zero is possible wherever the key's
-own bounds let it, as it means "none". A key without a unit stands in BARE by its name.
+A key's own bounds (`Field(gt=..., le=...)`) are the limits of its model; these ranges exclude
+values that no aerial manipulator has. They apply to the magnitude. Zero is valid if the key's own
+bounds permit it, as it means "none". Keys without a unit are in BARE by their name.
 """
 
 from functools import cache
@@ -35,7 +35,7 @@ UNITS: dict[str, tuple[float, float]] = {
     "_m": (1e-9, 1e4),
     "_s": (1e-6, 1e5),
 }
-"""Unit that a key ends in, the longest first -> least and largest magnitude."""
+"""Unit at the end of a key, the longest first -> least and largest magnitude."""
 
 BARE: dict[str, tuple[float, float]] = {
     "friction": (1e-6, 5.0),  # of Coulomb; rubber on concrete has 1, sticky rubber 3
@@ -53,7 +53,7 @@ BARE: dict[str, tuple[float, float]] = {
     **dict.fromkeys(("flex_hardening", "loop_separation", "force_gain"), (1e-6, 1e4)),
     **dict.fromkeys(("joint", "rotor"), (1, 100)),
     **dict.fromkeys(("limit", "jump"), (1e-12, 1e9)),  # in the unit of what they limit
-    **dict.fromkeys(("p1", "p2", "belt"), (1e-9, 1e4)),  # places (m), ratios of a belt
+    **dict.fromkeys(("p1", "p2", "belt"), (1e-9, 1e4)),  # positions (m), ratios of a belt
 }
 NAMED: dict[str, tuple[float, float]] = {
     "tilt_max_deg": (1e-3, 89.0),  # beyond, thrust does not carry
@@ -62,17 +62,17 @@ NAMED: dict[str, tuple[float, float]] = {
     "rate_hz": (0.01, 1e5),
     "dead_s": (1e-9, 1e-3),  # of a pulser's ring-down
 }
-"""Ends of names that say more than the unit does."""
+"""Ends of names that are more specific than the unit."""
 PLACES = ("_m", "_mm", "_deg", "_rad", "_xy_kgm2", "_xz_kgm2", "_yz_kgm2")  # products of inertia
 OTHERS = (1e-12, 1e9)
-"""Keys of users' own tables whose name tells no unit."""
+"""For keys of users' own tables whose name has no unit."""
 
 
 @cache
 def find_range(key: str) -> tuple[float, float]:
-    """Return the least and the largest magnitude of a key's number, by the last part of its name.
+    """Return the least and the largest magnitude of a key's number, by the end of its name.
 
-    The name's end counts: `payload_max_kg` as `mass_kg`.
+    For example, `payload_max_kg` has the range of `mass_kg`.
     """
     for ends in (NAMED, UNITS):
         for end, span in ends.items():
@@ -82,9 +82,9 @@ def find_range(key: str) -> tuple[float, float]:
 
 
 def check_range(key: str, value: object, may_vanish: bool = False) -> None:
-    """Raise ValueError where a number, or one in a list, lies outside the key's range.
+    """Raise ValueError if a number, or one in a list, is outside the key's range.
 
-    A place, angle or product that `may_vanish` has no least one: a script's `cos(pi / 2)` is 6e-17.
+    If it `may_vanish`, a position, angle or product has no lower bound: cos(pi / 2) gives 6e-17.
     """
     for number in value if isinstance(value, list) else [value]:
         if isinstance(number, float | int) and not isinstance(number, bool) and number:

@@ -1,4 +1,4 @@
-"""Records: one class is the NumPy type, the type that mypy checks, and the name of a port.
+"""Records: one class defines the NumPy type, the type for mypy, and the name of a port.
 
     class Reading(Record):
         t: float  # s
@@ -7,7 +7,7 @@
         table: Annotated[Array, 3, 2]
         inner: Other  # a record in a record
 
-`Reading.dtype` is the structured NumPy type, in 8-byte words; compiled code takes a record by
+`Reading.dtype` is the structured NumPy type, in 8-byte words; compiled code receives a record by
 reference and reads `me.t`, `me.table[i, j]`. A record may inherit the fields of others.
 """
 
@@ -30,14 +30,14 @@ Mat3 = Annotated[Array, 3, 3]
 class Record:
     """Base of all records; `dtype` follows from the annotations of the class and of its bases.
 
-    Raises TypeError for an annotation that is no number, array or record.
+    Raises TypeError for an annotation that is not a number, an array or a record.
     """
 
     dtype: ClassVar[np.dtype[Any]]
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        # names of classes in the same body are known only here, when annotations are texts
+        # local classes are known only here, if annotations are strings
         hints = get_type_hints(cls, localns=_list_nested(cls), include_extras=True)
         hints.pop("dtype", None)
         fields = [
@@ -81,9 +81,9 @@ _BASES: dict[Any, Any] = {
 
 
 class View:
-    """A record as Python sees it: `view.t`, `view.p_WB[0] = 1.0`; writes go to the array.
+    """Python view of a record: `view.t`, `view.p_WB[0] = 1.0`; writes modify the array.
 
-    NumPy's own `recarray` gives a method where a field is called `sum` or `size`.
+    NumPy's own `recarray` returns a method for a field that is called `sum` or `size`.
     """
 
     __slots__ = ("_row",)
@@ -120,16 +120,16 @@ class View:
 
 
 def find_place(view: Any, name: str) -> memoryview:
-    """Return where a field of a `View` stands; `.tolist()` gives its number or numbers now.
+    """Return the memory of a field of a `View`; `.tolist()` gives its present value or values.
 
-    Ten times as fast as reading the field by its name.
+    It is ten times as fast as reading the field by its name.
     """
     field: memoryview = np.asarray(object.__getattribute__(view, "_row"))[name].data
     return field
 
 
 def fill(record: Any, source: Any) -> None:
-    """Copy the fields that two structured values share by name."""
+    """Copy the fields that both structured values have."""
     for name in record.dtype.names:
         if name in source.dtype.names:
             record[name] = source[name]

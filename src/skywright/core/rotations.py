@@ -1,4 +1,4 @@
-"""Rotations and tiny linear algebra, compiled. Quaternions are wxyz, unit.
+"""Rotations and 3 x 3 linear algebra, compiled. Quaternions are wxyz, unit.
 
 The loops are written out: a BLAS call on a 3 x 3 matrix costs more than the product.
 """
@@ -214,7 +214,7 @@ def quat_from_rot(r: Array) -> Array:
 
 
 def rot_from_quat(q: Array) -> Array:
-    """Return the (3, 3) matrix of a wxyz quaternion (normalised here)."""
+    """Return the (3, 3) matrix of a wxyz quaternion, which is normalised first."""
     out = np.empty((3, 3))
     q = np.asarray(q, dtype=float)
     quat_to_rot(q / np.linalg.norm(q), out)

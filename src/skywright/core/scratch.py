@@ -1,8 +1,8 @@
-"""Small arrays on the stack of compiled functions, so that what runs every tick never allocates.
+"""Small arrays on the stack of compiled functions: steps do not allocate on the heap.
 
     vec, R = local(3), local(3, 3)
 
-In compiled code the array lives until the function returns: it must not be returned or kept. Its
+In compiled code the array exists until the function returns: it must not be returned or stored. Its
 values are undefined until written, as those of `np.empty`. Sizes are constants.
 """
 
@@ -35,7 +35,7 @@ class _Local(AbstractTemplate):
         return types.Array(types.float64, len(args), "C")(*args)
 
 
-# lowered where it is called: an overload would be a function, whose stack is gone on return
+# inlined at the call: an overload would be a function, whose stack ends on return
 @lower_builtin(local, types.IntegerLiteral)
 @lower_builtin(local, types.IntegerLiteral, types.IntegerLiteral)
 def _build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:

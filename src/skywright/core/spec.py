@@ -1,4 +1,4 @@
-"""Base of every validated description, and the provenance of its numbers."""
+"""Base class of description tables, and the provenance of their numbers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SourceKind = Literal["paper", "derived", "datasheet", "assumed", "set", "importe
 
 
 class Source(NamedTuple):
-    """Where a number comes from; `assumed` carries the plausible range."""
+    """Provenance of a number; `assumed` has a plausible range."""
 
     kind: str
     note: str = ""

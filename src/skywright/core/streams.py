@@ -1,4 +1,4 @@
-"""Random streams: every sensor and disturbance draws from its own, spawned from the run's seed."""
+"""Random streams: every sensor and disturbance has its own, spawned from the run's seed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ STREAMS = (
     "gnss", "pipe", "map", "operator", "survey", "faults", "springs",
     "sensor_noise", "radio", "block",
 )  # fmt: skip
-"""Append only: a stream's place in this list is part of what a seed means."""
+"""Append only: the index in this list determines the stream of a seed."""
 
 
 def build_stream(seed: int, name: str, part: str = "") -> np.random.Generator:

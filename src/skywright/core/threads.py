@@ -1,7 +1,7 @@
 """Linear algebra on one thread, so that sums do not depend on the number of cores.
 
-A BLAS with threads splits long sums, and the last bits of a result follow the split: a run on two
-cores would differ from the same run on one. The matrices here are too small to gain from threads.
+A multithreaded BLAS splits long sums, and the last bits of a result depend on the split: a run on
+two cores would differ from the same run on one. The matrices are too small to gain from threads.
 """
 
 from __future__ import annotations

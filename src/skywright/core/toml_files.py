@@ -1,8 +1,8 @@
-"""Description files: TOML in, plain trees and the provenance of their numbers out.
+"""Description files: parses TOML into plain trees and the provenance of their numbers.
 
 A sourced number is written `mass_kg = { value = 1.6, source = "paper", note = "Table I" }`; an
-assumed one also has its plausible `range`. The wrapper is taken off here, so that everything
-behind this module sees plain trees.
+assumed one also has its plausible `range`. This module removes the wrappers, so that all other
+modules use plain trees.
 """
 
 from __future__ import annotations
@@ -30,19 +30,18 @@ class Layer(NamedTuple):
     """One file, or the assignments of the command line, as a plain tree."""
 
     label: str
-    """What messages call it: a path as the user wrote it, or `--set`."""
+    """Its name in messages: a path as the user wrote it, or `--set`."""
     tree: Tree
     sources: dict[str, Source]
-    """Dotted key -> where its number comes from."""
+    """Dotted key -> provenance of its number."""
 
 
 def load_layer(path: Path, label: str | None = None, problems: list[str] | None = None) -> Layer:
     """Read one description file.
 
-    With `problems`, what is wrong with keys and sources is appended there, not raised.
-
-    Raises InputError when the file cannot be read, is no TOML, is empty, has a table outside the
-    four roots, or holds a number that is not finite or has a malformed source.
+    With `problems`, errors in keys and sources are appended there, not raised. Raises InputError if
+    the file cannot be read, is not TOML, is empty, has a table outside the four roots, or contains
+    a number that is not finite or has a malformed source.
     """
     label = label or str(path)
     return build_layer(read_text(path, LARGEST_TOML, label=label), label, problems)
@@ -73,10 +72,10 @@ def build_layer(text: str, label: str, problems: list[str] | None = None) -> Lay
 def strip_sources(
     raw: Mapping[str, Any], label: str, problems: list[str] | None = None
 ) -> tuple[Tree, dict[str, Source]]:
-    """Take the `{ value, source, note, range }` wrappers off a tree.
+    """Remove the `{ value, source, note, range }` wrappers of a tree.
 
-    Returns the plain tree and the sources by dotted key. Raises InputError on a malformed wrapper
-    and on NaN or infinity anywhere; with `problems`, appends there instead.
+    Returns the plain tree and the sources by dotted key. Raises InputError for a malformed wrapper
+    and for NaN or infinity; with `problems`, appends there instead.
     """
     sources: dict[str, Source] = {}
 
@@ -162,7 +161,7 @@ def iterate_numbers(value: object) -> Iterator[float]:
 
 
 def describe_value(value: object) -> str:
-    """Say in one short phrase what was found, for an error message."""
+    """Return a short phrase for a value, for an error message."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, dict):
@@ -178,11 +177,11 @@ def describe_value(value: object) -> str:
 
 
 def merge_layers(layers: list[Layer]) -> tuple[Tree, dict[str, Source], dict[str, str]]:
-    """Merge layers, later over earlier: tables key by key, everything else as a whole.
+    """Merge layers, later over earlier: tables key by key, all other values as a whole.
 
     Returns the tree, the sources and the origin (dotted key of every leaf -> label of the layer
-    that wrote it). A sourced number that is written over by a plain one becomes `set`.
-    Raises InputError when a table meets a value of another kind.
+    that wrote it). A sourced number that a plain one overrides has the source `set`. Raises
+    InputError if a table is overridden by a value of another type, or the reverse.
     """
     tree: Tree = {}
     sources: dict[str, Source] = {}
@@ -220,12 +219,12 @@ def merge_layers(layers: list[Layer]) -> tuple[Tree, dict[str, Source], dict[str
 
 
 def parse_value(text: str) -> Any:
-    """Read the right side of KEY=VALUE: a TOML value, or else the text itself."""
+    """Parse the right side of KEY=VALUE: a TOML value, or else the text itself."""
     try:
         parsed = tomllib.loads(f"value = {text}")
     except (tomllib.TOMLDecodeError, RecursionError, ValueError):
         return text
-    if set(parsed) != {"value"}:  # the text smuggled in a line break and a second key
+    if set(parsed) != {"value"}:  # the text contains a line break and a second key
         return text
     value = parsed["value"]
     return value if isinstance(value, bool | int | float | str | list | dict) else text

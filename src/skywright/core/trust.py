@@ -1,8 +1,8 @@
-"""Whether the code of a file may run: what came with a run's directory must have run here before.
+"""Decides whether code of a file may run: code from a run must have run here before.
 
-A file that the user names, directly or in a description of his own, is loaded as ever, and its
-content is remembered. Where a run's directory or a recording names the file (`guarded`), only
-content that is remembered is loaded; `--trust`, or SKYWRIGHT_TRUST=1, loads and remembers it.
+A file that the user names, directly or in his own description, is loaded, and its content is
+remembered. If a run's directory or a recording names the file (`guarded`), only remembered content
+is loaded; `--trust`, or SKYWRIGHT_TRUST=1, loads and remembers it.
 """
 
 import os
@@ -20,7 +20,7 @@ _here: set[str] = set()
 
 @contextmanager
 def guarded(what: str | None) -> Iterator[None]:
-    """Load no code inside that never ran here; `what` names the description that asks for it.
+    """Load no code inside that has not run here before; `what` names the description.
 
     None changes nothing.
     """
@@ -32,12 +32,12 @@ def guarded(what: str | None) -> Iterator[None]:
 
 
 def trust_all() -> None:
-    """Load and remember what comes, from now on: `--trust`."""
+    """Load and remember all code from now on: `--trust`."""
     os.environ["SKYWRIGHT_TRUST"] = "1"
 
 
 def check_trust(path: Path) -> None:
-    """Raise InputError before the code of a file is loaded that may not; else remember it."""
+    """Raise InputError if the code of a file must not be loaded; else remember it."""
     name = hash_as_it_is(path)
     marker = _choose_folder() / name
     what = _guarded.get()
@@ -49,7 +49,7 @@ def check_trust(path: Path) -> None:
         )
     _here.add(name)
     if not known:
-        with suppress(OSError):  # then it is asked for again
+        with suppress(OSError):  # it will be refused again
             marker.parent.mkdir(parents=True, exist_ok=True)
             marker.touch()
 

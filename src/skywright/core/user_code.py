@@ -1,9 +1,9 @@
-"""Where numba keeps what it compiled of users' files: by content, in the user's cache folder.
+"""Cache of numba for users' files: addressed by content, in the user's cache folder.
 
-numba keeps compiled code beside its source and knows of that file alone. Of users' files it stands
-under the name of their module, which changes with them and with what they import, and under a hash
-of this package: a copy in a run's directory finds it, and stale code is never found.
-Code that is kept imports `njit` from here: stale code is then dropped before any is loaded.
+numba normally stores compiled code beside its source and checks only that file. For users' files,
+the cache folder is named after the module, whose name changes with the file and its imports, and a
+hash of this package. A copy in a run's directory reuses the code, and stale code is never used.
+Modules with cached code import `njit` from here, which removes stale code before any is loaded.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class UserCode:
 
     @classmethod
     def from_function(cls, function: Any, file: str) -> UserCode | None:
-        """Return the place of a function of a user's file; None has numba choose."""
+        """Return the locator for a function of a user's file; None: numba chooses another one."""
         if not is_user_module(function.__module__):
             return None
         self = cls(function, _choose_folder() / f"{function.__module__}_{_hash_package()}")
@@ -41,7 +41,7 @@ class UserCode:
         return self if os.access(self.folder, os.W_OK) else None
 
     def ensure_cache_path(self) -> None:
-        """Make the folder."""
+        """Create the folder."""
         self.folder.mkdir(parents=True, exist_ok=True)
 
     def get_cache_path(self) -> str:
@@ -49,11 +49,11 @@ class UserCode:
         return str(self.folder)
 
     def get_source_stamp(self) -> str:
-        """Return what must agree for code to be up to date."""
+        """Return the stamp that must match for code to be up to date."""
         return self.folder.name
 
     def get_disambiguator(self) -> str:
-        """Tell functions of one name apart."""
+        """Distinguish functions with the same name."""
         return str(self.function.__code__.co_firstlineno)
 
 

@@ -1,8 +1,8 @@
 """Importing a user's file, and the files beside it that it imports.
 
-A file becomes a module whose name follows from its content and from that of the files beside it
-that it imports (`import gains`, `from .gains import K`). So the `gains.py` of two folders do not
-meet, an edited file is a new module, and what numba compiled is found by content (user_code.py).
+The name of a file's module follows from its content and from that of the files beside it that it
+imports (`import gains`, `from .gains import K`). The `gains.py` of two folders therefore do not
+collide, an edited file is a new module, and numba finds its code by content (user_code.py).
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ class _Module(NamedTuple):
 _Sources = dict[Path, _Source]
 
 _modules: dict[str, _Module] = {}
-_loaded: dict[Path, _Sources] = {}  # what a file consisted of when it was loaded last
+_loaded: dict[Path, _Sources] = {}  # the sources of a file at its last load
 _in_child_first: ContextVar[bool] = ContextVar("in_child_first", default=False)
 
 
 def load_file(path: Path) -> Any:
-    """Import a user's file. Raises whatever it raises, and PythonEndedError (`tried_first`)."""
+    """Import a user's file. Raises its errors, and PythonEndedError (`tried_first`)."""
     _loaded[path] = found = _read(path, {})
     for one, source in found.items():
         names = {name: _name_module(other, found) for name, other in source.beside.items()}
@@ -68,19 +68,19 @@ def is_user_module(name: str) -> bool:
 def read_sources(path: Path) -> dict[Path, bytes]:
     """Return a user's file and the files beside it that it imports, with the content as loaded.
 
-    Raises OSError where the file was not loaded and cannot be read.
+    Raises OSError if the file was not loaded and cannot be read.
     """
     found = _loaded.get(path) or _read(path, {})
     return {one: source.data for one, source in found.items()}
 
 
 def hash_as_it_is(path: Path) -> str:
-    """Return the hash of a user's file, and of what it imports beside it, as they are now."""
+    """Return the hash of the present content of a user's file and of the files that it imports."""
     return _name_module(path, _read(path, {}))
 
 
 def hash_sources(paths: Iterable[Path]) -> str:
-    """Return a hash of users' files and of what they import beside them, wherever they lie."""
+    """Return a hash of users' files and of the files that they import, for any folder."""
     digest = hashlib.sha256()
     for path in paths:
         for one, data in sorted(read_sources(path).items()):
@@ -90,7 +90,7 @@ def hash_sources(paths: Iterable[Path]) -> str:
 
 @contextmanager
 def tried_first() -> Iterator[None]:
-    """Import users' files in a process of their own first: one that ends Python is told then."""
+    """Import users' files in a separate process first, to report one that ends Python."""
     token = _in_child_first.set(True)
     try:
         yield
@@ -100,7 +100,7 @@ def tried_first() -> Iterator[None]:
 
 @cache
 def _try_in_child(path: Path, name: str) -> str:
-    """Import a file in another process; say how that ended where it did not survive the file."""
+    """Import a file in another process; returns how that process ended, "" if it survived."""
     done = subprocess.run(
         [sys.executable, "-m", __name__, str(path)], stdin=subprocess.DEVNULL, capture_output=True
     )
@@ -123,10 +123,10 @@ def _read(path: Path, found: _Sources) -> _Sources:
 
 
 def _list_imports(data: bytes) -> set[str]:
-    """Names that a file imports, inside of functions too, but those of Python and Skywright."""
+    """Return the imported names, also inside functions, without those of Python and Skywright."""
     try:
         tree = ast.parse(data)
-    except (SyntaxError, ValueError):  # told when it is imported
+    except (SyntaxError, ValueError):  # reported at the import
         return set()
     names: set[str] = set()
     for node in ast.walk(tree):
@@ -138,7 +138,7 @@ def _list_imports(data: bytes) -> set[str]:
 
 
 def _name_module(path: Path, sources: _Sources) -> str:
-    """Name the module of a file by its content and that of what it imports."""
+    """Return the module name of a file, from its content and that of its imports."""
     digest, found, waiting = hashlib.sha256(), set[Path](), [path]
     while waiting:
         one = waiting.pop()
@@ -171,7 +171,7 @@ class _Renamed(ast.NodeTransformer):
 
 
 class _Loader(SourceFileLoader):
-    """Compiles the content that was read; keeps no bytecode, which would hold modules' names."""
+    """Compiles the content as read; stores no bytecode, which would contain module names."""
 
     def get_code(self, fullname: str) -> Any:
         module = _modules[fullname]
@@ -194,7 +194,7 @@ finder: Any = _Finder
 sys.meta_path.append(finder)
 
 if __name__ == "__main__":
-    with suppress(Exception, SystemExit):  # what it raises is told where it is imported
+    with suppress(Exception, SystemExit):  # errors are reported at the import
         load_file(Path(sys.argv[1]))
     sys.stdout.write("imported")
     sys.stdout.flush()

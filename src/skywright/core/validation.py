@@ -1,6 +1,6 @@
-"""Validation of a description's roots: pydantic's findings as single, plain lines.
+"""Validation of a description's roots: converts pydantic's errors to single plain lines.
 
-Each line names the file, the key, what was found and what is valid.
+Each line states the file, the key, the value found and the valid values.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def list_problems(
     """Validate a root against its spec.
 
     Returns (the spec or None, problems), each problem one line that starts with the file (or
-    `--set`) which wrote the key; `fallback` names the file where nobody wrote it.
+    `--set`) that defined the key; `fallback` names the file if none defined it.
     """
     try:
         return model.model_validate(tree), []
@@ -61,7 +61,7 @@ def list_problems(
 
 
 def _file_path(model: type[Spec], loc: list[Any]) -> list[Any]:
-    """Turn pydantic's location into the path that a file uses (inline tables are hidden)."""
+    """Convert pydantic's location to the path in the file (inline tables are hidden)."""
     path: list[Any] = []
     annotation: object = model
     for name in loc:
@@ -79,7 +79,7 @@ def _file_path(model: type[Spec], loc: list[Any]) -> list[Any]:
 
 
 def _find_origin(origin: Mapping[str, str], key: str) -> str | None:
-    """The label of who wrote a key: itself, something inside it, or the table around it."""
+    """Return the origin of a key: of itself, of a key inside it, or of the table around it."""
     if key in origin:
         return origin[key]
     inside = [label for k, label in origin.items() if k.startswith(key + ".")]
@@ -92,7 +92,7 @@ def _find_origin(origin: Mapping[str, str], key: str) -> str | None:
 def _describe_item(
     model: type[Spec], tree: Mapping[str, Any], item: Any, path: list[Any], key: str
 ) -> str:
-    """One pydantic finding in our words."""
+    """Return one pydantic error in the wording of Skywright."""
     kind, found, ctx = item["type"], item.get("input"), item.get("ctx", {})
     if kind == "extra_forbidden":
         parent, here = walk_path(model, tree, path[:-1])
@@ -117,7 +117,7 @@ def _describe_item(
 
 
 def _describe_need(kind: str, found: object, ctx: Mapping[str, Any]) -> str:
-    """What is valid where pydantic found something else."""
+    """Return the description of valid values for a pydantic error."""
     limits = {
         "greater_than": ("gt", "greater than"),
         "greater_than_equal": ("ge", "at least"),

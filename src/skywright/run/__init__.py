@@ -1,7 +1,7 @@
 """One execution of a mission: planning, flight, evaluation and its directory.
 
-Importing this package sets the attribute `run` of `skywright`, which is also a verb of the public
-API. Both are meant: `skywright.run(description)` flies, whatever was imported before.
+Importing this package sets the attribute `run` of `skywright`, which is also a function of the
+public API. The package is therefore callable: `skywright.run(description)` flies in either case.
 """
 
 import sys

@@ -24,13 +24,13 @@ from skywright.vehicle.simulated import SimulatedVehicle
 from skywright.vehicle.streams import StreamRecorder
 
 PHYSICS, KINEMATIC, RECORDING = BACKENDS = ("physics", "kinematic", "recording")
-"""The perturbed plant; references that are followed exactly; a run's recording that is played."""
+"""The perturbed plant; a vehicle that follows references exactly; a replay of a recorded run."""
 MAVLINK, PX4 = "mavlink", "px4"
 LINKED = {
     MAVLINK: "skywright.links.mavlink.companion", PX4: "skywright.links.px4.mission",
 }  # fmt: skip
-"""Back ends whose vehicle, or autopilot, is at the other end of a link, `NAME:ADDRESS`: their
-module, which has `open_backend(address)` and `check_backend(address, setup)`."""
+"""Back ends whose vehicle or autopilot is at the other end of a link, `NAME:ADDRESS`. The value is
+their module, which defines `open_backend(address)` and `check_backend(address, setup)`."""
 
 
 def split_backend(name: str) -> tuple[str, str]:
@@ -40,12 +40,12 @@ def split_backend(name: str) -> tuple[str, str]:
 
 
 def has_forces(name: str) -> bool:
-    """Whether a back end simulates forces and power: without, their samples mean nothing."""
+    """Whether a back end simulates forces and power; if not, their samples have no meaning."""
     return split_backend(name)[0] in (PHYSICS, PX4)
 
 
 def choose_backend(name: str) -> Callable[..., SimulatedVehicle]:
-    """Return what builds a back end that flies; raises InputError that lists them."""
+    """Return the constructor of a back end that flies; raises InputError for another name."""
     kind, address = split_backend(name)
     if kind in LINKED:
         return import_module(LINKED[kind]).open_backend(address)
@@ -63,12 +63,12 @@ def choose_backend(name: str) -> Callable[..., SimulatedVehicle]:
 
 
 def check_backend(setup: Setup[Any], name: str) -> None:
-    """Raise InputError where a back end does not fly a mission: before anything is connected."""
+    """Raise InputError if a back end cannot fly a mission; called before anything is connected."""
     d, (kind, address) = setup.description, split_backend(name)
     choose_backend(name)
     if kind in LINKED:
         import_module(LINKED[kind]).check_backend(address, setup)
-    elif name == KINEMATIC:  # of the physics, planning tells what the robot lacks
+    elif name == KINEMATIC:  # planning reports what the robot lacks for the physics
         from skywright.vehicle.kinematic import OFFERS
 
         offers, asks = list_offers(d.robot) & OFFERS, load_kind(d.mission.kind)
@@ -78,7 +78,7 @@ def check_backend(setup: Setup[Any], name: str) -> None:
 def build_for_mission(
     description: Description, setup: Setup[Any], backend: str, parts: Sequence[Component]
 ) -> SimulatedVehicle:
-    """Build a back end that offers what the mission needs; raises InputError where it does not."""
+    """Build a back end for a mission; raises InputError if it lacks what the mission needs."""
     vehicle = build_vehicle(description, setup=setup, backend=backend, parts=parts)
     kind = load_kind(description.mission.kind)
     try:
@@ -98,15 +98,15 @@ def build_vehicle(
     backend: str = PHYSICS,
     parts: Sequence[Component] = (),
 ) -> SimulatedVehicle:
-    """Build a back end of a description; `setup` is what has been built of it.
+    """Build a back end of a description; `setup` is the Setup of it, if one was already built.
 
     `backend` is one of BACKENDS, or one of LINKED with its address; raises InputError for another.
-    `parts` are further components, of those who observe the flight.
+    `parts` are further components, which observe the flight.
     """
     d, mission = description, description.mission
     setup = setup or Setup(description)
     world = setup.true.world
-    if load_kind(mission.kind).held:  # in the air, where the flight begins
+    if load_kind(mission.kind).held:  # the flight begins in the air
         place = Bench(x_m=mission.start_x_m, y_m=mission.start_y_m, z_m=mission.hover_height_m)
         world = world.add_thing("clamp", place)
     parts = [*build_named(d), *parts]

@@ -1,4 +1,4 @@
-"""`skywright check`: everything that is wrong with a file at once, and what is only guessed."""
+"""`skywright check`: lists all errors of a file at once, and the numbers that are assumed."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class CheckReport(NamedTuple):
 
 
 def check_file(name: str) -> CheckReport:
-    """Check a robot, world or mission by name or path; of a folder all three that are in it.
+    """Check a robot, world or mission by name or path; for a folder, all three that it contains.
 
-    Raises InputError when there is no such file or it is no TOML.
+    Raises InputError if the file does not exist or is not TOML.
     """
     kind, path = find_kind(name)
     folder = Path(name).expanduser()
@@ -109,7 +109,7 @@ def _has_code_of_a_user(description: Description[Any]) -> bool:
 
 
 def _check_compiles(description: Description[Any]) -> list[str]:
-    """Build the vehicle, with the steps of a user's law or sensor, and ask the mission's kind."""
+    """Build the vehicle, which compiles the steps of user code, and run the kind's check of it."""
     from skywright.run.backends import build_vehicle
     from skywright.run.kind import load_kind
 
@@ -122,7 +122,7 @@ def _check_compiles(description: Description[Any]) -> list[str]:
 
 
 def _load_layers(kind: str, path: str, problems: list[str]) -> list[Layer]:
-    """The layers of a robot, those that it extends before it, or of a world."""
+    """Return the layers of a robot, after those of the robots that it extends, or of a world."""
     if kind == "robot":
         return load_robot_layers(find_robot(path), problems)
     found = find_world(path)
@@ -163,7 +163,7 @@ def _check_lift(
 
 
 def list_guesses(spec: Spec, root: str, sources: dict[str, Source]) -> list[str]:
-    """List the assumed numbers with their ranges, and count those that have no source."""
+    """List the assumed numbers with their ranges, and count the numbers without a source."""
     lines = []
     bare = 0
     for key, value in iterate_leaves(spec, root):

@@ -1,4 +1,4 @@
-"""What a warm-up's process does: `python -m skywright.run.compile_loop`, a description on stdin."""
+"""Program of a warm-up's process: `python -m skywright.run.compile_loop`, description on stdin."""
 
 import pickle
 import sys

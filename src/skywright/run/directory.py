@@ -1,4 +1,4 @@
-"""A run's directory: opened as NAME.partial, and read back, finished or not."""
+"""A run's directory: written as NAME.partial; finished and unfinished runs can be read."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SUFFIX = ".partial"
 
 
 class StoredRun(NamedTuple):
-    """What a run's directory holds besides its mission."""
+    """The contents of a run's directory, without its mission."""
 
     recording: Recording
     phases: list[PhaseRecord]
@@ -63,7 +63,7 @@ def open_directory(out: Path | None, name: str) -> tuple[Path, Path]:
 
 
 def check_free(out: Path) -> None:
-    """Refuse a name that is taken; `open_directory` asks again. Raises InputError."""
+    """Raise InputError if a name is taken; `open_directory` repeats this check."""
     if out.name.endswith(SUFFIX):
         raise InputError(f"{out}: the name of a finished run must not end in {SUFFIX}")
     try:
@@ -72,7 +72,7 @@ def check_free(out: Path) -> None:
         if out.with_name(out.name + SUFFIX).exists():
             raise _taken(out)
     except (OSError, ValueError):
-        return  # a name that cannot be: told where the directory is made
+        return  # an invalid name: open_directory reports it
 
 
 def _taken(out: Path | None) -> InputError:
@@ -91,7 +91,7 @@ def _find_free(base: Path) -> Path:
 
 
 def write_json(path: Path, value: dict[str, Any]) -> None:
-    """Write an object of JSON; on a full disk what stood there before stays."""
+    """Write a JSON object; if the disk is full, the existing file remains unchanged."""
     text = json.dumps(value, indent=2, allow_nan=False)
     fresh = path.with_name(path.name + ".new")
     try:
@@ -103,9 +103,9 @@ def write_json(path: Path, value: dict[str, Any]) -> None:
 
 
 def write_sources(folder: Path, files: Sequence[Path]) -> dict[Path, str]:
-    """Copy users' files, and those beside them that they import, into a run's directory.
+    """Copy users' files, and the files beside them that they import, into a run's directory.
 
-    Returns what each of `files` is called there. What comes from one folder stays together.
+    Returns the name of each of `files` in that directory. Files of one folder stay together.
     """
     kept: dict[Path, dict[Path, bytes]] = {}  # by folder
     for file in files:
@@ -127,13 +127,13 @@ def write_sources(folder: Path, files: Sequence[Path]) -> dict[Path, str]:
 def write_unfinished(
     partial: Path, outcome: str = "interrupted", reason: str = "killed before it ended"
 ) -> None:
-    """Say that a run is under way: what stays there if the process is killed."""
+    """Mark a run as unfinished: the mark remains if the process is killed."""
     value = {"outcome": outcome, "reason": reason, "phases": []}
     write_json(partial / "metrics.json", {**value, "timing": {}})
 
 
 class _Told(Stored):
-    """Of metrics.json, what is used again."""
+    """The part of metrics.json that is read back."""
 
     phases: list[PhaseRecord]
     timing: dict[str, float]
@@ -145,7 +145,7 @@ class _Told(Stored):
 def load_run(directory: Path) -> StoredRun:
     """Read recording and metrics.json of a run, finished or partial.
 
-    Raises InputError when files are missing or damaged.
+    Raises InputError if files are missing or damaged.
     """
     for name in ("mission.toml", "recording.mcap", "metrics.json"):
         if not (directory / name).is_file():
@@ -167,7 +167,7 @@ def load_run(directory: Path) -> StoredRun:
 
 
 def _phases_of(events: list[Event], end: float) -> list[PhaseRecord]:
-    """Phases of a killed run, from the events that its recording noted."""
+    """Return the phases of a killed run, from the events in its recording."""
     found = [(m.group(1), e.t) for e in events if (m := re.fullmatch(r"phase (.+)", e.text))]
     stops = [t for _, t in found[1:]] + [max(end, found[-1][1])] if found else []
     last = len(found) - 1

@@ -1,7 +1,7 @@
 """Dispatches a plan file to a vehicle: way-points of the platform and joint references at 50 Hz.
 
-As in Caballero 2018, section IV: the planner's file goes to the platform's and the arms' own
-commands, `set_pose` with its velocity and `set_joints`, on any back end that offers them.
+As in Caballero 2018, section IV: the platform and the arms receive the planner's file as commands,
+`set_pose` with its velocity and `set_joints`, on any back end that offers them.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ TICK = 0.02  # s
 
 
 def dispatch_plan(uav: Uav, file: str | os.PathLike[str]) -> Result:
-    """Fly to a plan's first row, follow the plan, and end at its last row; returns how it went.
+    """Fly to a plan's first row, follow the plan, and stop at its last row; returns the result.
 
-    Raises InputError on a file that is no plan, or one for another robot.
+    Raises InputError if the file is not a plan, or is a plan for another robot.
     """
     b = uav.backend
     plan = load_plan_file(file, b.robot.name, joint_names(b.robot))
@@ -54,7 +54,7 @@ def dispatch_plan(uav: Uav, file: str | os.PathLike[str]) -> Result:
 
 
 def _tell(uav: Uav, plan: PlanFile, t: float) -> Result:
-    """Give the references of a time (s); returns the first refusal."""
+    """Send the references at time t (s); returns the first refusal."""
     pose, rate = _at(plan.t, plan.pose, t), _at(plan.t, plan.rate, t)
     result = uav.set_pose(pose[:3], float(pose[3]), rate[:3], float(rate[3])).result
     if result and plan.joints:

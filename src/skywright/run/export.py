@@ -1,4 +1,4 @@
-"""A run for other programs: tables, a trajectory, a ROS 2 bag."""
+"""Exports a run for other programs: tables, a trajectory, a ROS 2 bag."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _write_tum(run: Run, path: Path, trajectory: str) -> None:
 
 
 def _write_bag(run: Run, path: Path, _: str) -> None:
-    """A folder that `ros2 bag` opens: the recording as it is, and its metadata.yaml."""
+    """Write a folder that `ros2 bag` opens: a copy of the recording, and its metadata.yaml."""
     from mcap.reader import make_reader
 
     source = run.directory / "recording.mcap"
@@ -120,7 +120,7 @@ _TOPIC = """    - topic_metadata:
 
 
 class Format(NamedTuple):
-    """A format, and what its files are called."""
+    """A format and the ending of its file names."""
 
     write: Callable[[Run, Path, str], None]
     suffix: str
@@ -133,16 +133,16 @@ FORMATS = {
     "npz": Format(_write_npz, ".npz"),
     "rosbag2": Format(_write_bag, "-bag"),
 }
-"""By the word of --format."""
+"""By value of --format."""
 
 
 def export_run(run: Run, form: str, out: Path | None = None, trajectory: str = PLATFORM) -> Path:
-    """Write a run in a format of FORMATS; returns the file, of "rosbag2" the folder.
+    """Write a run in a format of FORMATS; returns the file, or the folder of "rosbag2".
 
-    `out` is by default the run's name beside the run with the format's ending. `trajectory` is
-    whose poses "tum" holds: a name with `.p_W` and `.q_W` (`tip`, `reference.platform`).
-    Raises InputError for an unknown format or trajectory, or where nothing can be written; what
-    exists is not overwritten.
+    `out` is by default the run's name with the format's ending, beside the run. `trajectory`
+    selects the poses that "tum" writes: a name with `.p_W` and `.q_W` (`tip`,
+    `reference.platform`). Raises InputError for an unknown format or trajectory, or if the file
+    cannot be written. Existing files are not overwritten.
     """
     if form not in FORMATS:
         raise InputError(f"--format {form}; valid: {', '.join(FORMATS)}")
@@ -151,7 +151,7 @@ def export_run(run: Run, form: str, out: Path | None = None, trajectory: str = P
     if path.exists():
         raise InputError(f"{path} already exists; give another --out or remove it")
     partial = path.with_name(path.name + ".partial")
-    try:  # under another name first: an interrupted export leaves no half file
+    try:  # written under a temporary name: an interrupted export leaves no partial file
         path.parent.mkdir(parents=True, exist_ok=True)
         _remove(partial)
         chosen.write(run, partial, trajectory)

@@ -1,4 +1,4 @@
-"""How a mission went."""
+"""Records of how a mission was flown."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ class PhaseRecord(NamedTuple):
 
 
 class Flight(NamedTuple):
-    """How a mission went."""
+    """Outcome of a flown mission."""
 
     completed: bool
-    reason: str  # why it was cut short, or ""
+    reason: str  # why it ended early, or ""
     acted: tuple[Acted, ...] = ()  # rules that ended the mission
     checklist: tuple[dict[str, Any], ...] = ()  # the pre-flight checks, as plain JSON
 
 
 class Flown(Generic[T, P]):
-    """A flight as it is judged: what was asked, planned and recorded."""
+    """A flight for evaluation: task, plan and recording."""
 
     def __init__(
         self,
@@ -53,16 +53,16 @@ class Flown(Generic[T, P]):
 
     @property
     def task(self) -> T:
-        """What the mission's kind was asked to do."""
+        """The task of the mission's kind."""
         return self.setup.task
 
     @property
     def way(self) -> P:
-        """What the kind keeps of its plan."""
+        """The data that the kind keeps of its plan."""
         return self.plan.get_way()
 
     def once(self, compute: Callable[[Flown[T, P]], R]) -> R:
-        """Return what `compute` makes of this flight, computed when first asked for."""
+        """Return `compute(self)`; the result is cached."""
         if compute not in self._found:
             self._found[compute] = compute(self)
         found: R = self._found[compute]

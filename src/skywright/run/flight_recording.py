@@ -1,4 +1,4 @@
-"""The recording of a flight: what the vehicle records, and what shows the robot to a viewer."""
+"""The recording of a flight: the vehicle's columns and topics, and the transforms for viewers."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from skywright.run.faults._rule import Acted
 from skywright.vehicle.simulated import Recorded
 
 EVERY = 2
-"""Samples between transforms of the links: 50 Hz, between which viewers interpolate."""
+"""Samples between transforms of the links: 50 Hz; viewers interpolate."""
 
 
 class Pace:
-    """When a recording is written: once a second, of a flight that is quicker every five."""
+    """Schedule of writes: every 1 s to 5 s of flight, 0.5 s of wall time apart."""
 
     SOON_S, LATE_S, WALL_S = 1.0, 5.0, 0.5
 
@@ -29,7 +29,7 @@ class Pace:
         self._t, self._wall = 0.0, time.monotonic()
 
     def is_due(self, t: float) -> bool:
-        """Whether it is to be written at mission time `t` (s)."""
+        """Whether a write is due at mission time `t` (s)."""
         since = t - self._t
         if since < self.SOON_S:
             return False
@@ -58,7 +58,7 @@ class FlightRecording(RecordingWriter):
             self.message(self._frames.static, 0.0, self._frames.list_static(), latched=True)
 
     def append(self, samples: NDArray[Any]) -> None:
-        """Append samples, and the transforms at some of them."""
+        """Append samples, and the transforms at every EVERY-th of them."""
         super().append(samples)
         shown = samples[self._skip :: EVERY]
         self._skip = (self._skip - len(samples)) % EVERY
@@ -66,11 +66,11 @@ class FlightRecording(RecordingWriter):
             self.append_stream("/tf", self._frames.compute(shown))
 
     def phase(self, t: float, name: str) -> None:
-        """Note that a phase began at `t` (s)."""
+        """Record that a phase began at `t` (s)."""
         self.text("/mission/phase", t, name)
         self.event(t, f"phase {name}")
 
     def acted(self, acted: Acted) -> None:
-        """Note that a rule acted."""
+        """Record that a rule acted."""
         self.text("/mission/fault", acted.t_s, f"{acted.rule}: {acted.response}")
         self.event(acted.t_s, f"rule {acted.rule}: {acted.says}")

@@ -1,4 +1,4 @@
-"""A kind of mission that is a folder: its parts are found by their names."""
+"""A kind of mission that is a folder: its modules are found by their names."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 class FolderKind(MissionKind[T, Any]):
     """A kind whose folder has `plan.py`, `fly.py`, `metrics.py` and `figures.py`.
 
-    They define `plan(setup)`, `fly(s, way)` and maybe `withdraw(s, way)`, `compute_metrics(run)`
-    with `MEASURES`, and `FIGURES`, and are imported when they are needed. A folder without metrics
-    is judged by the way flown.
+    They define `plan(setup)`, `fly(s, way)` and optionally `withdraw(s, way)`,
+    `compute_metrics(run)` with `MEASURES`, and `FIGURES`. They are imported when first needed. A
+    folder without metrics is evaluated by its path tracking.
     """
 
     @property

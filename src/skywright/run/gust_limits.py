@@ -1,4 +1,4 @@
-"""How wind and gusts lean and move a platform, and where that is more than a mission allows."""
+"""Tilt and motion of a platform in wind and gusts, and whether a mission permits them."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from skywright.run.parts import build_law
 from skywright.run.setup import Setup
 from skywright.vehicle.gusts import GustMotion
 
-STEPS = 12  # of the search for the largest wind, each halves what is left
+STEPS = 12  # of the bisection for the largest wind
 
 
 def find_stances(
     setup: Setup[Any], yaw: float, q: Array, braking: float
 ) -> list[tuple[Array, Array]]:
-    """Return how a platform that heads `yaw` (rad) may stand: (R_WB (3, 3), shift (3,) m).
+    """Return the poses of a platform with heading `yaw` (rad): (R_WB (3, 3), shift (3,) m).
 
-    It leans against the mean wind or a gust of `mission.gust_sigmas`; gusts move it as far as the
-    law tells. Each as it hovers, and as it brakes on its way ahead with `braking` (m/s^2). A robot
-    with lateral force stays level. `q` (rad) are the joints.
+    The platform tilts against the mean wind or a gust of `mission.gust_sigmas`; gusts shift it as
+    predicted by the law. Each pose is returned for hovering and for braking from forward flight
+    with `braking` (m/s^2). A robot with lateral force stays level. `q` (rad) are the joints.
     """
     world, robot, wind = setup.world, setup.robot, setup.world.wind
     level, mean = rot_z(yaw), compute_mean_wind(wind, np.zeros((1, 3)))[0]
@@ -57,13 +57,13 @@ def find_exceeded_motion(
     setup: Setup[Any], yaw: float, place: float, swing: float, rest: float, within: float,
     swing_sigmas: float,
 ) -> str | None:  # fmt: skip
-    """Say that gusts move the platform or its link by more than a mission allows, or None.
+    """Return a message if gusts move the platform or its link too far, or None.
 
-    The platform heads `yaw` (rad). `place` (m) is how far it may get from where it stood before:
-    the difference of two gusts, sqrt(2) of one's deviation, `mission.gust_sigmas` of which must be
-    less. A link let go at `swing` (rad, 0: it is not) must stay within `rest` (rad) less
-    `swing_sigmas` of its own motion after `within` (s). Nothing is said of a law that tells no
-    motion.
+    The platform has the heading `yaw` (rad). `place` (m) is the permitted displacement from an
+    earlier position: the difference of two gusts has sqrt(2) of the deviation of one, and
+    `mission.gust_sigmas` of it must be less. A link released at `swing` (rad; 0: not released) must
+    stay within `rest` (rad) less `swing_sigmas` of its own motion after `within` (s). Laws without
+    a gust model are not checked.
     """
     wind = setup.world.wind
     if not wind.gusty or compute_speed(wind) == 0.0:

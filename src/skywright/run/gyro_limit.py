@@ -1,4 +1,4 @@
-"""The gyroscope's noise that a mission may ask the attitude loop to bear."""
+"""The gyroscope noise that the attitude loop of a mission tolerates."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ from skywright.vehicle.simulated import SimulatedVehicle
 
 
 class Strain(NamedTuple):
-    """What the gyroscope's noise asks of the rotor that has the least room for it."""
+    """Load of the gyroscope's noise on the rotor with the least margin for it."""
 
-    asked: float  # N rms, of the rotor's thrust
+    asked: float  # N rms, thrust of the rotor due to noise
     room: float  # N, between hovering and the rotor's nearer limit
 
     def exceeds(self, sigmas: float) -> bool:
-        """Whether `sigmas` standard deviations do not fit."""
+        """Whether `sigmas` standard deviations exceed the margin."""
         return sigmas * self.asked > self.room
 
 
 def compute_strain(nominal: Nominal, torque: Array) -> Strain:
-    """Compute what a law strains the rotors with that answers rates with `torque` (3, 2) N m s.
+    """Compute the load on the rotors of a law that answers rates with `torque` (3, 2) N m s.
 
-    A rate averaged over a control period T is off by N / sqrt(T); the allocation shares the
-    torque among the rotors.
+    The error of a rate averaged over a control period T is N / sqrt(T). The allocation distributes
+    the torque over the rotors.
     """
     robot, world = nominal.robot, nominal.world
     q, layout = posture(robot, "working"), build_layout(nominal.rotors, 1.0, nominal.allocator)
@@ -50,13 +50,12 @@ def compute_strain(nominal: Nominal, torque: Array) -> Strain:
 
 
 def find_noisy_gyroscope(setup: Setup[Any]) -> str | None:
-    """Say that the gyroscope's noise makes the attitude loop drive the rotors to their limits, or
-    return None.
+    """Return a message if the gyroscope's noise drives the rotors to their limits, else None.
 
-    Roll and pitch answer a rate with the torque of `Law.compute_rate_torque` (I 2 zeta w of an
-    attitude loop). (Yaw is slower where it costs much, and is reduced first.)
-    `mission.noise_sigmas` of a rotor's share must fit between the thrust of hovering and its nearer
-    limit. Of laws that tell no torque `explain_noise` speaks in flight.
+    In roll and pitch, the law answers a rate with the torque of `Law.compute_rate_torque` (I 2 zeta
+    w of an attitude loop). (Yaw is slower where it is costly, and is reduced first.)
+    `mission.noise_sigmas` of a rotor's share must fit between the hover thrust and its nearer
+    limit. Laws that do not provide the torque are checked in flight by `explain_noise`.
     """
     d, robot = setup.description, setup.robot
     noise = robot.sensors.gyro_noise_rad_s_sqrthz
@@ -80,9 +79,10 @@ def find_noisy_gyroscope(setup: Setup[Any]) -> str | None:
 
 
 def explain_noise(vehicle: Backend, sigmas: float) -> str:
-    """Say that the law answers the gyroscope's noise with more than the rotors have; else "".
+    """Return a message if the law's answer to gyroscope noise exceeds the rotors, else "".
 
-    Measured on the law's own step in flight, so that it holds for laws that tell no torque.
+    Measured on the law's own step in flight, so that it holds for laws that do not provide a
+    torque.
     """
     if not isinstance(vehicle, SimulatedVehicle):
         return ""

@@ -1,4 +1,4 @@
-"""What a pilot's stick moves: the platform's velocity, its tilt in place, or its attitude."""
+"""Flight by a pilot's stick: it commands the platform's velocity, tilt in place, or attitude."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ if TYPE_CHECKING:
     from skywright.run.supervisor import Supervisor
 
 TILT_DEG, SPEED, CLIMB = 15.0, 0.5, 0.5
-"""Of a full axis: deg (at most the robot's limit), m/s level and m/s up."""
+"""At full deflection: deg (at most the robot's limit), m/s horizontally and m/s upward."""
 ANGLE_SHARE = 0.6
-"""Of the hover tilt that the robot can hold in calm air, at a full axis in angle mode."""
+"""Share of the hover tilt that the robot can hold in calm air, at full deflection in angle mode."""
 LEAST_TILT = math.radians(1.0)
-"""Less is no tilt in place."""
+"""Smaller values count as no tilt in place."""
 
 
 class Mode(StrEnum):
-    """What the stick does with the platform."""
+    """What the stick commands."""
 
     POSITION = "position"
     ANGLE = "angle"
@@ -44,14 +44,14 @@ MODES: dict[Mode, str] = {
 
 
 class HandFlight:
-    """One stretch of flight by a pilot's stick."""
+    """A period of flight by a pilot's stick."""
 
     def __init__(self, s: Supervisor, mode: Mode) -> None:
-        """Give the platform to the stick: in attitude mode first, then in `mode` if it can be."""
+        """Hand control to the stick: in attitude mode first, then in `mode` if it is available."""
         self._s, self.mode = s, mode
         self.uav = Uav(s.vehicle, tick=lambda: s.tick_by_hand())
         self.says = ""
-        """Why the stick does not do what `mode` says, "" where it does."""
+        """Why `mode` is not in effect; "" if it is."""
         self.uav.take_over()
 
     @property
@@ -61,18 +61,18 @@ class HandFlight:
 
     @cached_property
     def tilt_max(self) -> float:
-        """Tilt (rad) of a full axis in angle mode; 0 of a robot that cannot tilt in place."""
+        """Tilt (rad) at full deflection in angle mode; 0 for a robot that cannot tilt in place."""
         return find_tilt_in_place(self._s)
 
     def step(self, axes: list[float] | None) -> None:
-        """Fly one mission tick; `axes` is what the stick says anew: right, ahead, turn, climb."""
+        """Fly one mission tick; `axes` are new stick axes, if any: right, ahead, turn, climb."""
         self._choose()
         if axes is not None:
             self._tell(axes)
         self.uav.tick()
 
     def _choose(self) -> None:
-        """Enter the mode that is asked for where it can be flown, and leave it where not."""
+        """Enter the selected mode if it can be flown, and leave it if not."""
         uav, self.says = self.uav, ""
         if self.mode == Mode.ATTITUDE:
             if uav.state == State.FLYING_AUTO:
@@ -101,28 +101,28 @@ class HandFlight:
             self.uav.set_velocity(v, TURN_MAX * turn, roll=tilt * right, pitch=tilt * ahead)
 
     def find_refusal(self) -> str:
-        """Return why the position loops cannot take over now, "" where they can."""
+        """Return why the position loops cannot take over now, "" if they can."""
         if self.uav.state == State.FLYING_AUTO:
             return ""
         return self.uav.find_refusal(Command.RECOVER_FROM_MANUAL)
 
     def settle(self) -> Handle:
-        """Brake and stay."""
+        """Brake and hold position."""
         manual = self.uav.state == State.FLYING_MANUAL
         return self.uav.recover_from_manual() if manual else self.uav.hold()
 
 
 def find_tilt_in_place(s: Supervisor) -> float:
-    """Return the tilt (rad) of a full axis in angle mode; 0 where the robot has none."""
+    """Return the tilt (rad) at full deflection in angle mode; 0 if the robot has no such mode."""
     v = s.vehicle
     q = np.array(v.reference["q"][: v.n_joints])
     tilt = ANGLE_SHARE * compute_hover_tilt(v.robot, q, v.world.gravity_mps2)
     tilt = min(tilt, math.radians(v.robot.control.tilt_max_deg))
-    return tilt if tilt >= LEAST_TILT else 0.0  # NaN is not
+    return tilt if tilt >= LEAST_TILT else 0.0  # NaN gives 0
 
 
 def scale_stick(s: Supervisor, axes: list[float]) -> Stick:
-    """Return the stick of four axes from -1 to 1: right, ahead, turn to the left, climb."""
+    """Convert four axes from -1 to 1 to a stick command: right, ahead, turn to the left, climb."""
     tilt = math.radians(min(TILT_DEG, s.vehicle.robot.control.tilt_max_deg))
     right, ahead, turn, climb = axes
     return Stick(tilt * right, tilt * ahead, TURN_MAX * turn, CLIMB * climb)

@@ -1,6 +1,6 @@
-"""What a flight said about the flaws that are really there: data for a probability of detection.
+"""Detection results of a flight for the true flaws: data for a probability of detection.
 
-A mission kind fills it with truth (`MissionKind.inspected`); nothing on the robot's side sees it.
+A mission kind fills it from the truth (`MissionKind.inspected`); the robot's side does not read it.
 """
 
 from __future__ import annotations
@@ -10,31 +10,31 @@ from typing import Any, NamedTuple
 
 
 class InspectedFlaw(NamedTuple):
-    """One flaw of the world that the mission was asked to pass over."""
+    """One flaw of the world that the mission was asked to inspect."""
 
     name: str
     sizes: dict[str, float]
-    """True measures with their unit in the name, such as depth_mm; the first is the usual one."""
+    """True dimensions with their unit in the name, such as depth_mm; the first is the usual one."""
     hit: bool
-    """Whether an indication was reported at its place."""
+    """Whether an indication was reported at its position."""
     contact: bool
-    """Whether the probe was where the flaw is, within its tolerances, in at least one pass."""
+    """Whether the probe covered the flaw, within its tolerances, in at least one pass."""
     signal: float | None = None
     """Largest signal at the flaw in the instrument's units, reported or not; None: none read."""
     conditions: dict[str, float] = {}
-    """What detection may depend on at this place, such as gap_mm."""
+    """Quantities on which detection may depend at this position, such as gap_mm."""
 
 
 class Inspected(NamedTuple):
-    """The flaws of a flight, and the places without a flaw."""
+    """The flaws of a flight, and the sites without a flaw."""
 
     flaws: tuple[InspectedFlaw, ...]
     sites: int = 0
-    """Places without a flaw that were inspected."""
+    """Sites without a flaw that were inspected."""
     calls: int = 0
-    """Of these, places with an indication: false calls."""
+    """Of these, sites with an indication: false calls."""
     site: str = ""
-    """What a place is, such as "30 mm of path"."""
+    """Definition of a site, such as "30 mm of path"."""
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON; numbers that are not finite become None."""
@@ -52,7 +52,7 @@ class Inspected(NamedTuple):
 
 
 def read_inspected(data: dict[str, Any]) -> Inspected:
-    """Return what `Inspected.to_json` wrote. Raises KeyError and TypeError where it is not that."""
+    """Parse the result of `Inspected.to_json`. Raises KeyError and TypeError for other data."""
 
     def numbers(values: dict[str, float | None]) -> dict[str, float]:
         return {k: math.nan if v is None else float(v) for k, v in values.items()}

@@ -1,10 +1,10 @@
-"""A kind of mission: its task, planning, flight, evaluation and figures.
+"""Base class of kinds of mission: task, planning, flight, evaluation and figures.
 
 Each kind is one folder of `skywright.missions`, one class in a user's file, or one class of an
-installed package (entry points `skywright.missions`); `core/find.py` finds it by its name. The
-class is small: its methods import what they need when they are called, or the class is a
-`FolderKind` (folder_kind.py), whose folder has a module for each; so a kind costs nothing until it
-is used.
+installed package (entry points `skywright.missions`); `core/find.py` finds it by its name. Either
+the methods of the class import the modules that they need when they are called, or the class is a
+`FolderKind` (folder_kind.py), whose folder has one module for each. A kind that is not used
+therefore costs no import time.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ if TYPE_CHECKING:
     from skywright.vehicle.interface import Backend
 
 Measures = Mapping[str, tuple[str, str]]
-"""Metric -> its unit and what it means."""
+"""Metric -> its unit and its meaning."""
 P = TypeVar("P")
-"""What a kind keeps of its plan; None where the segments say all."""
+"""The data that a kind keeps of its plan; None if the segments are sufficient."""
 
 
 class Chart(NamedTuple):
-    """A picture of a report."""
+    """A figure of a report."""
 
     title: str
     caption: str
     draw: Callable[[RunResult[Any, Any]], Any]
-    """From a run to a figure of matplotlib, or None with nothing to show."""
+    """From a run to a figure of matplotlib, or None if there is nothing to show."""
 
 
 class Sketch(NamedTuple):
@@ -58,11 +58,11 @@ class Sketch(NamedTuple):
 
 
 class Mark(NamedTuple):
-    """Something found, drawn in 3-D: a place, or a line on the pipe's surface."""
+    """A result drawn in 3-D: a position, or a line on the pipe's surface."""
 
     name: str  # in the legend; equal ones have one entry
     colour: tuple[int, int, int]
-    p_W: NDArray[np.float64] | None = None  # (3,) m, a ball there
+    p_W: NDArray[np.float64] | None = None  # (3,) m, centre of a ball
     on_pipe: NDArray[np.float64] = np.zeros((0, 2))  # s (m) and phi (rad) of a line
     size_m: float = 0.006  # radius of the ball, width of the line
     since_s: float = 0.0  # mission time from which it is shown
@@ -72,19 +72,19 @@ class Figures(NamedTuple):
     """Figures and descriptions of a kind of mission for its report."""
 
     describe: Callable[[RunResult[Any, Any]], str]
-    """What was done, as the beginning of a sentence ("ROBOT in world W ...")."""
+    """The work done, as the beginning of a sentence ("ROBOT in world W ...")."""
     charts: Mapping[str, Chart] = {}
-    """Name -> picture, in the order of the page."""
+    """Name -> figure, in the order of the page."""
     phases: Mapping[str, str] = {}
-    """Phase -> what is done in it, one sentence."""
+    """Phase -> its description in one sentence."""
     title: str = "Task"
-    """Of the report's section with these pictures."""
+    """Title of the report's section with these figures."""
     notes: Callable[[RunResult[Any, Any]], list[str]] = lambda _: []
-    """Sentences before them."""
+    """Sentences above the figures."""
     sketch: Callable[[Description[Any], Any], Sketch] = lambda _, way: Sketch()
-    """What is drawn of the mission, before a plan is made (None) and after."""
+    """Geometry of the mission to draw, before a plan exists (None) and after."""
     marks: Callable[[RunResult[Any, Any]], list[Mark]] = lambda _: []
-    """What is drawn in a replay of what was found."""
+    """Results to draw in a replay."""
 
 
 class MissionKind(ABC, Generic[T, P]):
@@ -96,29 +96,29 @@ class MissionKind(ABC, Generic[T, P]):
     needs: ClassVar[frozenset[str]]
     """What a back end must offer (vehicle/interface.py)."""
     devices: ClassVar[frozenset[str]] = frozenset()
-    """Devices beside the robot that the flight uses (vehicle/devices.py)."""
+    """Devices other than the robot that the flight uses (vehicle/devices.py)."""
     flies: ClassVar[bool] = True
-    """Whether the robot leaves the ground; otherwise `fly` does everything."""
+    """Whether the robot leaves the ground; if not, `fly` executes the whole mission."""
     lands: ClassVar[bool] = True
-    """Whether the flight ends with a landing; otherwise where `fly` leaves it."""
+    """Whether the flight ends with a landing; otherwise it ends where `fly` returns."""
     held: ClassVar[bool] = False
-    """Whether the robot is held in the air at the start, and let go."""
+    """Whether the robot is held in the air at the start and then released."""
     operated: ClassVar[bool] = False
-    """Whether somebody may be at the stick; the task has `operator` and `stick_speed_mps` then."""
+    """Whether an operator may use the stick; the task then has `operator` and `stick_speed_mps`."""
 
     @property
     def measures(self) -> Measures:
-        """The metrics of this kind alone; run/names.py has those that kinds share."""
+        """The metrics of this kind only; run/names.py has those that kinds share."""
         return {}
 
     @property
     def where(self) -> Mapping[str, Where]:
-        """Where these are measured, by name or by how the name begins ("force.")."""
+        """Where these metrics are measured, by name or by prefix of the name ("force.")."""
         return {}
 
     @abstractmethod
     def plan(self, setup: Setup[T]) -> MissionPlan[P]:
-        """Plan; `blocked_by` of the plan says why a request is infeasible.
+        """Plan the mission; `blocked_by` of the plan states why a request is infeasible.
 
         Raises InputError if robot or world lack a part that the mission requires.
         """
@@ -131,18 +131,18 @@ class MissionKind(ABC, Generic[T, P]):
         """Fly the phases between take-off and landing; `s.segments` are those of the plan."""
 
     def withdraw(self, s: Supervisor[T], way: P) -> None:
-        """Retreat, after a fault, from what the robot touches or grasps.
+        """Retreat, after a fault, from the object that the robot touches or grasps.
 
-        By default 0.25 m along the normal of what it touches, the arm as it is.
+        By default 0.25 m along the normal of that object, with the arm's posture unchanged.
         """
         from skywright.run.faults._response import retract
 
         retract(s)
 
     def requirements(self, setup: Setup[T], way: P | None) -> dict[str, Requirement]:
-        """Return what a run must meet, by metric: by default what the mission's file says.
+        """Return the requirements of a run, by metric: by default those of the mission file.
 
-        It may depend on what was asked, and on the plan (None: there is none yet).
+        They may depend on the task, and on the plan (None: there is none yet).
         """
         return setup.description.mission.requirements
 
@@ -150,15 +150,15 @@ class MissionKind(ABC, Generic[T, P]):
     def leave_out(
         asked: dict[str, Requirement], left_out: dict[str, bool]
     ) -> dict[str, Requirement]:
-        """Return the requirements less those whose names begin with what is left out."""
+        """Return the requirements except those whose names begin with a true key of `left_out`."""
         skipped = tuple(name for name, out in left_out.items() if out)
         return {k: v for k, v in asked.items() if not k.startswith(skipped)}
 
     @abstractmethod
     def metrics(self, run: Flown[T, P]) -> dict[str, float]:
-        """Compute the metrics of a flight; parts that were not reached have none.
+        """Compute the metrics of a flight; parts that were not reached have no metrics.
 
-        Raises InputError when the samples do not allow it (a flight cut short).
+        Raises InputError if the samples are insufficient (a flight that ended early).
         """
 
     def result(self, run: Flown[T, P]) -> object:
@@ -170,16 +170,16 @@ class MissionKind(ABC, Generic[T, P]):
         return {}
 
     def inspected(self, run: Flown[T, P]) -> Inspected | None:
-        """Return what the flight said about the flaws of the true world; None: it looked for none.
+        """Return the detection results for the true flaws; None if the flight searched for none.
 
-        Also where the flight was cut short: a flaw that was not reached was not found.
+        Also for a flight that ended early: a flaw that was not reached was not found.
         """
         return None
 
     def entries(self, run: Flown[T, P]) -> Entries:
         """Return the readings and indications of a flight, for the database (`--records`).
 
-        They rest on what the robot knows, never on truth. None by default.
+        They use on-board data only, never the truth. None by default.
         """
         from skywright.inspection.history.entries import Entries
 
@@ -190,9 +190,9 @@ class MissionKind(ABC, Generic[T, P]):
         return None
 
     def list_waived(self, metrics: dict[str, float]) -> dict[str, str]:
-        """Return the requirements that have no meaning for what was asked, each with the reason.
+        """Return the requirements that do not apply to the task, each with the reason.
 
-        They are not judged: a line's error where there is no weld to find.
+        They are not evaluated: for example a line's error if there is no weld.
         """
         return {}
 

@@ -1,8 +1,8 @@
-"""The wind that a mission may ask a robot to hold, from the computed capability.
+"""The wind that a mission may require a robot to withstand, from the computed capability.
 
-Rotor loads under push and wind are checked along the plan by the planner itself, for the mean wind;
-here stands the margin that a mission keeps on top (`mission.wind_fraction`), gusts included, and
-the number for a refusal.
+The planner checks rotor loads under contact force and wind along the plan, for the mean wind. This
+module checks the margin that a mission requires in addition (`mission.wind_fraction`), including
+gusts, and computes the number for a refusal.
 """
 
 from __future__ import annotations
@@ -37,20 +37,20 @@ Array = NDArray[np.float64]
 
 HEADING_STEP_DEG = 10.0  # headings of a plan are grouped to this
 TOWARD_STEP_DEG = 5.0  # and directions of gusts
-PLACE_STEP = 0.2  # m, platform places of a plan in a fan's jet are grouped to this
+PLACE_STEP = 0.2  # m, positions of a plan in a fan's jet are grouped to this
 GUST_FREQUENCIES = np.geomspace(1e-3, 300.0, 3000)  # rad/s
-PUSH_ROWS = 12  # of a plan, in which the rotors' push in gusts is computed
-SWEEP_STEPS = 9  # directions of an oscillating fan that are looked at
+PUSH_ROWS = 12  # rows of a plan for which the rotors' push in gusts is computed
+SWEEP_STEPS = 9  # sampled directions of an oscillating fan
 GUST_DIRECTIONS = 12
 
 
 def find_exceeded_wind(setup: Setup[Any], segments: Mapping[str, NDArray[Any]]) -> str | None:
-    """Say by how much the wind exceeds what the robot may be asked to hold, or return None.
+    """Return a message if the wind exceeds what the robot may be required to withstand, or None.
 
-    Checked at every heading of `segments`, in a fan's jet at every place too; without a plan at
-    the heading of the start and at the one that faces the pipe. Turbulence counts with the mean
-    plus `mission.gust_sigmas` standard deviations of what is slower than the position loop, in its
-    worst direction. The arm is in its working posture.
+    Checked at every heading of `segments`, and in a fan's jet also at every position; without a
+    plan, at the heading of the start and at the one that faces the pipe. Turbulence counts as the
+    mean plus `mission.gust_sigmas` standard deviations of its part below the position bandwidth, in
+    its worst direction. The arm is in its working posture.
     """
     world, robot, mission = setup.world, setup.robot, setup.description.mission
     wind = world.wind
@@ -72,7 +72,7 @@ def find_exceeded_wind(setup: Setup[Any], segments: Mapping[str, NDArray[Any]]) 
     different, which = np.unique(toward, return_inverse=True)
     tilt_max = math.radians(robot.control.tilt_max_deg)
     limits = compute_wind_limits(layout, body, np.radians(different), tilt_max)
-    limits = np.where(np.isfinite(limits), limits, 0.0)[which]  # NaN: not even calm air is held
+    limits = np.where(np.isfinite(limits), limits, 0.0)[which]  # NaN: not even still air
     loads = speeds / np.maximum(limits, 1e-9)
     k = int(np.argmax(loads))
     fraction = mission.wind_fraction
@@ -91,18 +91,18 @@ def find_exceeded_wind(setup: Setup[Any], segments: Mapping[str, NDArray[Any]]) 
 def find_exceeded_push(
     setup: Setup[Any], push_force: float, contact: Sequence[Any] | NDArray[Any] = ()
 ) -> str | None:
-    """Say that gusts could lift the probe that is pressed on with `push_force` (N), or None.
+    """Return a message if gusts could lift a probe that presses with `push_force` (N), or None.
 
-    `contact` are rows of the plan in which it is pressed on. Of the push `mission.wind_fraction`
-    may be missing in a gust of `mission.gust_sigmas`, dragging as the nominal model says; the rest
-    is for drag that is larger than believed.
+    `contact` are the rows of the plan with contact. A gust of `mission.gust_sigmas`, with the drag
+    of the nominal model, may reduce the push by `mission.wind_fraction`; the rest is a margin for
+    drag above the nominal one.
 
-    Under a law that presses by position stiffness slow gusts go into the contact force in full. The
-    integral takes up the wind of the moment in which the probe touches, a gust included, and rests
-    along the normal from then on: what is missing later is the difference of two gusts that know
-    nothing of each other, sqrt(2) of one's deviation. Under a law that closes a loop on the force
-    what is missing is the loop's response to the gusts' spectrum, and whatever of the push the
-    rotors cannot make while they hold against the gust.
+    Under a law that presses by position stiffness, slow gusts act on the contact force in full. The
+    integral compensates the wind at touch-down, including a gust, and is frozen along the normal
+    afterwards. The force error is then due to the difference of two independent gusts, with sqrt(2)
+    of the deviation of one. Under a law that closes a force loop, the error is the loop's response
+    to the gust spectrum, plus the part of the push that the rotors cannot produce while they
+    compensate the gust.
     """
     wind = setup.world.wind
     speed = compute_speed(wind)
@@ -142,10 +142,10 @@ def _tell_sigmas(setup: Setup[Any]) -> str:
 
 
 def compute_response_rms(response: Array, sigma: float, time: float) -> float:
-    """Return the rms of what answers to gusts with `response` (n,) at GUST_FREQUENCIES.
+    """Return the rms of a quantity with the gust response `response` (n,) at GUST_FREQUENCIES.
 
-    First-order gusts of `sigma` (m/s) and the time scale `time` (s), as Dryden's along the wind:
-    2 sigma^2 T / pi / (1 + (T w)^2), one-sided.
+    First-order gusts of `sigma` (m/s) and the time scale `time` (s), as Dryden's along the wind: 2
+    sigma^2 T / pi / (1 + (T w)^2), one-sided.
     """
     w = GUST_FREQUENCIES
     power = 2.0 * sigma**2 * time / math.pi / (1.0 + (time * w) ** 2)
@@ -153,7 +153,7 @@ def compute_response_rms(response: Array, sigma: float, time: float) -> float:
 
 
 def _find_weak_rotors(setup: Setup[Any], push_force: float, contact: Any) -> str | None:
-    """Say that gusts leave the rotors less of the push than must remain, or None."""
+    """Return a message if gusts leave the rotors less of the push than is required, or None."""
     world, robot, model = setup.world, setup.robot, setup.model
     layout = build_layout(setup.rotors, robot.rotors.thrust_fraction)
     fraction = setup.description.mission.wind_fraction
@@ -190,8 +190,8 @@ def _find_weak_rotors(setup: Setup[Any], push_force: float, contact: Any) -> str
 def compute_wind_allowance(nominal: Nominal) -> Array:
     """Return the steady wind (3,) m/s in W that a plan allows for: the mean.
 
-    In a fan's jet the uniform wind that drags as the jet does on a robot in the middle of it, at
-    the distance of the pipe, or else at the outlet.
+    In a fan's jet, it is the uniform wind with the same drag on a robot in the middle of the jet,
+    at the distance of the pipe, or else at the outlet.
     """
     wind = nominal.world.wind
     direction, speed = compute_direction(wind), compute_speed(wind)
@@ -212,9 +212,9 @@ def compute_wind_drag(nominal: Nominal) -> float:
 
 
 def compute_gust_drag(nominal: Nominal, speed: float) -> Array:
-    """Return N (3,) of drag by a gust of 1 m/s along a mean wind of `speed`, across it, and above.
+    """Return the drag (3,) N of a gust of 1 m/s along a mean wind of `speed`, across it and above.
 
-    The hubs' drag lies in the rotors' plane, so a gust from above meets the body's alone.
+    The hubs' drag lies in the rotors' plane, so a vertical gust acts on the body only.
     """
     a, b = _compute_drag_factors(nominal)
     p = nominal.robot.platform
@@ -223,10 +223,11 @@ def compute_gust_drag(nominal: Nominal, speed: float) -> Array:
 
 
 def compute_equivalent_wind(nominal: Nominal, p_WB: Array, yaw: float, turn: float = 0.0) -> Array:
-    """Return the uniform wind (3,) m/s that drags as the mean wind does on a level robot at p_WB.
+    """Return the uniform wind (3,) m/s with the drag of the mean wind on a level robot at p_WB.
 
-    A jet is narrower than a robot, so the drag of body and hubs (hovering rotors, each in its own
-    air) is summed and a v^2 + b v = F solved for the speed; the uneven drag's torque is left out.
+    A jet is narrower than a robot, so the drag of body and hubs (hovering rotors, each in its local
+    wind) is summed and a v^2 + b v = F is solved for the speed. The torque of the uneven drag is
+    neglected.
     """
     wind = nominal.world.wind
     points = np.vstack([np.zeros(3), nominal.rotors.position @ rot_z(yaw).T]) + p_WB
@@ -293,9 +294,9 @@ def _find_winds(
 def _find_poses(
     setup: Setup[Any], segments: Mapping[str, NDArray[Any]]
 ) -> list[tuple[float, Array]]:
-    """Return distinct (heading in deg, place (3,) m) of a plan, or two that a mission starts from.
+    """Return distinct (heading in deg, position (3,) m) of a plan, or of the start of a mission.
 
-    Places are told apart in a fan's jet only.
+    Positions are distinguished only in a fan's jet.
     """
     jet = setup.world.wind.kind == "fan"
     if segments:

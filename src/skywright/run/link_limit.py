@@ -1,4 +1,4 @@
-"""The delay of a control link that a mission may ask the attitude loop to bear."""
+"""The delay of a control link that the attitude loop of a mission tolerates."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ SCALED = (
     "attitude_bandwidth_rad_s", "attitude_integral_rad_s",
     "position_bandwidth_rad_s", "position_integral_rad_s",
 )  # fmt: skip
-"""Keys of a loop that is slowed as a whole: its position stays apart from its attitude."""
+"""Keys that are scaled together, to keep the ratio of position and attitude bandwidths."""
 TO_LAND = {"motion_sensitivity": 0.0, "phase_margin_deg": 55.0, "swing_damping": 0.1}
-"""Of [robot.control], in a landing: not the fastest motion, and less damping."""
+"""Keys of [robot.control] in a landing: no motion sensitivity, and less damping."""
 SHARES = np.geomspace(1.0, 0.2, 12)
-"""Of the bandwidths, tried for a link that got later."""
-SIGMAS = 3.0  # of the gyroscope's noise, that fit the rotors' room
+"""Shares of the bandwidths that are tried if the delay of a link grows."""
+SIGMAS = 3.0  # of the gyroscope's noise, that must fit the rotors' margin
 SPARE = math.radians(30.0)
-"""Phase margin that a slower loop keeps: its damping is then about 0.27."""
+"""Phase margin of the slower loop; its damping is then about 0.27."""
 
 
 def find_exceeded_delay(setup: Setup[Any]) -> str | None:
-    """Say by how much the link's delay exceeds what the attitude loop bears, or return None.
+    """Return a message if the link's delay exceeds what the attitude loop tolerates, or None.
 
-    Laws whose gains account for the delay say nothing here.
+    Laws whose gains account for the delay are not checked.
     """
     d, link = setup.description, setup.description.world.link
     if link.delay_s + link.jitter_s == 0.0:
@@ -59,21 +59,21 @@ def find_exceeded_delay(setup: Setup[Any]) -> str | None:
 
 
 def compute_most_delay(nominal: Nominal, law: Law, spare: float = 0.0) -> float:
-    """Return the delay (s) each way with which a law keeps `spare` (rad) of phase; NaN: unknown."""
+    """Return the delay (s) each way at which a law keeps `spare` (rad) of phase; NaN if unknown."""
     robot, world = nominal.robot, nominal.world
     period, loop = 1.0 / robot.control.rate_hz, law.get_attitude_loop(robot)
     if loop is None:
         return law.compute_borne_delay(nominal, spare)
     weight = float(nominal.model["mass0"][0] + nominal.model["mass"][0].sum()) * world.gravity_mps2
     reaction = float(np.min(compute_reaction_times(nominal.rotors, nominal.allocator, weight)[:2]))
-    # a period of sampling and computing goes off, the rest is shared by both ways
+    # one period of sampling and computing is subtracted; both directions share the rest
     both = compute_delay_margin(loop, nominal.rotors.time_constant, spare, reaction) - period
     return max(0.5 * both, 0.0)
 
 
 def slow_down(vehicle: Backend, delay: float) -> float | None:
-    """Slow a law in flight until it bears `delay` (s) each way; returns its share of the bandwidths
-    or None where none of SHARES does, or the law cannot be changed."""
+    """Slow a law in flight until it tolerates `delay` (s) each way; returns the share of the
+    bandwidths, or None if none of SHARES suffices or the law cannot be changed."""
     if not isinstance(vehicle, SimulatedVehicle):
         return None
     nominal, law = vehicle.nominal, vehicle.law
@@ -93,7 +93,7 @@ def slow_down(vehicle: Backend, delay: float) -> float | None:
             if late or is_strained(there, slower, SIGMAS):
                 continue
             vehicle.tune_law(slower, there)
-        except InputError:  # no gains with that delay
+        except InputError:  # no gains exist for that delay
             continue
         return float(share)
     return None

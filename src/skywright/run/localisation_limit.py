@@ -1,4 +1,4 @@
-"""The slowest localisation that a mission may fly by: what its rules or its clearances bear."""
+"""The slowest localisation that a mission's rules and clearances tolerate."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from skywright.run.setup import Setup
 from skywright.vehicle.sensor_flight import CALIBRATION_SPEED
 
 TOUCHING = frozenset({"probe", "hands"})
-"""What kinds need whose robots touch something."""
+"""Needs of kinds whose robots touch something."""
 SIGMAS = 3.0
-"""Of the place before a fix, that a clearance has to cover."""
+"""Standard deviations of the position before a fix that a clearance must cover."""
 
 
 def find_slow_localisation(setup: Setup[Any]) -> str | None:
-    """Say that places are told less often than the mission bears, or return None."""
+    """Return a message if position fixes are less frequent than the mission tolerates, or None."""
     d = setup.description
     touches = bool(load_kind(d.mission.kind).needs & TOUCHING)
     camera = d.robot.tracking_camera
@@ -59,12 +59,13 @@ def _find_slow_station(setup: Setup[Any], camera: TrackingCamera, touches: bool)
 
 
 def compute_longest_period(station: TotalStation, camera: TrackingCamera, sigma: float) -> float:
-    """Return the time (s) between fixes after which the position is off by `sigma` (m); 0: none.
+    """Return the time (s) between fixes after which the position error is `sigma` (m); 0 if none.
 
-    Between fixes the tracking camera tells the place, and its walk adds q a second: by jumps, in
-    time, and along the path. The filter takes all three for a walk in time, since a calibration at
-    one speed, with few fixes, does not tell them apart. Just before a fix the variance P of a
-    random walk that is told every T with a variance r is that after the last, and what is walked:
+    Between fixes the tracking camera measures the position, and its random walk adds q a second: by
+    jumps, in time, and along the path. The filter models all three as a walk in time, since a
+    calibration at one speed, with few fixes, cannot separate them. The variance P just before a
+    fix, for a random walk measured every T with the variance r, is the variance after the previous
+    fix plus the walk:
 
         P = P r / (P + r) + q T,   hence   T = P^2 / (q (P + r)),   with P = sigma^2 - q latency.
     """

@@ -1,7 +1,7 @@
 """Metrics of a run, from its recording and plan. Names are dotted and end in their unit.
 
-Truth is used to judge (gap, tilt, tip error, weld position); what the inspection itself uses
-(instrument and motion capture) is the same data that a real flight would record.
+The evaluation (gap, tilt, tip error, weld position) uses the truth. The inspection itself uses only
+data that a real flight would record (instrument and motion capture).
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ Array = NDArray[np.float64]
 Samples = NDArray[Any]
 
 OFF_SURFACE = 1e-4
-"""m, gap above which the tip counts as off the surface; below lies the soft contact model."""
+"""m, gap above which the tip is off the surface; smaller gaps are within the soft contact model."""
 STALLED = 0.999
-"""Share of its stall torque at which a servo makes all that it can."""
+"""Share of its stall torque at which a servo counts as saturated."""
 BACK = ("manual", "rejoin")
-"""Phases of a pilot, until the phase that was taken over goes on."""
+"""Phases of a pilot, between the two parts of an interrupted phase."""
 OUTAGE = 0.6
 """s without a sample of the localisation that count as an outage."""
 
@@ -45,12 +45,12 @@ def quat_angle(a: Array, b: Array) -> Array:
 def compute_common_metrics(
     samples: Samples, phases: list[PhaseRecord], hanging: bool = False
 ) -> dict[str, float]:
-    """Metrics that every run has.
+    """Compute the metrics that every run has.
 
     Two arms hang below the landing gear (`hanging`) and touch the ground during take-off and
-    landing: contacts in these phases do not count as collisions. As long as they bear a part of the
-    weight the robot stands, and saturation does not count: friction at the end of a link turns the
-    platform with more torque than its rotors have about the vertical.
+    landing: contacts in these phases do not count as collisions. While the arms carry part of the
+    weight on the ground, saturation does not count: friction at the end of a link causes a yaw
+    torque that exceeds that of the rotors.
     """
     dt = np.diff(samples["t"], prepend=samples["t"][0])
     flying = samples["rotor_thrust"].sum(axis=1) > 0.5
@@ -80,9 +80,9 @@ def compute_common_metrics(
 
 
 def _judge_response(s: Samples, phases: list[PhaseRecord]) -> dict[str, float]:
-    """How the robot came down after a rule acted, which ends the phase that was flown as failed.
+    """Evaluate the descent after a rule acted; the phase before it has the outcome "failed".
 
-    On the ground it stays above its reference, which sinks on: that is no deviation.
+    On the ground the robot stays above its descending reference: this does not count as deviation.
     """
     acted = next((i for i, p in enumerate(phases[:-1]) if p.outcome == "failed"), None)
     fell = any(p.name == LET_GO for p in phases)
@@ -100,14 +100,14 @@ def _judge_response(s: Samples, phases: list[PhaseRecord]) -> dict[str, float]:
 
 
 def _find_longest(on: NDArray[np.bool_], dt: Array) -> float:
-    """Return the longest time (s) that `on` holds without a break; `dt` (s) is each sample's."""
+    """Return the longest uninterrupted time (s) of `on`; `dt` (s) are the sample durations."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]]).astype(int)))
     t = np.concatenate([[0.0], np.cumsum(dt)])
     return float(np.max(t[edges[1::2]] - t[edges[::2]], initial=0.0))
 
 
 def _judge_localisation(s: Samples, error: Array, dt: Array) -> dict[str, float]:
-    """How a flight bears outages of its localisation, and whether it knows how well."""
+    """Evaluate the estimate during outages of the localisation, and its consistency."""
     if not has_columns(s, "pose_std") or not np.any(s["pose_std"] > 0.0):
         return {}
     away = s["fix_age"] > OUTAGE
@@ -124,7 +124,7 @@ def _judge_localisation(s: Samples, error: Array, dt: Array) -> dict[str, float]
 
 
 def compute_tracking(run: Flown[Any, Any]) -> dict[str, float]:
-    """Return how the planned segments are tracked, and the error while the last hold lasts."""
+    """Return the tracking error of the planned segments, and the error during the last hold."""
     samples, phases = run.samples, run.phases
     moving = TRACKED.select(samples, phases, run.plan.segments)
     error = np.linalg.norm(samples["p_WB"] - samples["ref_p_WB"], axis=1)
@@ -136,7 +136,7 @@ def compute_tracking(run: Flown[Any, Any]) -> dict[str, float]:
     held = [np.isin(samples["phase"], whole) for whole in _join_holds(phases, holds)]
     last = held[-1] if held else moving
     passed = list[tuple[float, float]]()
-    for i, phase in enumerate(phases[:-1]):  # what is not held is passed
+    for i, phase in enumerate(phases[:-1]):  # a segment without a hold is passed
         whole = phase.outcome != "taken over"
         if phase.name in run.plan.segments and whole and not phases[i + 1].name.startswith("hold"):
             passed.append(_judge_passage(samples, np.flatnonzero(samples["phase"] == i)))
@@ -156,7 +156,7 @@ def compute_tracking(run: Flown[Any, Any]) -> dict[str, float]:
 
 
 def _join_holds(phases: list[PhaseRecord], holds: list[int]) -> list[list[int]]:
-    """Return the phases of each hold: one that a pilot interrupts goes on after that."""
+    """Return the phases of each hold; a hold that a pilot interrupts consists of several."""
     out = list[list[int]]()
     for i in holds:
         if out and _goes_on(phases[out[-1][-1] : i + 1]):
@@ -167,23 +167,23 @@ def _join_holds(phases: list[PhaseRecord], holds: list[int]) -> list[list[int]]:
 
 
 def _goes_on(phases: list[PhaseRecord]) -> bool:
-    """Whether the last phase is the first one, which a pilot took over and gave back."""
+    """Whether the last phase continues the first one after a pilot took over and gave back."""
     first, *between, last = phases
     back = all(p.name in BACK and p.outcome != "failed" for p in between)
     return first.outcome == "taken over" and first.name == last.name and back
 
 
 def _judge_hold(samples: Samples, held: NDArray[np.bool_]) -> tuple[float, float]:
-    """Return the mean distance (m) and heading error (rad) from the place that is held."""
+    """Return the mean distance (m) and heading error (rad) from the held pose."""
     s = samples[held]
     far = np.linalg.norm(s["p_WB"] - s["ref_p_WB"], axis=1)
     return float(np.mean(far)), float(np.mean(_turn_between(s["q_WB"], s["ref_q_WB"])))
 
 
 def _judge_passage(samples: Samples, segment: NDArray[np.intp]) -> tuple[float, float]:
-    """Return distance (m) and heading error (rad) where the platform passes a segment's end.
+    """Return distance (m) and heading error (rad) at which the platform passes a segment's end.
 
-    The platform follows its reference with a lag: the second before and after the end counts.
+    The platform follows its reference with a lag, so samples within 1 s of the end count.
     """
     if not len(segment):
         return 0.0, 0.0

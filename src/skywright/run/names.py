@@ -1,6 +1,6 @@
 """Every metric's name, unit and meaning: for requirements, reports and docs.
 
-Here stand the metrics that kinds share; each kind has its own beside what computes them.
+This module defines the metrics that kinds share; each kind defines its own.
 """
 
 from __future__ import annotations

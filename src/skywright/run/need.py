@@ -1,4 +1,4 @@
-"""What a mission needs, told before take-off: minutes, energy and batteries."""
+"""Estimates the duration, energy and batteries of a mission before take-off."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from skywright.run.limits import compute_wind_drag
 from skywright.run.setup import Setup
 
 OVERHEAD_S = 30.0
-"""Take-off, settling and landing, which the duration of a plan leaves out; a first guess only."""
+"""Duration of take-off, settling and landing, which a plan does not include; a rough estimate."""
 
 
 class Need(NamedTuple):
@@ -23,7 +23,7 @@ class Need(NamedTuple):
     batteries: float  # usable energies of the robot's battery
 
     def tell(self) -> str:
-        """Return it as a phrase."""
+        """Return a phrase for messages."""
         return (
             f"{self.minutes:.1f} min and {self.energy_wh:.0f} Wh, {self.batteries:.2f} of the "
             "battery's usable energy"
@@ -31,11 +31,11 @@ class Need(NamedTuple):
 
 
 def estimate_need(setup: Setup[Any], duration_s: float) -> Need | None:
-    """Return what a plan of a duration (s) needs, take-off and landing included.
+    """Return the need of a plan with a duration (s), including take-off and landing.
 
     The power is that of hovering with the arm at work in the mean wind: the thrust of level hover,
-    larger by the drag across it; P ~ T^(3/2). Contact forces and motion are left out. None for a
-    robot that does not hover level, and for a plan without a duration.
+    increased by the drag perpendicular to it; P ~ T^(3/2). Contact forces and motion are neglected.
+    None for a robot that does not hover level, and for a plan without a duration.
     """
     if not math.isfinite(duration_s):
         return None
@@ -56,7 +56,7 @@ def estimate_need(setup: Setup[Any], duration_s: float) -> Need | None:
 
 
 def find_lacking_energy(setup: Setup[Any], duration_s: float, what: str) -> str | None:
-    """Say that one battery does not last for a plan, or return None; `what` is what it flies."""
+    """Return a message if one battery does not suffice for a plan, or None; `what` names it."""
     need = estimate_need(setup, duration_s)
     if need is None or need.batteries <= 1.0:
         return None

@@ -1,4 +1,4 @@
-"""A run's operator: what it did is kept in the run's directory, so that the run can be repeated."""
+"""Stores the operator's input in the run's directory, so that the run can be repeated."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from skywright.run.planning import MissionPlan
 
 
 def check_operator(description: Description) -> None:
-    """Raise InputError where nobody can be at the stick, or a recording is there already."""
+    """Raise InputError if the mission has no operator, or already uses a recorded one."""
     mission: Any = description.mission
     if not load_kind(mission.kind).operated:
         valid = [kind for kind in list_kinds("kind") if load_kind(kind).operated]
@@ -33,7 +33,7 @@ def check_operator(description: Description) -> None:
 
 
 def write_mission(partial: Path, description: Description, plan: MissionPlan[Any]) -> None:
-    """Write mission.toml, and beside it what it names: the operator's recording, a kind's file."""
+    """Write mission.toml and the files that it refers to: operator's recording, a kind's file."""
     if plan.operator is not None:
         keep_operator(partial, description, plan.operator.rows(), plan.operator.starts)
     else:
@@ -46,10 +46,9 @@ def keep_operator(
     rows: Sequence[tuple[float, Stick]],
     starts: Sequence[float],
 ) -> None:
-    """Write what the operator did, then name it in mission.toml; an interrupt leaves both whole.
+    """Write the operator's input, then refer to it in mission.toml; both are written atomically.
 
-    `starts` (s) are the beginnings of the pieces of work.
-    Raises InputError when the disk is full.
+    `starts` (s) are the beginnings of the pieces of work. Raises InputError if the disk is full.
     """
     mission: Any = description.mission
     write_recording(partial / FILE, rows, mission.task.stick_speed_mps, starts)
@@ -58,7 +57,7 @@ def keep_operator(
 
 
 def _dump(partial: Path, description: Description) -> None:
-    kept = write_sources(partial, list_sources(description))  # so that the run can be repeated
+    kept = write_sources(partial, list_sources(description))  # for repeating the run
     fresh = partial / "mission.toml.new"
     fresh.write_text(dump_description(description, kept), encoding="utf-8")
     fresh.replace(partial / "mission.toml")

@@ -1,11 +1,11 @@
-"""An operator at a stick: what a mission asks of one, and the file that holds what one did.
+"""An operator at a stick: the interface to missions, and the file format of recorded input.
 
 A recording is a table (CSV) with a header: `t_s` from 0 on, the stick's axes `dx, dy, dz` from -1
-to 1 (ahead, left, up, in the frame of the place that the tool goes to), `button` 0 or 1. Lines that
-begin with # are comments; one of them, `# v_max_mps = 0.03`, says the speed that a full axis stood
-for: the same input at another speed ends elsewhere. Another one, `# starts_s = 0.0, 29.48`, says
-when each piece of work began: where one lasts shorter or longer than when it was recorded, the next
-one begins with its own rows all the same. Between rows the stick stays as it is.
+to 1 (ahead, left, up, in the frame of the tool's target), `button` 0 or 1. Lines that begin with #
+are comments. The comment `# v_max_mps = 0.03` gives the speed at full deflection: at another speed
+the same input leads elsewhere. The comment `# starts_s = 0.0, 29.48` gives the start time of each
+piece of work: if a piece takes shorter or longer than when it was recorded, the next one still
+begins with its own rows. The stick is constant between rows.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from skywright.vehicle.plant import MISSION_TICK
 Array = NDArray[np.float64]
 
 COLUMNS = ("t_s", "dx", "dy", "dz", "button")
-GAP_MAX = 0.5  # s between rows: what the stick did in a longer pause nobody knows
+GAP_MAX = 0.5  # s between rows: the input in a longer gap is unknown
 LONGEST = 600.0  # s
 MOST_STARTS = 100  # pieces of work
 MAX_BYTES = 10_000_000
 FILE = "operator.csv"
-"""In a run's directory: what its operator did."""
+"""In a run's directory: the input of its operator."""
 
 
 class Stick(NamedTuple):
-    """What the operator does now."""
+    """Present input of the operator."""
 
     axes: Array  # (3,) each from -1 to 1: ahead, left, up
-    button: bool  # says: it stands
+    button: bool  # confirms that the work is done
     flight: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)  # of a pilot: right, ahead, turn, climb
 
 
@@ -46,25 +46,25 @@ STILL = Stick(np.zeros(3), False)
 
 
 class Sight(NamedTuple):
-    """What the operator sees of the work."""
+    """State of the work as the operator sees it."""
 
-    off: Array  # (3,) m, what is led from its place: ahead, left, up
-    done: bool  # whether it is seen to be done: the tool stands, or hangs; the peg is in
+    off: Array  # (3,) m, of the guided object from its target: ahead, left, up
+    done: bool  # whether the work appears done: the tool stands or hangs; the peg is in
     towards: tuple[float, float, float] = (0.0, 0.0, -1.0)  # unit, into the contact
     force: float = 0.0  # N, felt along it
-    asked: float = 0.0  # N, to be held; 0: nothing is pressed
-    hold_s: float = 0.0  # s, for which it is to be held
+    asked: float = 0.0  # N, commanded; 0: no contact force
+    hold_s: float = 0.0  # s, for which it must be held
 
 
 class Operator(Protocol):
-    """Someone, or something, at a stick."""
+    """A person or a program at a stick."""
 
     def read(self, t: float, sight: Sight) -> Stick | None:
-        """Return the stick at `t` (s since the operator took over); None: nobody is there now."""
+        """Return the stick at `t` (s since the operator took over); None: operator absent."""
 
 
 class Recording:
-    """A recorded operator: plays back, whatever is seen."""
+    """A recorded operator: plays back open loop."""
 
     def __init__(
         self,
@@ -97,13 +97,13 @@ class Recording:
         return Stick(self.axes[i], bool(self.button[i]))
 
     def rows(self) -> list[tuple[float, Stick]]:
-        """The times (s) and what the stick did then."""
+        """The rows as times (s) and sticks."""
         every = zip(self.t, self.axes, self.button, strict=True)
         return [(float(t), Stick(axes, bool(button))) for t, axes, button in every]
 
 
 def list_recordings(packaged: Path) -> list[str]:
-    """Names of the recordings that come with a kind of mission, in its folder."""
+    """Return the names of the recordings in the folder of a kind of mission."""
     return sorted(p.stem for p in packaged.glob("*.csv"))
 
 
@@ -129,7 +129,7 @@ def find_recording(name: str, packaged: Path, folder: Path) -> str:
 
 
 def load_recording(path: Path) -> Recording:
-    """Read a recording; raises InputError that names file, line and column of what is wrong."""
+    """Read a recording; raises InputError that states the file, line and column of an error."""
     lines = [(i, x) for i, x in enumerate(_read_text(path).splitlines(), start=1) if x.strip()]
     rows = [(i, x) for i, x in lines if not x.lstrip().startswith("#")]
     if not rows:
@@ -165,7 +165,7 @@ def load_recording(path: Path) -> Recording:
 def write_recording(
     path: Path, rows: Sequence[tuple[float, Stick]], v_max: float, starts: Sequence[float] = (0.0,)
 ) -> None:
-    """Write a recording; it appears only when it is complete. Raises InputError on a full disk."""
+    """Write a recording atomically. Raises InputError if the disk is full."""
     begun = [x for x in starts if x <= rows[-1][0]] or [0.0]
     text = [
         "# Operator's input (Suarez 2020, equation 24): each axis from -1 to 1",
@@ -212,7 +212,7 @@ def _read_row(path: Path, line: int, text: str, header: list[str]) -> list[float
             value = math.nan
         low, high = (0.0, LONGEST) if name == "t_s" else (-1.0, 1.0)
         good = value in (0.0, 1.0) if name == "button" else low <= value <= high
-        if not good:  # NaN is not, either
+        if not good:  # also rejects NaN
             valid = "0 or 1" if name == "button" else f"{low:g} to {high:g}"
             raise InputError(
                 f"{path}: line {line}, {name} is {cell.strip()[:20]!r}; valid: {valid}"
@@ -233,7 +233,7 @@ def _check_times(path: Path, t: Array, lines: list[int]) -> None:
 
 
 def _read_comment(path: Path, lines: list[tuple[int, str]], name: str, most: int) -> list[float]:
-    """Return the numbers of a comment, up to `most`; nothing where there is none."""
+    """Return the numbers of a comment, up to `most`; an empty list if there is no such comment."""
     for line, text in lines:
         match = re.fullmatch(rf"\s*#\s*{name}\s*=(.*)", text)
         if match:

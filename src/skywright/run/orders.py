@@ -1,8 +1,8 @@
-"""What an operator may order of a mission while it flies: next, retry, retract.
+"""Orders that an operator may give during a mission: next, retry, retract.
 
-A mission opens a contact (`Orders.contact`, `Orders.attempt`) where it can draw back from it and
-begin it anew, and flies a hold that may end early with `Orders.passes`. Anywhere else the orders
-are refused with the reason.
+A mission opens a contact (`Orders.contact`, `Orders.attempt`) if it can retreat from it and start
+it again. It flies a hold that may end early with `Orders.passes`. At any other time an order is
+refused with the reason.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 R = TypeVar("R")
 
 PATIENCE_S = 120.0
-"""s without an order after a retract: the robot then comes home, or ends the work as it can."""
+"""s without an order after a retract; the robot then comes home, or completes the work."""
 BY_ORDER = "left out by the operator's order"
 WAITING = "wait for order"
 """The phase after a retract."""
 
 
 class Order(StrEnum):
-    """What may be ordered."""
+    """The valid orders."""
 
     NEXT = "next"
     RETRY = "retry"
@@ -47,22 +47,22 @@ ORDERS: dict[Order, str] = {
     Order.RETRY: "draw back from the contact, fly to where it began, and try it again",
     Order.RETRACT: "draw back from the contact and hold until `retry` or `next`",
 }
-"""What each means, for messages and the documentation."""
+"""Meaning of each order, for messages and the documentation."""
 
 
 class ContactEnded(Exception):
-    """An order ends a contact: the mission catches it where it opened the contact."""
+    """Raised when an order ends a contact; the mission catches it where it opened the contact."""
 
     repeats = True
 
     def __init__(self, order: Order, taken: TakenOver, first: int) -> None:
-        """`taken` says where; `first` is the crumb of the trail there."""
+        """`taken` is the interrupted phase; `first` is the index of its crumb in the trail."""
         super().__init__(f"the operator ordered {order}")
         self.order, self.taken, self.first = order, taken, first
 
 
 class Detour(NamedTuple):
-    """How a robot leaves a contact by an operator's order, and returns to where it began."""
+    """Functions that leave a contact on an operator's order, and return to its start."""
 
     back: Callable[[], None]
     again: Callable[[], None]
@@ -72,21 +72,21 @@ class Orders:
     """The orders of one flight."""
 
     def __init__(self, s: Supervisor) -> None:
-        self._s: Supervisor = weakref.proxy(s)  # it has this: a cycle would keep the flight
+        self._s: Supervisor = weakref.proxy(s)  # weak: a cycle would keep the flight in memory
         self._given: Order | None = None
-        self._contact = ""  # what is open
-        self._holds = False  # a hold that may end early
-        self._must = ""  # why the contact that was drawn back from cannot be left out
-        self._why = BY_ORDER  # the contact that was drawn back from is left out, if it is
+        self._contact = ""  # the open contact
+        self._holds = False  # whether the present hold may end early
+        self._must = ""  # why the interrupted contact cannot be left out
+        self._why = BY_ORDER  # reason stated for a contact that is left out
         self.waits = False
-        """Whether the robot has drawn back, and `retry` or `next` is waited for."""
+        """Whether the robot has retreated and waits for `retry` or `next`."""
         self.left_out: dict[str, list[str]] = {}
-        """Why contacts were left out -> their names."""
+        """Reason -> names of the contacts that were left out."""
 
     # --- orders ------------------------------------------------------------------------------
 
     def find_refusal(self, order: Order) -> str:
-        """Return why an order makes no sense now, "" where it is accepted."""
+        """Return why an order is refused now, "" if it is accepted."""
         s = self._s
         says = ""
         if not s.kind.flies or s.senses.told("active") < 0.5:
@@ -106,14 +106,14 @@ class Orders:
         return says and f"{order} refused: {says}"
 
     def give(self, order: Order) -> Result:
-        """Take an order, which is followed from the next tick on."""
+        """Accept or refuse an order; it is executed from the next tick."""
         says = self.find_refusal(order)
         if not says:
             self._given = order
         return Result(not says, says, self._s.vehicle.t)
 
     def follow(self) -> None:
-        """Look at what was ordered, once a tick; raises ContactEnded where a contact ends."""
+        """Execute a pending order, once a tick; raises ContactEnded if the order ends a contact."""
         if self._given in (None, Order.NEXT) or not self._contact or self.waits:
             return
         order, self._given = self._given, None
@@ -126,10 +126,10 @@ class Orders:
         taken = TakenOver(s.phase, row, *s.vehicle.tracking, engaged)
         raise ContactEnded(order, taken, len(crumbs) - 1)
 
-    # --- what a mission is written with ------------------------------------------------------
+    # --- interface of missions ---------------------------------------------------------------
 
     def passes(self, seconds: float) -> Iterator[Ticked]:
-        """Tick for a time (s), in which no pilot flies; the order `next` ends it early."""
+        """Tick for a time (s) without pilot flight; the order `next` ends it early."""
         s = self._s
         end = s.vehicle.t - s.pilot.away_s + seconds
         self._holds, self._given = True, None
@@ -156,13 +156,12 @@ class Orders:
         detour: Detour | None = None,
         must: str = "",
     ) -> R:
-        """Do the work of a contact, again where that is ordered; returns `left_out` after `next`.
+        """Execute the work of a contact, again if ordered; returns `left_out` after `next`.
 
-        `must` says why it cannot be left out, where it cannot.
-
-        `do` begins at rest, clear of what it touches. `detour` says how the robot draws back from
-        that and returns, by default with the arm as it is. Without a detour a pilot who took over
-        in the contact and gave back has it done again as well.
+        `must` is the reason if the contact cannot be left out, else "". `do` begins at rest, clear
+        of the object. `detour` defines how the robot retreats from there and returns; by default
+        the arm's posture stays unchanged. Without a detour, the work is also repeated if a pilot
+        took over in the contact and gave back.
         """
         s = self._s
         row, crumbs = np.array(s.vehicle.reference), s.trail.crumbs
@@ -186,10 +185,10 @@ class Orders:
         first: int | None = None,
         detour: Detour | None = None,
     ) -> Order:
-        """Fly to a REFERENCE row from which the contact can begin anew; returns RETRY or NEXT.
+        """Fly to a REFERENCE row from which the contact can start again; returns RETRY or NEXT.
 
-        Before that, after an order, the robot draws back and, after RETRACT, waits. The way back is
-        what was flown since the crumb `first` (default: where the contact ended).
+        After an order, the robot first retreats and, after RETRACT, waits. The return path is the
+        path flown since the crumb `first` (default: where the contact ended).
         """
         s, order = self._s, Order.RETRY
         s.watch = None
@@ -214,8 +213,8 @@ class Orders:
     def _wait(self, ended: ContactEnded, goes_on: bool) -> Order:
         """Hold until there is an order.
 
-        Where none comes: with `goes_on` the contact is left out, or flown again where it must not
-        be, so that a load is put down before the robot comes home; else raises GivenBack.
+        If none comes and `goes_on`, the contact is left out, or repeated if it must not be left
+        out, so that a load is put down before the robot comes home. Otherwise GivenBack is raised.
         """
         s = self._s
         s.begin(WAITING)
@@ -234,7 +233,7 @@ class Orders:
             self.waits, self._given = False, None
 
     def judge(self, flight: Flight) -> Flight:
-        """Return a flight; one in which a contact was left out has not succeeded."""
+        """Return the flight; if a contact was left out, it is not completed."""
         if not self.left_out:
             return flight
         told = "; ".join(f"{why}: {', '.join(what)}" for why, what in self.left_out.items())

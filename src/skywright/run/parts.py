@@ -1,4 +1,4 @@
-"""The components that a description names, built: law, estimator, sensors and effects."""
+"""Builds the components that a description selects: law, estimator, sensors and effects."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from skywright.vehicle.component import Component, Estimator, Fault, Law
 
 
 def choose_law(nominal: Nominal) -> str:
-    """Name the law that a run takes when neither mission nor robot names one."""
+    """Return the default law of a run whose mission and robot select none."""
     return "push_and_slide" if nominal.allocator.full else "thrust_vectoring"
 
 
 def get_law(description: Description[Any], nominal: Nominal) -> Part:
-    """Return the law of a run: the mission's, the robot's, or one that the rotors can fly."""
+    """Return the law of a run: the mission's, the robot's, or the default for its rotors."""
     return description.law or Part(kind=choose_law(nominal))
 
 
 def build_law(description: Description[Any], nominal: Nominal) -> Law:
-    """Build the law; raises InputError where the robot lacks what it asks for."""
+    """Build the law; raises InputError if the robot lacks what it requires."""
     part = get_law(description, nominal)
     law: Law = build_part("law", part, "law")
     if law.needs_full_actuation and not nominal.allocator.full:
@@ -43,7 +43,7 @@ def build_law(description: Description[Any], nominal: Nominal) -> Law:
 
 
 def _check_servos(kind: str, law: Law, robot: Robot) -> None:
-    """Raise InputError where a law tells servos what they do not take."""
+    """Raise InputError if the law commands a quantity that the servos do not accept."""
     if not list_servos(robot) or law.commands_torque == takes_torque(robot):
         return
     told = "torques" if law.commands_torque else "speeds"
@@ -57,7 +57,7 @@ def _check_servos(kind: str, law: Law, robot: Robot) -> None:
 
 
 def build_estimator(description: Description[Any]) -> Estimator:
-    """Build the estimator; raises InputError where it cannot do with the localisation."""
+    """Build the estimator; raises InputError if it does not support the localisation."""
     d, part = description, description.mission.estimator
     estimator: Estimator = build_part("estimator", part, "estimator")
     if not d.world.tracks_markers and estimator.needs_motion_capture:
@@ -70,7 +70,7 @@ def build_estimator(description: Description[Any]) -> Estimator:
 
 
 def check_localisation(description: Description[Any]) -> None:
-    """Raise InputError where a robot cannot do with the world's localisation."""
+    """Raise InputError if a robot cannot use the world's localisation."""
     robot, world = description.robot, description.world
     localised = world.localisation
     if world.tracks_markers:
@@ -100,14 +100,14 @@ def check_localisation(description: Description[Any]) -> None:
 
 
 def build_named(description: Description[Any]) -> list[Component]:
-    """Build the sensors, actuators, effects and faults that robot, world and plant name."""
+    """Build the sensors, actuators, effects and faults that robot, world and plant define."""
     robot, world = description.robot, description.world
     tables = {"sensor": robot.sensors, "actuator": robot.actuators, "effect": world.effects}
     faults: list[Fault] = [
         build_part("fault", part, name)
         for name, part in list_parts(description.plant.faults).items()
     ]
-    rng = build_stream(description.mission.seed, "faults")  # of all that are drawn, in turn
+    rng = build_stream(description.mission.seed, "faults")  # shared by all random faults, in order
     return [
         *(
             build_part(group, part, name)
@@ -119,7 +119,7 @@ def build_named(description: Description[Any]) -> list[Component]:
 
 
 def build_rules(description: Description[Any]) -> list[Rule]:
-    """Build the rules by which the robot answers faults; raises InputError for a user's bad one."""
+    """Build the rules for faults; raises InputError for an invalid rule of a user."""
     tables, out = list_parts(description.mission.faults), []
     for name, part in tables.items():
         key, cls = f"mission.faults.{name}", find("rule", part.kind).cls
@@ -145,5 +145,5 @@ def build_default_rules() -> list[Rule]:
 
 
 def uses_truth(description: Description[Any]) -> bool:
-    """Whether the robot is told the simulator's truth in place of an estimate."""
+    """Whether the robot receives the simulator's truth as its estimate."""
     return bool(find("estimator", description.mission.estimator.kind).cls.is_truth)

@@ -1,13 +1,14 @@
-"""A pilot who takes a running mission over by a switch, and gives it back.
+"""A pilot takes over a running mission by a switch, and gives it back.
 
 While the switch is on, the pilot's stick moves the platform in a mode of run/hand_flight.py, the
-arms stay, and rules only tell. The switch wins at any time: over a phase, and over the response
-of a rule. What is flown after the pilot gave back:
+arms keep their posture, and rules only report. The switch has priority over a phase and over the
+response of a rule. After the pilot gives back:
 
-- a phase of free flight goes on: back to where it was taken over, along what the pilot flew or a
-  straight way that is free, and the rest of the reference from rest;
-- a phase in which something is touched, carried, or led to by hands raises `GivenBack`: a contact
-  that can begin anew (run/orders.py) catches that; otherwise the robot comes home and lands.
+- a phase of free flight continues: the robot returns to where it was taken over, along the path
+  that the pilot flew or a free straight line, and tracks the rest of the reference from rest;
+- a phase in which the robot touches or carries something, or controls its hands in task space,
+  raises `GivenBack`. A contact that can start again (run/orders.py) catches it; otherwise the
+  robot comes home and lands.
 """
 
 from __future__ import annotations
@@ -31,62 +32,62 @@ if TYPE_CHECKING:
 Table = NDArray[Any]
 
 SILENT_S = 5.0
-"""s without the pilot's stick after which the robot is taken back, comes home and lands."""
-STANDS_S, STILL_MPS, SINK_S = 2.0, 0.05, 60.0  # asked to sink, and slower or for long: it stands
-STEADY_S = 2.0  # s, of hovering before an interrupted phase goes on
-AGAIN_S = 1.0  # s, in which an interrupted reference comes up to its speed
+"""s without the pilot's stick after which the robot takes back control, comes home and lands."""
+STANDS_S, STILL_MPS, SINK_S = 2.0, 0.05, 60.0  # landed: commanded down and slow, or for long
+STEADY_S = 2.0  # s, of hovering before an interrupted phase continues
+AGAIN_S = 1.0  # s, in which an interrupted reference reaches its speed
 
 
 class TakenOver(NamedTuple):
-    """Where a phase was taken over."""
+    """State of a phase when a pilot took over."""
 
     phase: str
-    row: Any  # REFERENCE, what was commanded then
-    table: Table  # that was tracked
+    row: Any  # REFERENCE, commanded at that time
+    table: Table  # the tracked table
     along: float  # s, along it
-    engaged: bool  # something was touched, carried, or led to by hands
+    engaged: bool  # touching or carrying something, or hands in task space
 
 
 class GivenBack(Exception):
-    """The pilot gave back where the interrupted phase does not go on by itself."""
+    """Raised when the pilot gives back and the interrupted phase cannot continue by itself."""
 
     def __init__(self, says: str, taken: TakenOver, first: int, repeats: bool = False) -> None:
-        """`first` is the crumb of the trail at which it was taken over.
+        """`first` is the index of the crumb at which the pilot took over.
 
-        `repeats`: a mission that knows how may go on.
+        `repeats`: a mission that supports it may repeat the work.
         """
         super().__init__(says)
         self.taken, self.repeats, self.first = taken, repeats, first
 
 
 class PilotLanded(Exception):
-    """The pilot has landed: the mission is over."""
+    """Raised when the pilot has landed, which ends the mission."""
 
 
 class Pilot:
     """The pilot's switch and stick of one flight."""
 
     def __init__(self, s: Supervisor) -> None:
-        self._s: Supervisor = weakref.proxy(s)  # it has this: a cycle would keep the flight
+        self._s: Supervisor = weakref.proxy(s)  # weak: a cycle would keep the flight in memory
         self.switch = False
-        """Whether the pilot wants the robot, or has it."""
+        """Whether the pilot requests or has control."""
         self.flies = False
-        """Whether the stick is followed now."""
+        """Whether the stick moves the robot."""
         self.says = ""
-        """What became of the last order, for a display."""
+        """Result of the last order, for a display."""
         self.away_s = 0.0
-        """Time (s) that the mission has stood still for pilots."""
+        """Time (s) for which pilots have interrupted the mission."""
         self.mode = Mode.ATTITUDE
-        """What the stick shall do."""
+        """The selected mode of the stick."""
         self.follows = True
-        """Whether a switch on the vehicle itself ends what the mission flies."""
+        """Whether a switch on the vehicle itself interrupts the mission."""
         self._outside = False
         self._hand: HandFlight | None = None
-        self._axes: list[float] | None = None  # of a stick that was not followed yet
+        self._axes: list[float] | None = None  # of a stick, not yet applied
         self._heard = 0.0
 
     def take_over(self) -> Result:
-        """Take the robot from the next tick on; refused only while the motors are off."""
+        """Give the pilot control from the next tick on; refused only while the motors are off."""
         says = ""
         if not self._s.kind.flies:
             says = "take_over refused: the robot does not fly in this mission"
@@ -96,7 +97,7 @@ class Pilot:
         return Result(not says, says, self._s.vehicle.t)
 
     def give_back(self) -> Result:
-        """Give the robot back; refused where the position loops could not take over."""
+        """Return control to the mission; refused if the position loops cannot take over."""
         says = ""
         if not self.switch and not self.flies:
             says = "give_back refused: no pilot has taken over"
@@ -106,7 +107,7 @@ class Pilot:
         return Result(not says, says, self._s.vehicle.t)
 
     def choose(self, mode: Mode) -> Result:
-        """Choose what the stick does; refused where the robot cannot tilt in place."""
+        """Select the stick's mode; angle mode is refused if the robot cannot tilt in place."""
         says = ""
         if mode == Mode.ANGLE and find_tilt_in_place(self._s) <= 0.0:
             robot = self._s.vehicle.robot.name
@@ -117,11 +118,11 @@ class Pilot:
         return Result(not says, says, self._s.vehicle.t)
 
     def move(self, axes: list[float]) -> None:
-        """Take the stick: right, ahead, turn, climb. It counts for 0.5 s, then it is let go."""
+        """Set the stick: right, ahead, turn, climb. It is valid for 0.5 s and then centred."""
         self._axes, self._heard = axes, self._s.vehicle.t
 
     def follow_switch(self) -> None:
-        """See what a switch on the vehicle itself says, which always wins; raises PilotLanded."""
+        """Read the switch on the vehicle itself, which has priority; raises PilotLanded."""
         vehicle = self._s.vehicle
         if vehicle.stopped and (self.switch or self.flies):
             self.switch = False
@@ -130,25 +131,25 @@ class Pilot:
             return
         if vehicle.piloted:
             self.switch, self._outside = True, True
-            self.move([0.0, 0.0, 0.0, 0.0])  # the vehicle follows a stick of its own
+            self.move([0.0, 0.0, 0.0, 0.0])  # the vehicle reads its own stick
         elif self._outside:
             self._outside = False
             self.give_back()
 
     @property
     def flown(self) -> str:
-        """The mode that is in effect, "" where no pilot flies."""
+        """The mode in effect, "" if no pilot flies."""
         return "" if self._hand is None else str(self._hand.flown)
 
     @property
     def lacks(self) -> str:
-        """Why the stick does not do what the mode says, or cannot be given back; "" otherwise."""
+        """Why the selected mode or giving back is not possible; "" otherwise."""
         return "" if self._hand is None else self._hand.says or self._hand.find_refusal()
 
     def fly(self) -> None:
-        """Let the pilot fly, and bring the robot back to the mission.
+        """Let the pilot fly, then return the robot to the mission.
 
-        Raises GivenBack, PilotLanded, and RuleActed where no computer is left to follow a stick.
+        Raises GivenBack, PilotLanded, and RuleActed if no computer is left to follow a stick.
         """
         s, started = self._s, self._s.vehicle.t
         phase = s.phase
@@ -186,7 +187,7 @@ class Pilot:
         self.away_s += s.vehicle.t - started
 
     def _follow_stick(self, phase: str) -> bool:
-        """Fly by the stick until the pilot gives back; returns whether there was one to the end."""
+        """Fly by the stick until the pilot gives back; returns False if the stick fell silent."""
         s = self._s
         hand = self._hand = HandFlight(s, self.mode)
         while True:
@@ -213,9 +214,9 @@ class Pilot:
             hand.uav.take_over()
 
     def _sink(self, uav: Uav) -> None:
-        """Nobody is at the stick, and it is too low to recover: go down, level."""
+        """Descend level: the stick is unattended, and the robot is too low to recover."""
         uav.stick(climb=-CLIMB)
-        asked = self._s.vehicle.t - self._heard - SILENT_S  # s, for which it has sunk
+        asked = self._s.vehicle.t - self._heard - SILENT_S  # s, for which it has descended
         still = float(np.linalg.norm(self._s.vehicle.estimate["v_WB"])) < STILL_MPS
         if asked > SINK_S or (still and asked > STANDS_S):
             uav.stop_motors(confirm=True)
@@ -234,9 +235,9 @@ def rejoin(s: Supervisor, first: int, row: Any) -> None:
 
 
 def build_rest_of(taken: TakenOver) -> Table:
-    """Return what is left of an interrupted reference; it starts at rest.
+    """Return the rest of an interrupted reference; it starts at rest.
 
-    Its own time runs slower at first: t^2 / (2 T) until T = AGAIN_S, then t - T / 2.
+    Its time is scaled at first: t^2 / (2 T) until T = AGAIN_S, then t - T / 2.
     """
     table, T = taken.table, AGAIN_S
     left = table[table["t"] > taken.along + 1e-9]

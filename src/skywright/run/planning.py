@@ -1,4 +1,4 @@
-"""From a description to a plan: what all kinds of missions share."""
+"""Plans a mission from its description; common to all kinds of missions."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ CLIMB_STEP = 0.05  # m, between clearance checks of take-off and landing
 
 
 class MissionPlan(NamedTuple, Generic[P]):
-    """What a mission will fly, or why it cannot."""
+    """The plan of a mission, or why there is none."""
 
     feasible: bool
     blocked_by: str | None
@@ -42,14 +42,14 @@ class MissionPlan(NamedTuple, Generic[P]):
     min_clearance_m: float = math.nan
     min_rotor_margin: float = math.nan
     segments: Mapping[str, NDArray[Any]] = {}  # REFERENCE rows, each segment's time from 0
-    way: P | None = None  # what the kind of mission keeps
+    way: P | None = None  # data of the kind of mission
     traces: Mapping[str, NDArray[Any]] = {}  # clearance and rotor margin along each segment
-    file: PlanFile | None = None  # the plan as a file, of kinds that plan platform and joints
+    file: PlanFile | None = None  # the plan as a file, for kinds that plan platform and joints
     need: Need | None = None  # of time and energy, as estimated
-    operator: Recording | None = None  # who is at the stick, of kinds that have an operator
+    operator: Recording | None = None  # the recorded operator, for kinds that have one
 
     def get_way(self) -> P:
-        """Return what the kind keeps of a plan that is feasible."""
+        """Return the kind's data of a feasible plan."""
         return cast(P, self.way)
 
     def to_json(self) -> dict[str, Any]:
@@ -71,24 +71,24 @@ class MissionPlan(NamedTuple, Generic[P]):
 
     @property
     def metrics(self) -> dict[str, float]:
-        """What a planner of paths says of its plan, such as `plan.cost`; others say nothing."""
+        """Metrics of a path planner, such as `plan.cost`; empty for other planners."""
         return {} if self.file is None else dict(self.file.metrics)
 
 
 def refuse(blocked_by: str, plan_s: float) -> MissionPlan[Any]:
-    """Return the plan of a mission that cannot be flown, and why, after `plan_s` (s)."""
+    """Return the plan of a mission that cannot be flown, with the reason, after `plan_s` (s)."""
     return MissionPlan(False, blocked_by, plan_s, math.nan)
 
 
 def plan_mission(description: Description[T], setup: Setup[T] | None = None) -> MissionPlan[Any]:
-    """Plan the description's mission; an impossible one is told in `blocked_by`, not raised.
+    """Plan the description's mission; an infeasible one is reported in `blocked_by`, not raised.
 
-    `setup` is what has been built of the description. Raises InputError when robot or world lack
-    what the mission is about.
+    `setup` is the Setup of the description, if one was already built. Raises InputError if robot or
+    world lack a part that the mission requires.
     """
     setup = setup or Setup(description)
     timestep = 1e-3 * description.mission.timestep_ms
-    if timestep > TIMESTEP:  # raises where a contact is too stiff for it
+    if timestep > TIMESTEP:  # raises if a contact is too stiff for it
         build_scene(setup.robot, setup.world, timestep=timestep)
     kind = load_kind(description.mission.kind)
     with blame(type(kind), "mission.kind: plan"):
@@ -103,7 +103,7 @@ def plan_mission(description: Description[T], setup: Setup[T] | None = None) -> 
         if blocked is not None:
             plan = plan._replace(feasible=False, blocked_by=blocked)
     sensed = find_exceeded_delay(setup) or find_slow_localisation(setup)
-    if plan.feasible and sensed is None:  # builds the law, which what blocks the plan may forbid
+    if plan.feasible and sensed is None:  # builds the law, which a blocked plan may not permit
         sensed = find_noisy_gyroscope(setup)
     if sensed is not None:
         return plan._replace(feasible=False, blocked_by=sensed)
@@ -114,7 +114,7 @@ def plan_mission(description: Description[T], setup: Setup[T] | None = None) -> 
 
 
 def _find_blocked_climb(setup: Setup[Any]) -> str | None:
-    """Say what stands in the way between the ground and the hover point, or return None."""
+    """Return a message if an object blocks the path from the ground to the hover point, or None."""
     robot, hover, query = setup.robot, setup.hover, setup.clearance_aloft
     folded, attitude = posture(robot, "folded"), rot_z(float(hover[3]))
     ground, margin = robot.platform.gear_height_m, setup.description.mission.climb_clearance_m

@@ -1,8 +1,7 @@
 """Contact measurements of flights, in the database of all measurements (inspection/history/).
 
-The force of a contact is a reading, and the rest of what is known of it stands beside it. A
-measurement lies in the frame of its structure (the world's name), so a point found in one flight is
-found again in the next.
+The force of a contact is a reading; its other values are stored with it. A measurement is expressed
+in the frame of its structure (the world's name), so that later flights find the same point again.
 """
 
 from __future__ import annotations
@@ -23,25 +22,25 @@ from skywright.run.setup import Setup
 
 
 class Measurement(NamedTuple):
-    """One contact measurement: where, when, how hard, and how well the place was known."""
+    """One contact measurement: position, time, force, and the accuracy of the position."""
 
     spot: str
     how: str  # "docked" or "flying"
-    x_m: float  # place of the tip in the structure's frame S
+    x_m: float  # position of the tip in the structure's frame S
     y_m: float
-    off_m: float  # off the surface, as estimated: what the place errs by across it
-    p_W: tuple[float, float, float]  # m, the same place in W
+    off_m: float  # estimated distance off the surface: the position error normal to it
+    p_W: tuple[float, float, float]  # m, the same position in W
     start_s: float  # mission time
     end_s: float
     force_des_n: float
     force_n: float  # mean of the force sensor
     force_std_n: float
-    pose_std_m: float  # standard deviation of the platform's place, as the estimator says
-    wander_m: float  # farthest that the estimated tip was from its mean
+    pose_std_m: float  # standard deviation of the platform's position, from the estimator
+    wander_m: float  # largest distance of the estimated tip from its mean
 
 
 class Record(NamedTuple):
-    """One stored measurement with its flight. Places x, y in the structure's frame S."""
+    """One stored measurement with its flight. Positions x, y are in the structure's frame S."""
 
     id: int
     flight: str
@@ -54,15 +53,15 @@ class Record(NamedTuple):
     how: str  # "docked" or "flying"
     x_m: float
     y_m: float
-    off_m: float  # estimated place off the surface
-    east_m: float  # the same place in the world's frame W
+    off_m: float  # estimated position off the surface
+    east_m: float  # the same position in the world's frame W
     north_m: float
     up_m: float
     duration_s: float
     force_des_n: float
     force_n: float
     force_std_n: float
-    pose_std_m: float | None  # None: the estimator does not say
+    pose_std_m: float | None  # None: the estimator states none
     wander_m: float
 
 
@@ -96,9 +95,9 @@ class RecordStore(InspectionStore):
         at: tuple[float, float] | None = None,
         radius: float = 0.05,
     ) -> list[Record]:
-        """Return contacts in the order of their time, of a structure, a spot, or around a place.
+        """Return contacts in the order of time, of a structure, a spot, or around a position.
 
-        `at` (m in S) and `radius` (m) give the history of a point over flights.
+        `at` (m in S) and `radius` (m) select the history of a point over flights.
         """
         wheres, values = [], []
         for name, value in (("structure", structure), ("spot", spot)):
@@ -119,19 +118,19 @@ class RecordStore(InspectionStore):
         return [r for r in found if math.hypot(r.x_m - at[0], r.y_m - at[1]) <= radius]
 
     def list_names(self, column: str) -> list[str]:
-        """Return the structures ("structure") or spots ("spot") that there are records of."""
+        """Return the structures ("structure") or spots ("spot") that have records."""
         table = {"structure": "flights", "spot": "readings"}[column]
         return [row[0] for row in self.read(f"SELECT DISTINCT {column} FROM {table} ORDER BY 1")]
 
 
 class FlightRecords:
-    """The database as one flight writes to it: contacts at once, what it found at its end."""
+    """Writes one flight to the database: contacts immediately, other findings at its end."""
 
     def __init__(self, path: Path, setup: Setup[Any]) -> None:
-        """Open or make the file, and keep the procedure in it.
+        """Open or create the file, and store the procedure in it.
 
-        Raises InputError as `DatabaseFile` does, and where the procedure's revision is stored with
-        another text.
+        Raises InputError as `DatabaseFile` does, and if the procedure's revision is already stored
+        with another text.
         """
         self._path, self._setup = path, setup
         self._directory, self._flight, self._started = Path(), "", datetime.now(UTC)
@@ -148,7 +147,7 @@ class FlightRecords:
     def start(
         self, directory: Path, started: datetime | None = None
     ) -> Callable[[Measurement], None]:
-        """Store the flight, which begins now or `started`; returns what stores a contact of it."""
+        """Store the flight, which begins now or `started`; returns the storing function."""
         d = self._setup.description
         self._directory = directory
         self._store.add_asset(d.world.name, frame=describe_frame(self._setup))
@@ -164,7 +163,7 @@ class FlightRecords:
         self._store.close()
 
     def add(self, flown: Flown[Any, Any]) -> str:
-        """Store what the flight found; returns its id. The file is opened for it."""
+        """Store what the flight found; returns its id. Opens and closes the file."""
         found = load_kind(self._setup.description.mission.kind).entries(flown)
         nothing = not (found.readings or found.indications or found.calibrations or found.coverage)
         if nothing and found.registration_std_m is None:
@@ -187,7 +186,7 @@ class FlightRecords:
             row = None
             for t, calibrated in found.calibrations:
                 last = store.add_calibration(self._flight, at(t), calibrated)
-                row = last if row is None else row  # the one before the flight
+                row = last if row is None else row  # the calibration before the flight
             store.add_readings(self._flight, [(at(t), r) for t, r in found.readings],
                                component=part, calibration=row)  # fmt: skip
             for t, indication in found.indications:
@@ -202,14 +201,14 @@ class FlightRecords:
 
 
 def describe_frame(setup: Setup[Any]) -> str:
-    """Say where the places of a flight count from."""
+    """Return a description of the frame of a flight's positions."""
     if setup.world.structure is not None:
         return "S of the structure, as the world's file has it: x and y on the surface, z off it"
     return "W of the world's file: x east, y north, z up; the pipe as that file has it"
 
 
 def write_scans(found: Entries, directory: Path) -> Entries:
-    """Write the signals beside the recording; without h5py `data` names the recording."""
+    """Write the signals beside the recording; without h5py, `data` refers to the recording."""
     if find_spec("h5py") is not None:
         from skywright.inspection.files.nde import write_nde
 

@@ -17,7 +17,7 @@ FLATTENING = 1.0 / 298.257223563
 
 
 class Origin(NamedTuple):
-    """Where the world's frame W (east, north, up) has its origin."""
+    """Origin of the world's frame W (east, north, up)."""
 
     longitude_deg: float
     latitude_deg: float
@@ -41,9 +41,9 @@ def parse_origin(text: str) -> Origin:
 
 
 def locate_on_earth(origin: Origin, east: float, north: float, up: float) -> list[float]:
-    """Return [longitude, latitude (deg), height (m)] of a place near the origin.
+    """Return [longitude, latitude (deg), height (m)] of a position near the origin.
 
-    The ellipsoid's radii of curvature at the origin: to a millimetre within 100 m.
+    Uses the ellipsoid's radii of curvature at the origin: accurate to a millimetre within 100 m.
     """
     lat = math.radians(origin.latitude_deg)
     e2 = FLATTENING * (2.0 - FLATTENING)
@@ -57,7 +57,7 @@ def locate_on_earth(origin: Origin, east: float, north: float, up: float) -> lis
 
 
 def build_geojson(records: Sequence[Record], origin: Origin) -> dict[str, Any]:
-    """Return a FeatureCollection with a point a measurement."""
+    """Return a FeatureCollection with one point per measurement."""
     features = []
     for r in records:
         place = locate_on_earth(origin, r.east_m, r.north_m, r.up_m)
@@ -74,7 +74,7 @@ def write_geojson(records: Sequence[Record], origin: Origin, path: Path) -> None
 
 
 def write_csv(records: Sequence[Record], path: Path) -> None:
-    """Write a header and a line a record; units stand in the names."""
+    """Write a header and one line per record; names include the units."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(Record._fields)

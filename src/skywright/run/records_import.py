@@ -1,4 +1,4 @@
-"""A run that was flown without a database, added to one later."""
+"""Adds an existing run to a database."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from skywright.run.setup import Setup
 
 
 def import_run(file: Path, directory: Path) -> str:
-    """Add what a run found to the database `file`; returns the flight.
+    """Add the findings of a run to the database `file`; returns the flight.
 
-    Contacts whose force was measured are stored while a mission flies, so they are not added.
-    Raises InputError for a directory that is no run, is in the database, or has no start.
+    Contacts with measured force are stored only during a mission, so they are not added. Raises
+    InputError if the directory is not a run, is already in the database, or has no start time.
     """
     stored, description = load_run(directory), load_description(directory)
     where = directory.resolve()

@@ -24,7 +24,7 @@ _SENSES: dict[str, Callable[[float, float], bool]] = {
 
 
 class Verdict(NamedTuple):
-    """One requirement with the value that a run reached; None where nothing was measured."""
+    """One requirement with the value of a run; None if it was not measured."""
 
     name: str
     value: float | None
@@ -37,7 +37,7 @@ class Verdict(NamedTuple):
 
 
 def describe_missed(verdicts: list[Verdict]) -> str:
-    """Return the requirements that were not met in words."""
+    """Return the requirements that were not met, as text."""
     missed = []
     for v in verdicts:
         if not v.passed:
@@ -48,14 +48,14 @@ def describe_missed(verdicts: list[Verdict]) -> str:
 
 
 def describe_outcome(outcome: str, verdicts: list[Verdict]) -> str:
-    """Return why an outcome of which nothing else is known is what it is; "" where all was met."""
+    """Return the reason for an outcome without a stated reason; "" if all requirements were met."""
     if not all(v.passed for v in verdicts):
         return describe_missed(verdicts)
     return "" if outcome == "succeeded" else f"{outcome} before its end, without a stated reason"
 
 
 def check_requirement_names(mission: Mission) -> None:
-    """Raise InputError when a requirement names no metric of the kind: it could never be met."""
+    """Raise InputError if a requirement is not a metric of the kind: it could never be met."""
     valid = list_measures(mission.kind)
     for name in mission.requirements:
         if name not in valid:
@@ -69,9 +69,9 @@ def judge(
     metrics: Mapping[str, float],
     where: Mapping[str, Where] = COMMON_WHERE,
 ) -> list[Verdict]:
-    """Compare metrics with what is required; a missing or NaN metric does not pass.
+    """Compare metrics with the requirements; a missing or NaN metric does not pass.
 
-    `where` says in which phases the metrics of the kind are measured.
+    `where` states in which phases the metrics of the kind are measured.
     """
     verdicts = []
     for name, r in requirements.items():
@@ -86,7 +86,7 @@ def judge(
 def judge_run(
     kind: MissionKind[Any, Any], run: Flown[Any, Any], metrics: dict[str, float]
 ) -> tuple[list[Verdict], dict[str, str]]:
-    """Judge a flight; returns verdicts, and the requirements that have no meaning for it."""
+    """Evaluate the requirements of a flight; returns verdicts, and those that do not apply."""
     required = kind.requirements(run.setup, run.way)
     waived = {k: why for k, why in kind.list_waived(metrics).items() if k in required}
     asked = {k: r for k, r in required.items() if k not in waived}

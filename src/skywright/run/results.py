@@ -21,13 +21,13 @@ _SOURCES = {"est": "estimate.", "ref": "reference.", "meas": "measured."}
 
 
 class Run:
-    """A run's directory, finished or not, read back.
+    """A run's directory, finished or not, opened for reading.
 
     `run[NAME]` is a column of the samples (100 Hz): (n,), or (n, k) for vectors; SI and radians.
-    Quaternions are wxyz. NAME is that of docs/reference/messages.md (`p_WT`); poses and
-    velocities also have names of body and quantity (`tip.p_W`, `estimate.platform.v_W`).
-    A name that begins with a slash is a stream with a time of its own, a structured array with
-    its `t` (s): `run["/sensors/inertial"]["gyro"]`.
+    Quaternions are wxyz. NAME is that of docs/reference/messages.md (`p_WT`); poses and velocities
+    also have names of body and quantity (`tip.p_W`, `estimate.platform.v_W`). A name that begins
+    with a slash is a stream with its own times, a structured array with its `t` (s):
+    `run["/sensors/inertial"]["gyro"]`.
     """
 
     def __init__(self, directory: Path) -> None:
@@ -41,7 +41,7 @@ class Run:
         }
         """Numbers by their names in docs/reference/metrics.md; NaN where one was not finite."""
         self.requirements: list[dict[str, Any]] = stored.written.get("requirements", [])
-        """Name, value, limit, unit and whether it passed, of each requirement."""
+        """Name, value, limit, unit and result of each requirement."""
 
     recording: Recording
     outcome: str
@@ -56,18 +56,18 @@ class Run:
 
     @property
     def events(self) -> list[Event]:
-        """What happened, each with its time `t` (s) and text."""
+        """The events of the flight, each with its time `t` (s) and text."""
         return self.recording.events
 
     @cached_property
     def _columns(self) -> dict[str, str]:
-        """Column by every name that it has."""
+        """Column name by each of its aliases."""
         names = [c.name for c in self.columns]
         return {name: name for name in names} | {read_name(name): name for name in names}
 
     @property
     def names(self) -> list[str]:
-        """Every name that `run[NAME]` knows, streams last."""
+        """All names that `run[NAME]` accepts, streams last."""
         return [*self._columns, *self.recording.stream_names]
 
     def __getitem__(self, name: str) -> NDArray[Any]:
@@ -96,7 +96,7 @@ class Run:
 
 
 def open_run(directory: str | os.PathLike[str]) -> Run:
-    """Read the directory that a run wrote, or NAME.partial of one that did not end.
+    """Read the directory of a run, or NAME.partial of an unfinished one.
 
     Raises InputError if it is not a run directory, or if a file in it is damaged.
     """
@@ -104,7 +104,7 @@ def open_run(directory: str | os.PathLike[str]) -> Run:
 
 
 def read_name(column: str) -> str:
-    """Return whose and what: `tip.p_W` of `p_WT`; other columns keep their name."""
+    """Return the name as body and quantity: `tip.p_W` for `p_WT`; other columns keep their name."""
     found = re.fullmatch(r"((?:[a-z]+\d*_)?)([pqvw])_W([BTHO])(_B)?", column)
     if found is None:
         return column
@@ -117,7 +117,7 @@ def read_name(column: str) -> str:
 
 
 def flatten(recording: Recording) -> dict[str, NDArray[Any]]:
-    """Return the samples as columns of one number each, vectors taken apart."""
+    """Return the samples as columns of one number each, with vectors split."""
     flat: dict[str, NDArray[Any]] = {}
     for column in recording.columns:
         values = recording.samples[column.name]

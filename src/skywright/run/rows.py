@@ -1,4 +1,4 @@
-"""A run of a campaign as one row, and what a set of rows says: rate, failures, sensitivities."""
+"""A run of a campaign as one row, and statistics of rows: success rate, failures, sensitivities."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Value = float | int | str | bool
 Array = NDArray[np.float64]
 
 CONFIDENCE = 0.95
-"""Of every interval, and one minus the share of false findings among sensitivities."""
+"""Confidence of every interval; one minus it is the false discovery rate of the sensitivities."""
 
 FEWEST = 10
 """Rows below which no sensitivity is computed."""
@@ -28,10 +28,10 @@ class Row(NamedTuple):
     run: int
     seed: int
     outcome: str
-    """succeeded, failed, aborted, diverged; infeasible (no plan), refused (values that do not go
-    together), crashed (the process died or the program failed)."""
+    """succeeded, failed, aborted, diverged; infeasible (no plan), refused (inconsistent values),
+    crashed (the process died or the program failed)."""
     requirement: str
-    """First requirement that failed; the outcome where the mission was not completed; else ""."""
+    """First requirement that failed; the outcome if the mission was not completed; else ""."""
     failed: tuple[str, ...]
     """Every requirement that failed."""
     reason: str
@@ -40,9 +40,9 @@ class Row(NamedTuple):
     timing: dict[str, float]
     attempts: int
     command: str
-    """Repeats this run alone."""
+    """Command that repeats this run alone."""
     inspected: dict[str, Any] | None = None
-    """What was said about the flaws of the true world, as run/inspected.py writes it."""
+    """Detection results for the flaws of the true world, in the format of run/inspected.py."""
 
     @property
     def succeeded(self) -> bool:
@@ -56,17 +56,17 @@ class Sensitivity(NamedTuple):
     metric: str
     key: str
     rho: float
-    """Spearman's rank correlation; NaN where the key is no number."""
+    """Spearman's rank correlation; NaN if the key is not a number."""
     share: float
     """Share of the metric's rank variance that the key alone explains, whatever the shape."""
     p: float
     """Probability of such a dependence by chance."""
     significant: bool
-    """Kept by Benjamini and Hochberg's procedure at a false discovery rate of 5 %."""
+    """Significant by Benjamini and Hochberg's procedure at a false discovery rate of 5 %."""
 
 
 class Headroom(NamedTuple):
-    """How far the runs stay from a requirement's limit."""
+    """Distance of the runs from a requirement's limit."""
 
     name: str
     limit: float
@@ -81,18 +81,18 @@ class Headroom(NamedTuple):
 
 
 class FailureGroup(NamedTuple):
-    """Runs that failed for the same reason, and where they lie in the varied space."""
+    """Runs that failed for the same reason, and their range in the varied space."""
 
     requirement: str
     runs: tuple[int, ...]
     key: str
-    """Key that separates them best from the others; "" where none does beyond chance."""
+    """Key that separates them best from the others; "" if no separation is significant."""
     inside: tuple[float, float]
     """Range of that key over the failures."""
     whole: tuple[float, float]
     """Range of that key over all runs."""
     p: float
-    """Of the separation by chance (Mann-Whitney, times the number of keys)."""
+    """p-value of the separation (Mann-Whitney, times the number of keys)."""
 
 
 def compute_interval(succeeded: int, runs: int, confidence: float = CONFIDENCE) -> Array:
@@ -104,7 +104,7 @@ def compute_interval(succeeded: int, runs: int, confidence: float = CONFIDENCE) 
 def compute_headroom(
     rows: Sequence[Row], requirements: Mapping[str, Requirement]
 ) -> list[Headroom]:
-    """Compare each requirement's limit with median and worst value, the tightest first."""
+    """Compare each requirement's limit with the median and the worst value, tightest first."""
     out = []
     for name, r in requirements.items():
         values = np.array([row.metrics.get(name, math.nan) for row in rows])
@@ -133,12 +133,12 @@ def compute_headroom(
 def compute_sensitivities(
     rows: Sequence[Row], keys: Sequence[str], metrics: Sequence[str]
 ) -> list[Sensitivity]:
-    """Rank statistics of every metric against every varied key.
+    """Compute rank statistics of every metric against every varied key.
 
-    `rho` is Spearman's. `share` is epsilon squared of Kruskal and Wallis' test over bins of the
-    key with equally many rows (its distinct values where they are few): a key that acts in both
-    directions, like a wind direction, has rho near 0 but a share. `p` is the smaller of the two
-    tests' doubled. Rows where the metric was not measured are left out.
+    `rho` is Spearman's. `share` is epsilon squared of Kruskal and Wallis' test over bins of the key
+    with equally many rows (its distinct values if they are few): a key that acts in both
+    directions, like a wind direction, has rho near 0 but a large share. `p` is twice the smaller
+    p-value of the two tests. Rows in which the metric was not measured are excluded.
     """
     found: list[Sensitivity] = []
     for metric in metrics:
@@ -169,7 +169,7 @@ def compute_sensitivities(
 
 
 def _bin(x: Sequence[Value], numeric: bool) -> NDArray[np.int64]:
-    """Group (n,) of each value: itself where there are few, else bins of equal size."""
+    """Return the group (n,) of each value: the value itself if few, else bins of equal size."""
     values, group = np.unique(np.array(x if numeric else [str(v) for v in x]), return_inverse=True)
     if numeric and len(values) > 6:
         count = int(np.clip(len(x) // 10, 2, 10))

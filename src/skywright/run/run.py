@@ -1,7 +1,7 @@
 """One execution of a mission and its directory.
 
-`run_mission` reads as a table of contents: plan, open the directory, fly, evaluate, write, rename.
-The directory is NAME.partial until it is complete; its recording is readable to the last
+`run_mission` executes these steps in order: plan, open the directory, fly, evaluate, write, rename.
+The directory is NAME.partial until it is complete; its recording can be read up to the last
 seconds.
 """
 
@@ -48,19 +48,19 @@ from skywright.vehicle.time_limit import watch
 
 
 class Observer(Protocol):
-    """Something that watches a run; where it has one, `on_acted(acted)` hears of rules.
+    """Observes a run; the optional method `on_acted(acted)` is called when a rule acts.
 
-    `on_supervisor(supervisor)`, where it has one, is called once: it may `take_over`, `give_back`.
+    The optional method `on_supervisor(supervisor)` is called once: it may `take_over`, `give_back`.
     """
 
     def on_plan(self, plan: MissionPlan[Any], description: Description) -> None:
-        """The mission is planned and about to fly."""
+        """Called after planning, before the flight."""
 
     def on_tick(self, t: float, phase: str, vehicle: SimulatedVehicle) -> None:
-        """A mission tick was flown."""
+        """Called after each mission tick."""
 
     def close(self) -> None:
-        """The flight is over."""
+        """Called after the flight."""
 
 
 class RunResult(NamedTuple, Generic[T, P]):
@@ -76,19 +76,19 @@ class RunResult(NamedTuple, Generic[T, P]):
     requirements: list[Verdict]
     timing: dict[str, float]
     details: Any
-    """What the mission's kind found beyond numbers; of a scan a WeldResult, or None."""
+    """Results of the mission's kind that are not metrics; of a scan a WeldResult, or None."""
     directory: Path
     acted: tuple[Acted, ...] = ()
     """Rules that ended the mission, in the order in which they acted."""
     found: dict[str, Any] = {}
-    """What was found, as plain JSON."""
+    """The results, as plain JSON."""
     waived: dict[str, str] = {}
-    """Requirements that have no meaning for what was asked, each with the reason."""
-    command: str = ""  # that started the run; "" where no command line did
-    backend: str = PHYSICS  # that flew it
+    """Requirements that do not apply to the task, each with the reason."""
+    command: str = ""  # command line that started the run, or ""
+    backend: str = PHYSICS  # back end that flew it
     checklist: tuple[dict[str, Any], ...] = ()  # what Checked.to_json returns
     inspected: Inspected | None = None
-    """What was said about the flaws of the true world; None: the kind looks for none."""
+    """Detection results for the flaws of the true world; None: the kind searches for none."""
 
     @property
     def exit_code(self) -> int:
@@ -134,10 +134,12 @@ def run_mission(
 ) -> RunResult:
     """Plan, fly and evaluate a mission, and write its run directory.
 
-    `write_report` is called with the result while the directory is still NAME.partial. `records`
-    is the file (SQLite) in which contact measurements are stored as soon as they are finished.
-    `backend` flies it (run/backends.py). `operator` is at the stick in person, in missions that
-    have one; its input goes to operator.csv. `command` is noted in metrics.json.
+    `write_report` is called with the result while the directory is still NAME.partial. `records` is
+    the file (SQLite) in which contact measurements are stored as soon as they are finished.
+    `backend` flies the mission (run/backends.py). `operator` is a live operator at the stick, for
+    missions that have one; its input is written to operator.csv. `command` is stored in
+    metrics.json.
+
     Raises InputError (nothing was started), InfeasibleError (no plan exists). The directory of a
     diverged or interrupted run stays NAME.partial.
     """
@@ -145,8 +147,8 @@ def run_mission(
     if operator is not None:
         check_operator(description)
     setup, rules = Setup(description), build_rules(description)
-    check_backend(setup, backend)  # what cannot fly it is told before anything is planned
-    plan, vehicle = _prepare(setup, backend, observers)  # a bad part is told before all else
+    check_backend(setup, backend)  # reports a back end that cannot fly it before planning
+    plan, vehicle = _prepare(setup, backend, observers)  # reports an invalid component first
     try:
         store = None if records is None else FlightRecords(records, setup)
         final, partial = open_directory(out, description.mission.name)
@@ -195,8 +197,8 @@ def run_mission(
 def fly_and_evaluate(description: Description, observers: Sequence[Observer] = ()) -> RunResult:
     """Plan, fly and evaluate a mission without writing anything; `directory` is the current one.
 
-    The result equals that of `run_mission` bit for bit, timing excepted. Raises as it does, and
-    KeyboardInterrupt. Of the `observers` only `on_tick` is called.
+    The result equals that of `run_mission` bit for bit, except for timing. Raises the same errors,
+    and KeyboardInterrupt. Only `on_tick` of the `observers` is called.
     """
     start = time.perf_counter()
     setup, rules = Setup(description), build_rules(description)
@@ -211,8 +213,8 @@ def fly_and_evaluate(description: Description, observers: Sequence[Observer] = (
 def evaluate_directory(directory: Path) -> RunResult:
     """Evaluate a run's directory (or NAME.partial) again from its recording.
 
-    A killed run is evaluated as interrupted, its phases taken from the recording's events.
-    Raises InputError when files are missing or damaged.
+    A killed run is evaluated as interrupted, with phases from the recording's events. Raises
+    InputError if files are missing or damaged.
     """
     stored, description = load_run(directory), load_description(directory)
     setup = Setup(description)
@@ -231,7 +233,7 @@ def evaluate_directory(directory: Path) -> RunResult:
 def _prepare(
     setup: Setup[Any], backend: str = PHYSICS, observers: Sequence[Observer] = ()
 ) -> tuple[MissionPlan[Any], SimulatedVehicle]:
-    """Plan the mission and build its vehicle; compiles both at once where that is needed."""
+    """Plan the mission and build its vehicle; compiles both in parallel if necessary."""
     description, mission = setup.description, setup.description.mission
     check_can_fly(description.robot, description.world.gravity_mps2)
     check_requirement_names(mission)
@@ -239,14 +241,14 @@ def _prepare(
     try:
         plan = plan_mission(description, setup)
         if warm_up is not None:
-            plan = plan_mission(description, setup)  # the first one compiled: its time says nothing
+            plan = plan_mission(description, setup)  # the first one compiled: its time is invalid
         if not plan.feasible:
             raise InfeasibleError(f"no plan: {plan.blocked_by}", str(plan.blocked_by))
         if warm_up is not None:
             warm_up.wait()
     except BaseException:
         if warm_up is not None:
-            warm_up.terminate()  # what it compiled so far is kept
+            warm_up.terminate()  # the part compiled so far is cached
         raise
     parts = [part for o in observers for part in getattr(o, "parts", ())]
     return plan, build_for_mission(description, setup, backend, parts)
@@ -271,7 +273,7 @@ def _fly(
     on_measurement: Callable[[Measurement], None] | None = None,
     operator: Operator | None = None,
 ) -> tuple[NDArray[Any], list[PhaseRecord], Flight, str]:
-    """Fly the mission, recording as it goes; returns samples, phases, flight and outcome.
+    """Fly the mission and record it; returns samples, phases, flight and outcome.
 
     Without a directory `partial` nothing is recorded.
     """
@@ -327,7 +329,7 @@ def _fly(
         with watch(vehicle.ticker, on_stuck, description.mission.step_limit_s):
             flight = supervisor.fly()
     except KeyboardInterrupt:
-        if writer is None:  # nothing is kept of this flight: who asked for it ends, too
+        if writer is None:  # nothing of this flight is stored, so the caller is interrupted
             raise
         outcome, flight = "interrupted", supervisor.conclude("interrupted by the user")
     except SimulationError as error:
@@ -347,7 +349,7 @@ def _fly(
     except InputError as error:
         outcome, flight = "interrupted", supervisor.conclude(str(error))
     samples = np.concatenate(blocks or [np.zeros(0, build_dtype(vehicle.recorded.columns))])
-    blocks.clear()  # what flew is a cycle of references: Python may free it many flights later
+    blocks.clear()  # the vehicle is in a reference cycle, which Python may free many flights later
     return samples, supervisor.phases, flight, outcome
 
 
@@ -370,7 +372,7 @@ def _evaluate(run: Flown[T, P], flight: Flight, outcome: str, directory: Path) -
             with blame(type(kind), "metrics"):
                 metrics.update(kind.metrics(run))
                 details, found = kind.result(run), kind.describe(run)
-    except Exception as error:  # e.g. no approach to calibrate on after an abort, or a defect
+    except Exception as error:  # e.g. no approach to calibrate on after an abort
         broken = f"evaluation: {_describe(error)}"
     metrics["plan.wall_s"] = plan.plan_s
     metrics["plan.min_clearance_m"] = plan.min_clearance_m

@@ -1,4 +1,4 @@
-"""A vehicle that a script flies: platform, arms, streams, and the rules that watch it."""
+"""A vehicle that a script flies: platform, arms, streams, and the rules that monitor it."""
 
 from __future__ import annotations
 
@@ -53,12 +53,12 @@ STREAMS: dict[str, Callable[[Any], Any]] = {
     "forces": lambda v: v.hands.forces, "deflections": lambda v: v.hands.deflections,
     "torques": lambda v: v.hands.torques,
 }  # fmt: skip
-"""What `Vehicle.subscribe` delivers, by name."""
+"""The streams of `Vehicle.subscribe`, by name."""
 RATE_MAX = 50.0  # Hz: a mission tick
 
 
 class Subscriber(NamedTuple):
-    """Someone who is told of a stream."""
+    """A subscription to a stream."""
 
     read: Callable[[Any], Any]
     tell: Callable[[float, Any], None]
@@ -66,16 +66,16 @@ class Subscriber(NamedTuple):
 
 
 class Vehicle(Uav):
-    """What `skywright.fly` returns: the commands of `Uav`, which wait, arms, probe and streams."""
+    """The vehicle of `skywright.fly`: the blocking commands of `Uav`, arms, probe and streams."""
 
     def __init__(
         self, backend: Backend, supervisor: Supervisor[Any] | None, arrival: Arrival | None,
         checklist: Checklist | None,
     ) -> None:  # fmt: skip
-        """`supervisor` watches the rules; None: a recording is played."""
+        """`supervisor` evaluates the rules; None if a recording is played."""
         self._supervisor, self._piloted = supervisor, False
         if supervisor is not None:
-            supervisor.pilot.follows = False  # this class does
+            supervisor.pilot.follows = False  # this class reads the switch
         self._subscribers: list[Subscriber] = []
         self.after_tick: list[Callable[[], None]] = []
         """Called after every mission tick."""
@@ -83,7 +83,7 @@ class Vehicle(Uav):
         """Called by `close`."""
         self._ticks = 0
         self.acted: list[str] = []
-        """What rules that acted said: each ended the flight with its response."""
+        """Reasons of the rules that acted: each ended the flight with its response."""
         fence = None if supervisor is None else supervisor.mission.fence
         super().__init__(
             backend, arrival=arrival, checklist=checklist, fence=fence, tick=self._fly_tick,
@@ -95,16 +95,16 @@ class Vehicle(Uav):
             supervisor.vehicle.on_samples = self._blocks.append  # type: ignore[attr-defined]
 
     def fly_plan(self, file: str | os.PathLike[str]) -> Result:
-        """Fly a plan file from where the robot hovers: see run/dispatch.py; returns how it ended.
+        """Fly a plan file from the present hover position (run/dispatch.py); returns the result.
 
-        Raises InputError on a file that is no plan, or one for another robot.
+        Raises InputError if the file is not a plan, or is a plan for another robot.
         """
         from skywright.run.dispatch import dispatch_plan
 
         return dispatch_plan(self, file)
 
     def close(self) -> None:
-        """Close all connections of the vehicle, also that to a real vehicle.
+        """Close all connections of the vehicle, including that to a real vehicle.
 
         A `with` block calls it.
         """
@@ -127,17 +127,17 @@ class Vehicle(Uav):
 
     @property
     def pose(self) -> Pose:
-        """Pose of the platform in W as estimated."""
+        """Estimated pose of the platform in W."""
         return self.odometry.pose
 
     @property
     def odometry(self) -> Odometry:
-        """Pose and speeds of the platform as estimated."""
+        """Estimated pose and velocity of the platform."""
         return read_odometry(self.backend)
 
     @property
     def reference(self) -> Odometry:
-        """Commanded pose and speeds of the platform."""
+        """Commanded pose and velocity of the platform."""
         return read_reference(self.backend)
 
     @property
@@ -167,7 +167,7 @@ class Vehicle(Uav):
 
     @property
     def samples(self) -> NDArray[Any]:
-        """Everything recorded so far, (n,): the columns of a recording, 100 Hz."""
+        """All samples recorded so far, (n,): the columns of a recording, 100 Hz."""
         if self._supervisor is None:
             raise InputError("a recording is read by skywright.open_run")
         vehicle: Any = self.backend
@@ -191,9 +191,9 @@ class Vehicle(Uav):
         self._subscribers.append(Subscriber(STREAMS[stream], tell, every))
 
     def subscribe_samples(self, tell: Callable[[str, NDArray[Any]], None]) -> None:
-        """Call `tell(topic, rows)` with every sample of sensors at their own rates.
+        """Call `tell(topic, rows)` with every sensor sample at the sensor's own rate.
 
-        Deflections of compliant arms come at 200 Hz; rows of one topic hold about a second.
+        Deflections of compliant arms arrive at 200 Hz; the rows of one call cover about a second.
         """
         if self._supervisor is None:
             raise InputError("a recording is read by skywright.open_run")
@@ -225,7 +225,7 @@ class Vehicle(Uav):
         return ticked
 
     def _follow_switch(self) -> None:
-        """See what a pilot's switch on the vehicle itself says: it always wins."""
+        """Read the pilot's switch on the vehicle itself, which has priority."""
         b = self.backend
         if b.stopped and self._state != State.LANDED_DISARMED:
             self.end(b.stopped)
@@ -238,7 +238,7 @@ class Vehicle(Uav):
                 self.recover_from_manual(wait=False)
 
     def _answer(self, s: Supervisor[Any], acted: RuleActed) -> Ticked:
-        """Fly what the rules say; the vehicle is down afterwards, and its commands have failed."""
+        """Fly the response of the rules; the vehicle is then down, and its commands have failed."""
         s.respond(acted)
         self.acted += [a.says for a in s.faults.acted[len(self.acted) :]]
         s.faults.rank = -1
@@ -252,7 +252,7 @@ class Vehicle(Uav):
         if s is None or state is None or state == before:
             return
         if state == State.TAKING_OFF:
-            s.trail.crumbs.clear()  # a way back ends over the start
+            s.trail.crumbs.clear()  # the return path ends over the start
         if state in (State.LANDED_ARMED, State.TAKING_OFF):
             s.faults.begin(airborne=False)
         elif state in (State.FLYING_AUTO, State.FLYING_MANUAL):
@@ -265,7 +265,7 @@ def open_vehicle(
     description: Description[Any], backend: str, arrival: Arrival | None, checklist: bool,
     parts: Sequence[Component] = (),
 ) -> Vehicle:  # fmt: skip
-    """Build a vehicle and wait until it knows where it is; see `skywright.fly`."""
+    """Build a vehicle and wait until its position is estimated; see `skywright.fly`."""
     setup = Setup(description)
     vehicle = build_vehicle(description, setup=setup, backend=backend, parts=parts)
     plan: MissionPlan[Any] = MissionPlan(True, None, 0.0, 0.0, 0.0, 0.0, {})
@@ -282,7 +282,7 @@ def open_vehicle(
 
 
 def open_recording(directory: Path) -> Vehicle:
-    """Play a run through the interface of a vehicle; raises InputError where there is none."""
+    """Play a run through the interface of a vehicle; raises InputError if there is no run."""
     run = load_run(directory)
     phases = [Phase(p.name, p.start_s, p.end_s) for p in run.phases]
     recorded = RecordedVehicle(Setup(load_description(directory)), run.samples, phases)

@@ -1,4 +1,4 @@
-"""What a mission is planned, flown and evaluated with, built once and shared by all three."""
+"""The models for planning, flight and evaluation of a mission, built once and shared."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ Array = NDArray[np.float64]
 
 
 class Setup(Nominal, Generic[T]):
-    """A description and what is computed from it; each thing is built when it is first asked for.
+    """A description and the quantities computed from it; each is built on first use.
 
-    All is nominal, what controllers and planners believe, but `deviation` and what is called true.
+    All are nominal, as controllers and planners use them, except `deviation` and `true`.
     """
 
     def __init__(self, description: Description[T]) -> None:
@@ -37,32 +37,32 @@ class Setup(Nominal, Generic[T]):
 
     @property
     def task(self) -> T:
-        """What the mission's kind is asked to do."""
+        """The task of the mission's kind."""
         return self.description.mission.task
 
     @cached_property
     def true(self) -> Nominal:
-        """Robot and world as they truly are in their geometry: for judging, not for planners."""
+        """True geometry of robot and world: for evaluation, not for planners."""
         return Nominal(self.robot, self.description.true_world)
 
     @cached_property
     def scene(self) -> Scene:
-        """The nominal scene: what planners measure distances in."""
+        """The nominal scene, in which planners compute distances."""
         return build_scene(self.robot, self.world, nominal=self)
 
     @cached_property
     def clearance(self) -> ClearanceQuery:
-        """Distances in the nominal scene, the ground included."""
+        """Distances in the nominal scene, including the ground."""
         return build_clearance(self.scene, in_air=True, folded=posture(self.robot, "folded"))
 
     @cached_property
     def clearance_aloft(self) -> ClearanceQuery:
-        """Distances in the nominal scene, the ground left out."""
+        """Distances in the nominal scene, without the ground."""
         return build_clearance(self.scene, with_ground=False)
 
     @cached_property
     def planning_scene(self) -> PlanningScene:
-        """The nominal scene as planners of platform and joints search it."""
+        """The nominal scene for planners of platform and joints."""
         return build_planning_scene(self.scene, self.robot)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""What computed a result: a hash of the package's own files, and versions of what it stands on."""
+"""Versions of the code that computed a result: a hash of this package's files, and dependencies."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from importlib.metadata import version
 from pathlib import Path
 
 SHOWING = {"reports", "ground", "analysis", "evidence", "cli", "__main__.py"}
-"""Packages that show or use what a flight gives, and do not decide it."""
+"""Packages that display or use the results of a flight and do not affect them."""
 
 
 @cache
 def collect_code_versions(*also: str) -> dict[str, str]:
-    """Versions of what decides a flight; `code` is a hash of this package's own files.
+    """Return the versions of the code that affects a flight; `code` hashes this package's files.
 
-    `also` names files of the packages left out, from the package's folder, that count too.
+    `also` names files of the excluded packages, relative to the package's folder, to include.
     """
     digest, root = hashlib.sha256(), Path(__file__).parents[1]
     files = [p for p in root.rglob("*") if p.suffix in (".py", ".toml")]

@@ -1,4 +1,4 @@
-"""Files that a run or a campaign wrote and somebody may have changed: read by type."""
+"""Files that a run or a campaign wrote and a user may have edited: parsed by type."""
 
 from typing import Any, Self
 
@@ -6,17 +6,17 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from skywright.core.toml_files import describe_value
 
-SHOWN = 120  # characters of what was found, in a message
+SHOWN = 120  # characters of a found value, in a message
 
 
 class Stored(BaseModel):
-    """What a file holds; other keys are ignored."""
+    """Base class for the content of a file; unknown keys are ignored."""
 
     model_config = ConfigDict(strict=True, allow_inf_nan=False)
 
     @classmethod
     def read(cls, value: Any) -> Self:
-        """Return it from parsed JSON; raises ValueError that names the first wrong value."""
+        """Parse JSON data; raises ValueError that names the first invalid value."""
         try:
             return cls.model_validate(value)
         except ValidationError as error:

@@ -40,15 +40,15 @@ Table = NDArray[Any]
 
 SPIN_UP = 1.0  # s, motors off on the ground while the estimator settles
 START_MAX = 10.0  # s, on the ground without an estimate
-RELEASE = 3.0  # s, after the robot was let go in the air
+RELEASE = 3.0  # s, after the robot was released in the air
 
 
 class NoEstimate(Exception):
-    """The robot does not know where it is: it stays on the ground."""
+    """Raised if the position is not estimated: the robot stays on the ground."""
 
 
 class Supervisor(Generic[T]):
-    """Flies a mission's phases; `phases` grows while it does."""
+    """Flies a mission's phases and appends them to `phases`."""
 
     def __init__(
         self,
@@ -64,12 +64,12 @@ class Supervisor(Generic[T]):
         surroundings: Callable[[], ClearanceQuery] | None = None,
         on_acted: Callable[[Acted], None] | None = None,
     ) -> None:
-        """`ground_height` (m): of the platform's origin when it stands on its feet.
+        """`ground_height` (m): height of the platform's origin when the robot stands on the ground.
 
-        `on_measurement` is called with each contact measurement as soon as it is finished;
-        `operator` is there in person, beside what the plan has. `rules` say what is done where
-        something goes wrong (default: the built-in ones), `on_acted` is told when; `surroundings`
-        gives the nominal scene, for landings beside what stands there.
+        `on_measurement` is called with each contact measurement as soon as it is finished.
+        `operator` is a live operator, who replaces that of the plan. `rules` define the responses
+        to faults (default: the built-in ones); `on_acted` is called when one acts. `surroundings`
+        returns the nominal scene, for landings beside objects.
         """
         self.vehicle, self.mission, self._plan = vehicle, mission, plan
         self.kind, self.task, self.segments = load_kind(mission.kind), mission.task, plan.segments
@@ -78,14 +78,14 @@ class Supervisor(Generic[T]):
         self._on_phase, self._on_tick = on_phase, on_tick
         self._on_measurement = on_measurement
         self.measurements: list[Measurement] = []
-        self.watch: Callable[[], None] | None = None  # called each tick; may raise to stop a move
+        self.watch: Callable[[], None] | None = None  # called each tick; may raise to stop a motion
         self.operator = operator or plan.operator
-        self.sticks: list[tuple[float, Stick]] = []  # s since it took over, and what it did
-        self.stretches: list[float] = []  # s, when each piece of its work began
+        self.sticks: list[tuple[float, Stick]] = []  # s since it took over, and its input
+        self.stretches: list[float] = []  # s, start of each piece of its work
         self.checked: list[Checked] = []  # the pre-flight checks
         self.way: Any = plan.way
-        self.turns = False  # the rotors that are left do not hold the heading
-        self.R_hold: NDArray[np.float64] | None = None  # at which they hold the robot, heading 0
+        self.turns = False  # the remaining rotors do not hold the heading
+        self.R_hold: NDArray[np.float64] | None = None  # of hovering with lost rotors, heading 0
         self._open: tuple[str, float] | None = None
         self.senses, self.trail, self.surroundings = (
             Senses(vehicle, mission.fence, mission.noise_sigmas),
@@ -100,7 +100,7 @@ class Supervisor(Generic[T]):
         self.devices = vehicle.devices.grant(mission.kind, self.kind.devices)
 
     def fly(self) -> Flight:
-        """Run the whole mission; returns when the robot is down, after a fault as well."""
+        """Run the whole mission; returns when the robot is down, also after a fault."""
         try:
             return self.orders.judge(self._fly())
         except NoEstimate as error:
@@ -117,7 +117,7 @@ class Supervisor(Generic[T]):
             return self._answer(first)
 
     def _answer(self, first: RuleActed | GivenBack) -> Flight:
-        """Fly a response, as far as the vehicle follows."""
+        """Fly a response, as far as the vehicle is able to."""
         try:
             return self.conclude(self.respond(first))
         except VehicleEnded as ended:
@@ -125,7 +125,7 @@ class Supervisor(Generic[T]):
             return self.conclude(str(ended))
 
     def conclude(self, says: str = "") -> Flight:
-        """Return a flight that rules ended, or what `says` that it ended early."""
+        """Return a flight that rules ended, or that ended early for the reason `says`."""
         acted = tuple(self.faults.acted)
         reasons = [*(a.says for a in acted), *([says] if says else [])]
         return Flight(False, "; then ".join(reasons), acted)
@@ -133,8 +133,8 @@ class Supervisor(Generic[T]):
     def respond(self, acted: RuleActed | GivenBack) -> str:
         """Fly the response of the rule that acted, and of stronger ones that act meanwhile.
 
-        A mission that a pilot gave back where it does not go on comes home. Returns what is to be
-        said of pilots.
+        If a pilot gave back and the mission cannot continue, the robot comes home. Returns the
+        reason due to pilots, or "".
         """
         self.watch, says = None, ""
         response: Response | None = None
@@ -158,34 +158,34 @@ class Supervisor(Generic[T]):
     # --- the pilot ---------------------------------------------------------------------------
 
     def take_over(self) -> Result:
-        """Give the platform to a pilot from the next tick on; the arms stay.
+        """Give a pilot control of the platform from the next tick on; the arms keep their posture.
 
-        Accepted at any time while the motors turn; the result has the reason of a refusal.
+        Accepted at any time while the motors run; the result has the reason of a refusal.
         """
         return self.pilot.take_over()
 
     def give_back(self) -> Result:
-        """Take the platform back from the pilot: brake, and go on where that is possible.
+        """Return control of the platform to the mission: brake, and continue if possible.
 
-        Refused, with the reason, where tilt, speed or height do not allow it.
+        Refused, with the reason, if tilt, speed or height do not allow it.
         """
         return self.pilot.give_back()
 
     def choose_mode(self, mode: str) -> Result:
-        """Choose what the pilot's stick does: "position", "angle" or "attitude" (the default).
+        """Select the mode of the pilot's stick: "position", "angle" or "attitude" (the default).
 
-        Refused, with the reason, where the robot cannot fly the mode.
+        Refused, with the reason, if the robot cannot fly the mode.
         """
         return self.pilot.choose(Mode(mode))
 
     def move_stick(self, axes: list[float]) -> None:
-        """Take the pilot's stick: right, ahead, turn to the left, climb, each from -1 to 1."""
+        """Set the pilot's stick: right, ahead, turn to the left, climb, each from -1 to 1."""
         self.pilot.move(axes)
 
     def order(self, what: str) -> Result:
-        """Take an operator's order: "next", "retry" or "retract" (run/orders.py).
+        """Accept an operator's order: "next", "retry" or "retract" (run/orders.py).
 
-        Refused, with the reason, where it makes no sense.
+        Refused, with the reason, if it does not apply.
         """
         return self.orders.give(Order(what))
 
@@ -218,7 +218,7 @@ class Supervisor(Generic[T]):
             self.uav.take_off(self.mission.hover_height_m)
             self.until_arrived()
             self.wait(1.0)
-        self.trail.crumbs.clear()  # a way back ends over the start
+        self.trail.crumbs.clear()  # the return path ends over the start
         self.faults.begin(airborne=True)
         flight = self._fly_kind(way)
         if not kind.lands:
@@ -233,7 +233,7 @@ class Supervisor(Generic[T]):
         self.end("done")
         return flight
 
-    # --- what a kind of mission is written with --------------------------------------------------
+    # --- interface of kinds of missions ----------------------------------------------------------
 
     def follow(self, name: str, table: Table) -> None:
         """Fly the phase `name` along a table to its end."""
@@ -248,18 +248,18 @@ class Supervisor(Generic[T]):
             pass
 
     def wait(self, seconds: float) -> None:
-        """Tick for a time (s), in which no pilot flies."""
+        """Tick for a time (s) without pilot flight."""
         end = self.vehicle.t - self.pilot.away_s + seconds
         while self.vehicle.t - self.pilot.away_s < end - 1e-9:
             self.tick()
 
     def hold(self, seconds: float) -> None:
-        """Tick for a time (s), in which no pilot flies; the order `next` ends it early."""
+        """Tick for a time (s) without pilot flight; the order `next` ends it early."""
         for _ in self.orders.passes(seconds):
             pass
 
     def wait_for_estimate(self) -> None:
-        """Tick until the estimator knows a place; raises NoEstimate where it never does."""
+        """Tick until the estimator has a position; raises NoEstimate after START_MAX."""
         while not self.vehicle.localised:
             if self.vehicle.t > START_MAX:
                 raise NoEstimate(
@@ -269,7 +269,7 @@ class Supervisor(Generic[T]):
             self.wait(0.1)
 
     def check_before_flight(self) -> list[Checked]:
-        """Run the mission's checklist; where it says so the motors turn for the spin check."""
+        """Run the mission's checklist; if it includes the spin check, the motors run for it."""
         checklist, vehicle = self.mission.checklist, self.vehicle
         self.checked = run_checklist(checklist, vehicle, self.mission.fence)
         if checklist.spin and all(c.passed for c in self.checked):
@@ -281,10 +281,10 @@ class Supervisor(Generic[T]):
         return self.checked
 
     def tick(self, guards: int = 0) -> Any:
-        """Run one mission tick, and what a pilot who takes over flies after it.
+        """Run one mission tick, followed by the pilot's flight if a pilot takes over.
 
-        Raises RuleActed where a rule ends the mission, GivenBack where a pilot does, ContactEnded
-        where an operator's order ends a contact.
+        Raises RuleActed if a rule ends the mission, GivenBack if a pilot does, and ContactEnded if
+        an operator's order ends a contact.
         """
         ticked = self._tick(guards)
         if self.kind.flies:
@@ -299,7 +299,7 @@ class Supervisor(Generic[T]):
         return ticked
 
     def tick_by_hand(self) -> Ticked:
-        """Run one mission tick while a pilot flies: rules only tell."""
+        """Run one mission tick while a pilot flies: rules only report."""
         ticked = self._tick(0)
         self.trail.drop(self.senses)
         self.faults.tell(self.phase)
@@ -323,11 +323,11 @@ class Supervisor(Generic[T]):
 
     @property
     def phase(self) -> str:
-        """Name of the open phase, "" without one."""
+        """Name of the open phase, "" if there is none."""
         return self._open[0] if self._open else ""
 
     def report(self, measurement: Measurement) -> None:
-        """Keep a finished measurement and hand it on."""
+        """Store a finished measurement and pass it to `on_measurement`."""
         self.measurements.append(measurement)
         if self._on_measurement is not None:
             self._on_measurement(measurement)

@@ -1,4 +1,4 @@
-"""What a campaign answers: go or no-go, with what confidence, and what limits it."""
+"""The answer of a campaign: go or no-go, with its confidence, and the limiting factor."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from skywright.run.rows import (
 )
 
 LIMIT_USE = "limit use"
-"""Derived metric of a row: share of the way from the median to a limit, worst requirement."""
+"""Derived metric of a row: share of the way from the median to a limit; worst requirement."""
 
 GO, NO_GO, NOT_YET = "GO", "NO-GO", "NO-GO YET"
 
@@ -34,22 +34,22 @@ class Verdict(NamedTuple):
     """The answer of a campaign, from its rows."""
 
     answer: str
-    """GO: the interval lies above the target; NO-GO: below; NO-GO YET: it holds the target."""
+    """GO: the interval is above the target; NO-GO: below; NO-GO YET: it contains the target."""
     headline: str
     """One sentence with numbers and confidence."""
     limited_by: str
-    """One sentence that says what limits it."""
+    """One sentence that states the limiting factor."""
     runs: int
     succeeded: int
     rate: float
     interval: tuple[float, float]
     target: float
     more_runs: int
-    """Further runs after which GO would be shown at the present rate; 0 where that never is."""
+    """Further runs after which the answer is GO at the present rate; 0 if it never is."""
     flown: int
-    """Runs that took off; the others were refused before."""
+    """Runs that took off; the others were refused before take-off."""
     flown_interval: tuple[float, float]
-    """Of the success rate among those."""
+    """Interval of the success rate among those."""
     outcomes: dict[str, int]
     failures: list[FailureGroup]
     headroom: list[Headroom]
@@ -63,9 +63,9 @@ def build_verdict(
     target: float,
     measures: Measures = COMMON,
 ) -> Verdict:
-    """Judge the rows of a campaign; `target` is the success rate that an inspection needs.
+    """Evaluate the rows of a campaign; `target` is the success rate that an inspection requires.
 
-    `measures` say what the metrics mean. `rows` must not be empty.
+    `measures` define the metrics. `rows` must not be empty.
     """
     n, k = len(rows), sum(row.succeeded for row in rows)
     low, high = (float(x) for x in compute_interval(k, n))
@@ -102,9 +102,9 @@ def build_verdict(
 
 
 def add_limit_use(rows: Sequence[Row], headroom: Sequence[Headroom]) -> list[Row]:
-    """Add to each row how far it went from the median to its tightest limit (1: at the limit).
+    """Add to each row its distance from the median to its tightest limit (1: at the limit).
 
-    Requirements whose median lies on the limit are left out, and rows that were not completed.
+    Requirements whose median lies on the limit, and rows that were not completed, are excluded.
     """
     out = []
     for row in rows:
@@ -121,7 +121,7 @@ def add_limit_use(rows: Sequence[Row], headroom: Sequence[Headroom]) -> list[Row
 
 
 def _count_more_runs(succeeded: int, runs: int, target: float) -> int:
-    """Runs still needed until the interval's lower end reaches the target at the present rate."""
+    """Return the runs needed until the interval's lower end reaches the target at this rate."""
     rate = succeeded / runs
     if rate <= target:
         return 0
@@ -134,7 +134,7 @@ def _count_more_runs(succeeded: int, runs: int, target: float) -> int:
 
 
 def _in_words(name: str, measures: Measures) -> str:
-    """A metric's name and what it means."""
+    """Return a metric's name and its meaning."""
     return f"{name} ({measures[name][1]})" if name in measures else name
 
 
@@ -155,7 +155,7 @@ def _describe_limit(
             c, d = worst.whole
             text += f", at {worst.key} from {a:.3g} to {b:.3g} (varied from {c:.3g} to {d:.3g})"
         first = min(worst.runs)
-        if reasons[first]:  # no plan, given up, diverged: the word alone tells an inspector nothing
+        if reasons[first]:  # no plan, aborted, diverged: the word alone gives no reason
             text += f"; run {first}: {shorten(reasons[first], 200, placeholder=' ...')}"
         return text + "."
     open_ended = [h for h in headroom if math.isfinite(h.used) and h.measured and h.used > 0]

@@ -1,4 +1,4 @@
-"""Versions of what computed a run."""
+"""Versions of the software that computed a run."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 
 def collect_versions() -> dict[str, str]:
-    """Versions of what computed a run."""
+    """Return the versions of the software that computed a run."""
     out = {"python": platform.python_version()}
     for name in ("skywright", "mujoco", "numba", "numpy"):
         try:

@@ -1,7 +1,7 @@
-"""Compile the flight loop in a process of its own, beside the planner.
+"""Compile the flight loop in a separate process, in parallel with planning.
 
-The first run on a machine compiles planner and flight loop. Each takes about twenty seconds and
-one core, so a second process compiles the loop into numba's cache while the first one plans.
+The first run on a machine compiles planner and flight loop. Each takes about twenty seconds and one
+core, so a second process compiles the loop into numba's cache while the first one plans.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ if TYPE_CHECKING:
 
 
 def is_compiled() -> bool:
-    """Whether the compiled schedule of this source lies in numba's cache."""
+    """Whether numba's cache contains the compiled schedule of this source."""
     from skywright.vehicle.schedule import run_ticks
 
     return is_cached(run_ticks)
 
 
 def is_cached(function: Any) -> bool:
-    """Whether a function of numba is compiled, in memory or on disk."""
+    """Whether a numba function is compiled, in memory or on disk."""
     if function.signatures:
         return True
-    try:  # numba's own test: its version, and the stamp of the source
+    try:  # numba's own check: its version, and the time stamp of the source
         return bool(function._cache._cache_file._load_index())
-    except AttributeError:  # another version of numba: is there any file at all
+    except AttributeError:  # another version of numba: whether any file exists
         folder = Path(function.stats.cache_path or ".")
         return any(folder.glob(f"*.{function.__name__}-*.nbi"))
 
 
 def start_warm_up(description: Description[Any]) -> subprocess.Popen[bytes]:
-    """Start compiling what a mission flies with, in the background; wait for it before flying."""
+    """Start compiling the flight loop in the background; wait for the process before the flight."""
     process = subprocess.Popen(
         [sys.executable, "-m", "skywright.run.compile_loop"],
         stdin=subprocess.PIPE,

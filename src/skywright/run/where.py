@@ -1,4 +1,4 @@
-"""In which phases a metric is measured: what its limit applies to, in words and as samples."""
+"""The phases in which a metric is measured, to which its limit applies, as text and as samples."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ if TYPE_CHECKING:
 
 
 class Where(NamedTuple):
-    """The samples that a metric is measured in; metrics select theirs by it, and reports say it."""
+    """The samples in which a metric is measured; metrics select and reports state them."""
 
     phases: tuple[str, ...] = ()
-    """Names; one that ends in * stands for all that begin like it."""
+    """Names; a name that ends in * matches all phases that begin with it."""
     note: str = ""
-    """What is measured of them, or what is measured where no sample is: "end of the phase"."""
+    """The part of the phases, or what is measured if there are no samples: "end of the phase"."""
     others: bool = False
-    """Whether all phases but these are meant."""
+    """Whether all phases except these are selected."""
     planned: bool = False
-    """Whether phases that fly a segment of the plan belong to it as well."""
+    """Whether phases that fly a segment of the plan are selected as well."""
 
     def find(self, phases: Sequence[PhaseRecord], segments: Container[str] = ()) -> list[int]:
         """Return the indices of the phases; `segments` are the names of those that are planned."""
@@ -44,7 +44,7 @@ class Where(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Where, in words."""
+        """The phases in words."""
         names = ", ".join(p.replace("_", " ").replace("*", "…") for p in self.phases)
         one = len(self.phases) == 1 and names[-1:] != "…"
         kind = "all phases except" if self.others else "phase" if one else "phases"
@@ -75,13 +75,13 @@ COMMON_WHERE: Mapping[str, Where] = {
     "response.": Where(note="after a fault rule acted, while the rotors turn"),
     "position.final_error_m": Where(("hold*",), "the last one"),
 }
-"""Where the metrics of every kind are measured, by name or by how the name begins."""
+"""Where the metrics of every kind are measured, by name or by prefix of the name."""
 
 
 def find_where(name: str, own: Mapping[str, Where]) -> Where:
-    """Return where a metric is measured: by the longest key that its name begins with.
+    """Return where a metric is measured: by the longest key that is a prefix of its name.
 
-    `own` are those of its kind; they precede COMMON_WHERE. Nothing is said of an unknown name.
+    `own` are those of its kind; they precede COMMON_WHERE. An unknown name gives an empty Where.
     """
     known = {"": Where(), **COMMON_WHERE, **own}
     return known[max((k for k in known if name.startswith(k)), key=len)]

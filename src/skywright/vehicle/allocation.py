@@ -1,4 +1,4 @@
-"""From the law's command to what rotors and servos are told."""
+"""Converts the law's command to commands of rotors and servos."""
 
 from __future__ import annotations
 

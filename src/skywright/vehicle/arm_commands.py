@@ -13,7 +13,7 @@ from skywright.vehicle.commands import TABLE, Command, Entry, Need, State
 
 
 class ArmCommand(StrEnum):
-    """What may be asked of the arms."""
+    """The commands of the arms."""
 
     REST_POSE = "rest_pose"
     OPERATION_POSE = "operation_pose"

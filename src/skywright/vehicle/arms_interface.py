@@ -1,4 +1,4 @@
-"""What a mission may command of arms, over any back end that has some."""
+"""Commands of arms for missions, on any back end that offers arms."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ from skywright.vehicle.interface import Array, Backend, fill_tips
 from skywright.vehicle.rest_to_rest import ROW_PERIOD, duration, quintic
 
 LED_SPEED = 0.05
-"""m/s, at which a hand that exerts a force is led to another place."""
+"""m/s, speed at which a hand that exerts a force moves to another point."""
 
 
 class Arms:
     """The arms: joint angles, and for compliant arms (back ends that offer `hands`) the hands.
 
     Hands are "left" and "right"; points, velocities and forces are in W. A command holds the
-    platform and leaves the other hand's task alone; what a hand was told stays when the platform
-    is moved (`Uav`) afterwards.
+    platform and leaves the other hand's task unchanged. The task of a hand remains in effect when
+    the platform moves (`Uav`) afterwards.
     """
 
     def __init__(self, backend: Backend) -> None:
         self.backend = backend
 
     def move_to(self, q: Array, seconds: float = 0.0) -> float:
-        """Move all joints to q (n_joints,) rad, platform held; a passive joint's entry is free.
+        """Move all joints to q (n_joints,) rad with the platform held; passive joints are ignored.
 
-        It lasts at least `seconds` (s); returns for how long.
+        It takes at least `seconds` (s); returns the duration (s).
         """
         b = self.backend
         start = self._start()
@@ -63,7 +63,7 @@ class Arms:
         return n * ROW_PERIOD
 
     def hold_joints(self, hand: str) -> None:
-        """Hold an arm's joints at the angles that its links have now."""
+        """Hold an arm's joints at the present angles of its links."""
         row = self._start()
         (h, _), arm = self._hands({hand: np.zeros(3)})[0], self.backend.read(ArmModel)
         mine = slice(arm.first[h], arm.first[h] + arm.n)
@@ -73,10 +73,10 @@ class Arms:
     def hands_to(
         self, goals: dict[str, Array], speed: float | None = None, roll: float | None = None
     ) -> None:
-        """Lead hands on straight lines to `goals` (m, by hand) at `speed` (m/s): (23).
+        """Move hands on straight lines to `goals` (m, by hand) at `speed` (m/s): (23).
 
-        `roll` (rad, positive outwards) is the shoulder's roll to take (default: as the reference).
-        Raises InputError on names, numbers or a robot without hands.
+        `roll` (rad, positive outwards) is the roll of the shoulder (default: that of the
+        reference). Raises InputError on names, numbers or a robot without hands.
         """
         row = self._start()
         for h, goal in self._hands(goals):
@@ -87,10 +87,10 @@ class Arms:
         self.backend.track(row[None])
 
     def hands_to_marker(self, places: dict[str, Array], speed: float | None = None) -> None:
-        """Lead hands to `places` (m, by hand) in the frame of the marker that is seen: (23).
+        """Move hands to `places` (m, by hand) in the frame of the visible marker: (23).
 
-        The marker is measured by the robot's camera, or without one by motion capture; while it is
-        out of sight the hands stay (`Marker.age`, s, tells).
+        The robot's camera measures the marker, or motion capture if there is no camera; while the
+        marker is not visible the hands stay (`Marker.age`, s).
         """
         row = self._start()
         for h, place in self._hands(places):
@@ -99,12 +99,12 @@ class Arms:
         self.backend.track(row[None])
 
     def hands_velocity(self, velocities: dict[str, Array]) -> None:
-        """Move hands at `velocities` (m/s, by hand) until told otherwise: (24)."""
+        """Move hands at `velocities` (m/s, by hand) until the next command: (24)."""
         row = self._start()
         for h, v in self._hands(velocities):
             row["task"][h], row["v_WH"][h] = TASK_VELOCITY, v
             state = self.backend.read(HandState)
-            led = state.task_last[h] == TASK_VELOCITY  # for the recording: to where
+            led = state.task_last[h] == TASK_VELOCITY  # for the recording: the goal
             row["p_WH"][h] = (state.p_ref if led else self.backend.read(Hands).p_WH)[h]
         self.backend.track(row[None])
 
@@ -119,8 +119,8 @@ class Arms:
     ) -> None:
         """Exert `forces` (N, by hand) along their directions, reached over `ramp_s`: (25)-(28).
 
-        With `at` (m, by hand) the hand is led to that point as well, at no more than `speed` (m/s),
-        by (31) with `gamma`.
+        With `at` (m, by hand) the hand also moves to that point, at no more than `speed` (m/s), by
+        (31) with `gamma`.
         """
         end = self._start()
         for h, f in self._hands(forces):
@@ -141,7 +141,8 @@ class Arms:
     ) -> None:
         """Press the hands towards each other with `force` (N), around two points: (31), (32).
 
-        The points are led from where they are to `p_left` and `p_right` at no more than `speed`.
+        The points move from their present positions to `p_left` and `p_right` at no more than
+        `speed`.
         """
         end = self._start()
         for h, p in self._hands({"left": p_left, "right": p_right}):
@@ -151,9 +152,9 @@ class Arms:
         self._ramp(end, [0, 1], ramp_s, speed)
 
     def grip(self, forces: dict[str, float]) -> None:
-        """Close grippers with `forces` (N, by hand; negative: open them) until told otherwise.
+        """Close grippers with `forces` (N, by hand; negative: open them) until the next command.
 
-        Raises InputError on a hand that is no gripper, and on a force that it cannot exert.
+        Raises InputError for a hand that is not a gripper, and for a force that it cannot exert.
         """
         check_grippers(self.backend, forces)
         told = self.backend.actuators["grip"]
@@ -165,9 +166,9 @@ class Arms:
     def bar_to(
         self, p: Array, n: Array, width: float, speed: float = LED_SPEED, force: float = 0.0
     ) -> None:
-        """Lead a bar held at `width` (m) to centre p (m) and direction n: (29), (30) inverted.
+        """Move a bar held at `width` (m) to centre p (m) and direction n: (29), (30) inverted.
 
-        Where hooks do not hold it, hands press with `force` (N) on its ends: (31), (32).
+        If hooks do not hold it, hands press with `force` (N) on its ends: (31), (32).
         """
         left, right = compute_bar_hands(Bar(np.asarray(p), np.asarray(n)), width)
         if force > 0.0:
@@ -178,7 +179,7 @@ class Arms:
     def torques(self, hand: str, tau: Array, delta: Array | None = None) -> None:
         """Control the joints of an arm by (22): torque tau (4,) N m where `delta` is 0 (default).
 
-        Where `delta` is 1 the output link stays where the reference has it.
+        Where `delta` is 1 the output link holds the reference.
         """
         row = self._start()
         for h, values in self._hands({hand: tau}, 4):
@@ -189,13 +190,13 @@ class Arms:
         self.backend.track(row[None])
 
     def tare(self, on: bool = True) -> None:
-        """Call the estimated contact forces of now zero, as long as this is on."""
+        """Set the estimated contact forces to zero, while this is on."""
         row = np.array(self.backend.reference)
         row["t"], row["tare"] = 0.0, float(on)
         self.backend.track(row[None])
 
     def platform_shift(self, hand: str) -> Array:
-        """Return how far (3,) m, in W, the platform shall move for a good pose of the hand's arm.
+        """Return the displacement (3,) m, in W, of the platform for a good pose of the hand's arm.
 
         Zero while the arm is far enough from its singularity.
         """
@@ -204,7 +205,7 @@ class Arms:
         return state.shift_W[h] if state.singular[h] > 0.5 else np.zeros(3)
 
     def _start(self) -> Any:
-        """The present reference at rest, the joints where the servos lead them now."""
+        """Return the present reference at rest, with the joints as the servos are commanded."""
         b = self.backend
         row = np.array(b.reference)
         row["t"] = row["tare"] = 0.0
@@ -214,7 +215,7 @@ class Arms:
         return row
 
     def _hands(self, values: dict[str, Array], size: int = 3) -> list[tuple[int, Array]]:
-        """Return (hand, value) pairs; raises InputError on anything that is not one."""
+        """Return (hand, value) pairs; raises InputError for an invalid hand or value."""
         if "hands" not in self.backend.offers or not self.backend.read(ArmModel).chain:
             raise InputError(
                 "hand commands require compliant arms with the joints pitch, roll, yaw, elbow"
@@ -241,9 +242,10 @@ class Arms:
             )
 
     def _ramp(self, end: Any, hands: list[int], ramp_s: float, speed: float) -> None:
-        """Track `end`: its forces grow or fall over `ramp_s`, its points are led at `speed`.
+        """Track `end`: its forces ramp over `ramp_s`, its points move at `speed`.
 
-        Both start from what is asked for now, without a force from the hand where it is.
+        Both start from the present command; without one, the hand starts at its position without
+        force.
         """
         start, here = self.backend.reference, self.backend.read(Hands).p_WH
         size = {h: float(np.linalg.norm(end["f_WH"][h])) for h in hands}
@@ -270,7 +272,7 @@ class Arms:
 
 
 def check_grippers(b: Backend, names: Iterable[str]) -> None:
-    """Raise InputError for a hand that is no gripper."""
+    """Raise InputError for a hand that is not a gripper."""
     valid = list_grippers(b.robot)
     for name in names:
         if name not in valid:
@@ -278,7 +280,7 @@ def check_grippers(b: Backend, names: Iterable[str]) -> None:
 
 
 def find_led_joints(b: Backend) -> Array:
-    """Return where the servos lead the joints now, in the layout of a row's `q`."""
+    """Return the commanded joint angles of the servos, in the layout of a row's `q`."""
     row = b.reference
     q = np.array(row["q"])
     if "hands" in b.offers:

@@ -38,7 +38,7 @@ Key = tuple[type[Record], str]
 
 
 class Carried(NamedTuple):
-    """What a link carries: a record's address at the end that fills it, and at the other."""
+    """A record that a link transmits: its address at the end that fills it, and at the other."""
 
     record: type[Record]
     source: int
@@ -107,7 +107,7 @@ class Assembly:
     # --- ports -----------------------------------------------------------------------------------
 
     def resolve(self, step: Step, port: Port) -> Key | None:
-        """Return the key of the record that a port leads to; None for an absent optional one."""
+        """Return the key of the record of a port; None for an absent optional one."""
         record, component = port.record, step.component
         if record is _me(component):
             return record, component.name
@@ -145,7 +145,7 @@ class Assembly:
         return issubclass(record, Output) and any(s.slot == "sense" for s in fillers)
 
     def _check_ports(self, steps: list[Step]) -> None:
-        """Refuse ports that nothing fills, and the plant's records on the robot's side."""
+        """Refuse ports that no component fills, and the plant's records on the robot's side."""
         for step in steps:
             for port in step.ports:
                 record = port.record
@@ -223,11 +223,11 @@ class Assembly:
         return self.records[record, name][0]
 
     def address(self, record: type[Record], name: str = "") -> int:
-        """Return the address of a record; raises KeyError where nothing fills it."""
+        """Return the address of a record; raises KeyError if no component fills it."""
         return int(self.records[record, name].ctypes.data)
 
     def _list_carried(self, component: Component) -> list[Carried]:
-        """Return what a link carries, both ways."""
+        """Return the records that a link transmits, in both directions."""
         if component.group != "link":
             return []
         out = []
@@ -355,7 +355,7 @@ class Assembly:
     # --- save and restore ------------------------------------------------------------------------
 
     def save(self) -> State:
-        """Return all records, and what the random streams will give; blocks are never changed."""
+        """Return all records, and the state of the random streams; blocks are never changed."""
         states = [g.bit_generator.state for g in self._generators]
         return State(self.arena.copy(), list(self._drawn), states)
 
@@ -391,7 +391,7 @@ def _is_repeated(component: Component, assembly: Assembly) -> bool:
 
 
 def _shorten(error: Exception) -> str:
-    """The lines of numba's message that tell what is wrong and where."""
+    """Return the lines of numba's message that state the error and its location."""
     if isinstance(error, KeyError):
         return f"a record has no field {error}"
     text = re.sub(r"\x1b\[\d*m", "", str(error))  # numba writes in colour

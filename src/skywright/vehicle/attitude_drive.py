@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 
 def check_attitude(R_WB: ArrayLike) -> Array:
-    """Return a rotation (3, 3); raises InputError on what is none."""
+    """Return a rotation (3, 3); raises InputError for any other matrix."""
     R = np.asarray(R_WB, dtype=float)
     if R.shape != (3, 3) or not np.all(np.isfinite(R)):
         raise InputError(f"R_WB has the shape {R.shape}; valid: (3, 3) finite numbers")
@@ -49,11 +49,11 @@ class AttitudeDrive(Drive):
 
     @property
     def has_touched_down(self) -> bool:
-        """Likewise; or the robot flew, is asked for less than its weight, and stands."""
+        """Likewise; or the robot flew, is commanded less thrust than its weight, and is at rest."""
         return (self._flew and self._stands >= DOWN_S - 1e-9) or super().has_touched_down
 
     def lead(self) -> Array:
-        """As told, or towards rest."""
+        """As commanded, or towards rest."""
         if self.is_stale:
             self._stands = 0.0
             return self._towards(np.zeros(3))
@@ -66,5 +66,5 @@ class AttitudeDrive(Drive):
         return np.asarray(a)
 
     def tilt(self, yaw: float) -> Array:
-        """As told, or level."""
+        """As commanded, or level."""
         return super().tilt(yaw) if self.is_stale else self._R

@@ -18,13 +18,13 @@ from skywright.vehicle.readings import Shafts
 
 
 class JointAngles(Component):
-    """Takes the joints' angles and rates from their encoders (arms without springs)."""
+    """Copies the joint angles and rates from the encoders (arms without springs)."""
 
     slot = "body"
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Arms with springs have an estimate of their own."""
+        """Arms with springs have their own estimate."""
         if not is_compliant(context.robot):
             yield cls("joints")
 
@@ -35,7 +35,7 @@ class JointAngles(Component):
 
 
 class NominalBody(Component):
-    """Fills the link tree and the composite body that controllers believe in."""
+    """Fills the link tree and the composite body of the nominal model."""
 
     slot = "body"
 
@@ -45,7 +45,7 @@ class NominalBody(Component):
         yield cls("body")
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Copy the nominal model; at first no tick has told the attitude."""
+        """Copy the nominal model; the attitude is identity until the first tick."""
         fill(context.records[BodyModel, ""][0], context.model)
         body, est = context.records[Body, ""][0], context.records[Estimate, ""][0]
         body["mass"], body["gravity"] = context.mass, context.world.gravity_mps2

@@ -1,7 +1,7 @@
 """The bus: the few records that most components of a vehicle read or write.
 
 Units are SI and radians. Frames: W world (ENU), B body (FLU), T tip (z along the probe, out of the
-robot), S surface (z = outward normal). All else that components exchange is an `Output` of the
+robot), S surface (z = outward normal). All other data between components are an `Output` of the
 component that fills it.
 """
 
@@ -21,14 +21,14 @@ class Clock(Record):
     tick: int  # control ticks since the start
     dt: float  # s, control period
     h: float  # s, physics step
-    block: int  # control ticks since random numbers were drawn: a row of every block
+    block: int  # control ticks since random numbers were drawn: row of the blocks
     fast: int  # the same in physics steps
     mask: int  # guards that end a mission tick
-    fired: int  # guards that did
+    fired: int  # guards that fired
     stop: int  # 1: end the tick at once, before commands reach the plant
-    running: int  # row of the schedule that runs now
+    running: int  # row of the schedule in execution
     failed: int  # row that raised
-    error: int  # address of what it raised, 0: none
+    error: int  # address of its exception, 0: none
     phase: int  # index into the run's phases
 
 
@@ -58,7 +58,7 @@ class MuJoCo(Record):
 
 
 class Truth(Record):
-    """State of the plant; only components of the plant's side may ask for it."""
+    """State of the plant; only components of the plant's side may read it."""
 
     p_WB: Vec3
     R_WB: Mat3
@@ -68,13 +68,13 @@ class Truth(Record):
     R_WT: Mat3
     f_contact: Vec3  # N, force of the surface on the tip, in W
     f_collision: float  # N, largest unintended contact force since the last sample
-    off_s: float  # s, for which the tip has been without force, largest since the last sample
+    off_s: float  # s, longest time of the tip without force since the last sample
 
 
 class Reference(Record):
-    """What the platform and a rigid arm shall do now; blocks of other components come beside.
+    """Present reference of the platform and a rigid arm; blocks of other components extend it.
 
-    `rules` say how a field is interpolated between the rows of a plan (vehicle/follower.py).
+    `rules` define how a field is interpolated between the rows of a plan (vehicle/follower.py).
     """
 
     rules: ClassVar[dict[str, int]] = {
@@ -102,7 +102,7 @@ class Reference(Record):
 
 
 class Estimate(Record):
-    """What a law may see of the world."""
+    """The state of robot and environment that a law may read."""
 
     t: float
     p_WB: Vec3
@@ -115,61 +115,61 @@ class Estimate(Record):
     v_WT: Vec3
     R_WT: Mat3
     f_ext_W: Vec3  # N, estimated external force (wind, contact, error of the model)
-    f_tip: float  # N, of the tip on what it touches, along the probe
+    f_tip: float  # N, of the tip on the surface, along the probe
 
 
 class WrenchCommand(Record):
-    """What the platform's law commands."""
+    """Command of the platform's law."""
 
-    f_B: Vec3  # N, force that the rotors shall make, at the origin of B
+    f_B: Vec3  # N, force that the rotors must produce, at the origin of B
     t_B: Vec3  # N m
     qd: Annotated[Array, MAX_JOINTS]  # rad/s, joint speeds (output side) of velocity servos
     torque: Annotated[Array, MAX_JOINTS]  # N m, at the joints, of torque servos
 
 
 class ThrustCommand(Record):
-    """What a law that chooses the rotors' thrusts itself commands, beside the wrench they are for.
+    """Command of a law that determines the rotor thrusts itself, in addition to their wrench.
 
-    The allocation takes them in place of its own, within the rotors' limits.
+    The allocation uses them instead of its own, within the rotors' limits.
     """
 
     thrust: Annotated[Array, MAX_ROTORS]  # N
-    given: float  # 1: hold now; 0: allocate the wrench
-    limits: float  # 0: none binds, 1: some do, 2: joint limits had to give way, 3: no solution
+    given: float  # 1: use thrust; 0: allocate the wrench
+    limits: float  # 0: inactive, 1: active, 2: joint limits relaxed, 3: no solution
 
 
 class ShaftCommand(Record):
-    """What the law of arms with position servos commands."""
+    """Command of the law of arms with position servos."""
 
     theta: Annotated[Array, MAX_JOINTS]  # rad, shaft angles
 
 
 class Allocated(Record):
-    """What the allocation made of the command of the last control tick."""
+    """Result of the allocation at the last control tick."""
 
-    f_B_alloc: Vec3  # N, what the allocated rotors can really make
+    f_B_alloc: Vec3  # N, force of the allocated thrusts
     t_B_alloc: Vec3  # N m
-    saturated: float  # 1: something had to be given up
+    saturated: float  # 1: the command was reduced
 
 
 class Drive(Record):
-    """What the robot's side tells the plant: it goes down a link."""
+    """A command from the robot's side to the plant: a link transmits it."""
 
 
 class RotorDrive(Drive):
-    """Rotor speeds as the robot is told."""
+    """Commanded rotor speeds."""
 
     speed: Annotated[Array, MAX_ROTORS]  # rad/s
 
 
 class ServoDrive(Drive):
-    """What the servos are told: speeds of motors (rad/s), their torques (N m), or angles (rad)."""
+    """Commanded speeds (rad/s), torques (N m) or angles (rad) of the servos."""
 
     motor: Annotated[Array, MAX_JOINTS]
 
 
 class Setpoint(Drive):
-    """What a mission sets of an actuator, by the names of its columns (vehicle/setpoints.py).
+    """Values of an actuator that a mission sets, by column name (vehicle/setpoints.py).
 
-    A record of the component that acts on it; a value holds until another one is set.
+    A record of the component that applies it; a value holds until the next one.
     """

@@ -1,4 +1,4 @@
-"""What carries commands out: the state of a vehicle, one motion at a time, refusals, ticks."""
+"""Execution of commands: the state of a vehicle, one motion at a time, refusals, ticks."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ SETTLE_S = 1.0  # s, on the ground while the estimator settles
 
 
 class Commanded:
-    """A vehicle with a state that carries out one motion at a time."""
+    """A vehicle with a state, which executes one motion at a time."""
 
     def __init__(
         self,
@@ -54,9 +54,9 @@ class Commanded:
     ) -> None:
         """`arrival`: see Arrival (default: 5 cm for 1 s).
 
-        `checklist` is passed before the motors turn (default: nothing is checked), goals lie within
-        the `fence` (default: none). `tick` flies a mission tick (default: that of the back end);
-        `waits` says whether commands do so where they are not told.
+        `checklist` must pass before the motors start (default: no checks), and goals must lie
+        within the `fence` (default: none). `tick` flies a mission tick (default: that of the back
+        end). `waits` is the default of `wait` in commands.
         """
         self.backend, self.checklist, self.fence = backend, checklist, fence
         self._fly = Motions(backend, arrival or Arrival(), checklist)
@@ -71,21 +71,21 @@ class Commanded:
         if self.is_turning:
             self.mode = ControlMode.EXTERNAL
 
-    # --- what it is --------------------------------------------------------------------------
+    # --- state -------------------------------------------------------------------------------
 
     @property
     def state(self) -> State:
-        """The state now."""
+        """The present state."""
         return self._state
 
     @property
     def home(self) -> Array | None:
-        """Home (3,) m in W: the place of the first take-off, or that of `set_home`."""
+        """Home (3,) m in W: the position of the first take-off, or that of `set_home`."""
         return self._fly.home
 
     @property
     def checked(self) -> list[Checked]:
-        """What the last pre-flight checks found."""
+        """Results of the last pre-flight checks."""
         return self._fly.checked
 
     @property
@@ -94,7 +94,7 @@ class Commanded:
         return bool(self.backend.reference_now["active"] > 0.5)
 
     def _find_state(self) -> State:
-        """Return the state of a vehicle that is taken over as it is."""
+        """Return the state of a vehicle from its motors, position and estimate."""
         if isinstance(self.backend, RecordedVehicle):
             return self.backend.state
         if not self.is_turning:
@@ -125,13 +125,13 @@ class Commanded:
             self.tick()
 
     def end(self, reason: str) -> None:
-        """Note that something else has flown the vehicle, to what it is now."""
+        """End the present motion, and update state and mode after another controller has flown."""
         self._interrupt(reason)
         self._enter(self._find_state())
         self.mode = ControlMode.EXTERNAL if self.is_turning else ControlMode.OFF
 
     def _look(self) -> None:
-        """Advance the motion, and see what a tick has changed."""
+        """Advance the motion, and update the state after a tick."""
         if isinstance(self.backend, RecordedVehicle):
             self._enter(self.backend.state)
             return
@@ -145,26 +145,26 @@ class Commanded:
             self._advance()
 
     def _advance(self) -> None:
-        """Let the motion under way prepare the next tick."""
+        """Let the present motion prepare the next tick."""
         assert self._motion is not None
         try:
             next(self._motion)
         except StopIteration as stop:
             self._finish(stop.value)
-        except InputError as error:  # the motion ends; what flies goes on
+        except InputError as error:  # the motion ends; the flight continues
             self._finish(Result(False, str(error), self.backend.t))
         except Exception as error:
             self._interrupt(f"the motion failed: {error}")
             raise
 
-    # --- how commands are given --------------------------------------------------------------
+    # --- execution of commands ----------------------------------------------------------------
 
     def find_refusal(
         self, command: Command | ArmCommand, goal: Array | None = None, hand: int = 0
     ) -> str:
-        """Return why a command would be refused now, "" where it is accepted.
+        """Return why a command would be refused now, "" if it would be accepted.
 
-        `goal` (3,) m is where it leads.
+        `goal` (3,) m is its goal.
         """
         says = self.backend.refuses
         if says:
@@ -182,7 +182,7 @@ class Commanded:
         return ""
 
     def _check(self) -> str:
-        """Run the checklist where the motors are off; returns what failed."""
+        """Run the checklist if the motors are off; returns the failed checks."""
         if self.checklist is None or self._state != State.LANDED_DISARMED:
             return ""
         self._fly.checked = run_checklist(self.checklist, self.backend, self.fence)
@@ -193,7 +193,7 @@ class Commanded:
         return self._ended(command, Result(False, says, self.backend.t))
 
     def refuse(self, command: Command | ArmCommand, says: str) -> Handle:
-        """Return the handle of a command that is not carried out, with the reason."""
+        """Return the handle of a refused command, with the reason."""
         return self._ended(command, Result(False, f"{command} refused: {says}", self.backend.t))
 
     def _ended(self, command: Command | ArmCommand, result: Result) -> Handle:
@@ -204,7 +204,7 @@ class Commanded:
     def _do(
         self, command: Command | ArmCommand, what: Callable[[], None], goal: Array | None = None
     ) -> Handle:
-        """Carry out a command that ends at once, unless it is refused."""
+        """Execute a command that ends at once, unless it is refused."""
         says = self.find_refusal(command, goal)
         if says:
             return self._ended(command, Result(False, says, self.backend.t))
@@ -221,7 +221,7 @@ class Commanded:
         wait: bool | None,
         goal: Array | None = None,
     ) -> Handle:
-        """Begin a motion, unless it is refused."""
+        """Start a motion, unless it is refused."""
         says = self.find_refusal(command, goal)
         if says:
             return self._ended(command, Result(False, says, self.backend.t))
@@ -243,7 +243,7 @@ class Commanded:
         self._motion, self._handle, self._drive = None, None, None
 
     def _finish(self, result: Result) -> None:
-        """End the motion under way; the reference is held."""
+        """End the present motion; the platform holds its reference."""
         self._motion, self._drive = None, None
         handle, self._handle = self._handle, None
         if handle is None:
@@ -259,7 +259,7 @@ class Commanded:
         handle.end(result._replace(t_s=self.backend.t))
 
     def _take(self, cls: type[Any], mode: ControlMode) -> Any:
-        """Return the drive of a stream, begun if it is not under way."""
+        """Return the drive of a stream, created if it is not active."""
         if not isinstance(self._drive, cls):
             before, self._drive = self._drive, cls(self.backend)
             if before is not None:

@@ -1,7 +1,7 @@
-"""The arms of a vehicle: commands with a handle, refusals with a reason, streams that age.
+"""The arms of a vehicle: commands with a handle, refusals with a reason, streams that expire.
 
-`CommandedArms` goes beside `Uav` and shares its motion: a command of the arms brakes and holds the
-platform, and a command of the platform leaves the hands' tasks as they are.
+`CommandedArms` complements `Uav` and shares its motion: a command of the arms brakes and holds the
+platform, and a command of the platform leaves the hands' tasks unchanged.
 """
 
 from __future__ import annotations
@@ -29,52 +29,53 @@ Array = NDArray[np.float64]
 Points = Mapping[str, ArrayLike]
 
 NEAR_M, DWELL_S, PATIENCE_S = 0.02, 0.3, 8.0
-"""A hand has arrived within so much for so long; it fails so long after the end of its motion."""
-FELT, GRIPPED = 0.8, 0.6  # share of a push that has to be felt; of a grasp, which friction hides
+"""Distance (m) and dwell (s) of an arrival of a hand; a motion fails PATIENCE_S after its planned
+end."""
+FELT, GRIPPED = 0.8, 0.6  # share of a push that must be measured; of a grasp (friction)
 LOOSE_N, LOOSEN_S = 0.1, 2.0  # N of a grasp before the hands part, and s until then
 APART_M = 0.1
 STILL_M, EMPTY_M = 2e-5, 1e-3
-"""Fingers that move less in a tick stand, slow ones that move less than half of what their motor
-would; grippers that are this near to an end are there."""
+"""Fingers that move less than STILL_M in a tick are at rest; slow ones below half the speed of
+their motor. Grippers within EMPTY_M of an end are at that end."""
 
 
 class PositionSensor:
-    """The platform's place by a hand that rests on something that stands still."""
+    """Measures the platform's position by a hand that rests on a fixed object."""
 
     def __init__(self, uav: Uav, hand: int) -> None:
         self._backend, self._hand = uav.backend, hand
         self._anchor = np.array(uav.backend.look(Hands).p_WH[hand])
 
     def read(self) -> Array:
-        """Return p_WB (3,) m, as angles of the arm and the attitude of now tell it."""
+        """Return p_WB (3,) m from the present arm angles and attitude."""
         b = self._backend
         p_BH = np.array(b.look(Hands).p_BH[self._hand])
         return np.asarray(self._anchor - np.array(b.estimate["R_WB"]) @ p_BH)
 
 
 class CommandedArms:
-    """What may be commanded of the arms of a vehicle; see ARM_TABLE."""
+    """Commands of the arms of a vehicle; see ARM_TABLE."""
 
     def __init__(self, uav: Uav) -> None:
         self._uav, self.plain = uav, Arms(uav.backend)
-        """`plain` gives the same tasks at once, as missions do: without state and handle."""
+        """`plain` executes the same tasks at once, as missions do: without state and handle."""
 
     # --- joints ------------------------------------------------------------------------------
 
     def rest_pose(self, *, wait: bool | None = None) -> Handle:
-        """Fold the arms as for take-off and landing; `land` does it by itself."""
+        """Fold the arms as for take-off and landing; `land` also does so."""
         return self._pose(ArmCommand.REST_POSE, "folded", wait)
 
     def operation_pose(self, *, wait: bool | None = None) -> Handle:
-        """Bring the arms to the robot's working posture."""
+        """Move the arms to the robot's working posture."""
         return self._pose(ArmCommand.OPERATION_POSE, "working", wait)
 
     def move_to(
         self, q: ArrayLike, seconds: float | None = None, *, wait: bool | None = None
     ) -> Handle:
-        """Move all joints to q (n_joints,) rad; a passive joint's entry is free.
+        """Move all joints to q (n_joints,) rad; a passive joint's entry is ignored.
 
-        `seconds` is the play time; one that is shorter than the servos can is lengthened.
+        `seconds` is the duration; it is extended if the servos are slower.
         """
         goal = check_vector("q", q, self._uav.backend.n_joints)
         says = self._uav.find_beyond(goal)
@@ -84,17 +85,18 @@ class CommandedArms:
         return self._start(ArmCommand.MOVE_TO, lambda: self._move(goal, play), wait)
 
     def torques(self, hand: str, tau: ArrayLike, delta: ArrayLike | None = None) -> Handle:
-        """Let the joints of an arm carry torques tau (4,) N m; where `delta` is 1 a joint stays."""
+        """Control the joint torques tau (4,) N m of an arm; a joint with `delta` 1 holds its
+        angle."""
         held = None if delta is None else check_vector("delta", delta, 4)
         wanted = check_vector("tau", tau, 4)
         return self._do(ArmCommand.TORQUES, lambda: self.plain.torques(hand, wanted, held))
 
     def torque_off(self, hand: str) -> Handle:
-        """Let an arm give way: its springs carry no torque, the servos follow its output links."""
+        """Make an arm compliant: zero spring torque, the servos follow the output links."""
         return self._do(ArmCommand.TORQUE_OFF, lambda: self.plain.torques(hand, np.zeros(4)))
 
     def torque_on(self, hand: str) -> Handle:
-        """Hold an arm's joints where they are."""
+        """Hold an arm's joints at their present angles."""
 
         def hold() -> None:
             self.plain.hold_joints(hand)
@@ -107,7 +109,7 @@ class CommandedArms:
         self, goals: Points, speed: float | None = None, roll: float | None = None,
         *, wait: bool | None = None,
     ) -> Handle:  # fmt: skip
-        """Lead hands to points (3,) m in W, by hand, at `speed` (m/s); see `Arms.hands_to`."""
+        """Move hands to points (3,) m in W, by hand, at `speed` (m/s); see `Arms.hands_to`."""
         points, v = self._check(goals), _check_speed(speed)
         turn = None if roll is None else check_number("roll", roll)
 
@@ -118,7 +120,7 @@ class CommandedArms:
         return self._start(ArmCommand.HANDS_TO, fly, wait)
 
     def hands_to_marker(self, places: Points, speed: float | None = None) -> Handle:
-        """Lead hands to places (3,) m in the frame of the marker that is seen; it goes on."""
+        """Move hands to points (3,) m in the frame of the visible marker, continuously."""
         points, v = self._check(places), _check_speed(speed)
         return self._do(ArmCommand.HANDS_TO_MARKER, lambda: self.plain.hands_to_marker(points, v))
 
@@ -126,7 +128,7 @@ class CommandedArms:
         self, forces: Points, *, at: Points | None = None, ramp_s: float = 0.5,
         wait: bool | None = None,
     ) -> Handle:  # fmt: skip
-        """Exert forces (3,) N in W, by hand, over `ramp_s`; has ended when felt, and goes on."""
+        """Exert forces (3,) N in W, by hand, over `ramp_s`; ends when measured, forces remain."""
         asked, places = self._check(forces), self._check(at) if at else {}
         ramp = check_positive("ramp_s", ramp_s)
 
@@ -140,10 +142,10 @@ class CommandedArms:
         self, force: float, p_left: ArrayLike | None = None, p_right: ArrayLike | None = None,
         ramp_s: float = 2.0, *, hand: str | None = None, wait: bool | None = None,
     ) -> Handle:  # fmt: skip
-        """Hold something by friction with `force` (N) until the next grasp or release.
+        """Hold an object by friction with `force` (N) until the next grasp or release.
 
         Grippers close, that of `hand` or all. Hands without fingers press towards each other around
-        two points (3,) m in W; hooks hold what hangs on them.
+        two points (3,) m in W; hooks hold objects that hang on them.
         """
         size = check_positive("force", force)
         if hand is not None or list_grippers(self._uav.backend.robot):
@@ -181,14 +183,14 @@ class CommandedArms:
     def bar_to(
         self, p: ArrayLike, n: ArrayLike, width: float, speed: float = 0.05, force: float = 0.0
     ) -> Handle:
-        """Lead a bar held at `width` (m) to centre p (3,) m and direction n (3,); it goes on."""
+        """Move a bar held at `width` (m) to centre p (3,) m and direction n (3,), continuously."""
         centre, along = check_vector("p", p), check_vector("n", n)
         held, v = check_positive("width", width), check_positive("speed", speed)
         press = check_number("force", force)
         return self._do(ArmCommand.BAR_TO, lambda: self.plain.bar_to(centre, along, held, v, press))
 
     def tare(self, seconds: float = 0.5, *, wait: bool | None = None) -> Handle:
-        """Call the contact forces that are estimated over `seconds` (s) zero."""
+        """Set the mean contact forces estimated over `seconds` (s) to zero."""
         total = check_positive("seconds", seconds)
 
         def fly() -> Motion:
@@ -200,9 +202,9 @@ class CommandedArms:
         return self._start(ArmCommand.TARE, fly, wait)
 
     def sense_position(self, hand: str) -> PositionSensor:
-        """Take a hand that rests on something that stands still as a sensor (Suarez 2020, VI).
+        """Use a hand that rests on a fixed object as a position sensor (Suarez 2020, VI).
 
-        Raises InputError with the reason where it is refused, as where the hand feels no contact.
+        Raises InputError with the reason if it is refused, for example if the hand has no contact.
         """
         h = self._find(hand)
         says = self._uav.find_refusal(ArmCommand.SENSE_POSITION, hand=h)
@@ -211,13 +213,13 @@ class CommandedArms:
         return PositionSensor(self._uav, h)
 
     def platform_shift(self, hand: str) -> Array:
-        """Return how far (3,) m the platform shall move for a good pose of the arm."""
+        """Return the displacement (3,) m of the platform for a good pose of the arm."""
         return self.plain.platform_shift(hand)
 
     # --- streams -----------------------------------------------------------------------------
 
     def set_hands(self, goals: Points, speed: float | None = None) -> Handle:
-        """Lead hands to points (3,) m in W; called at up to 50 Hz, a stream."""
+        """Move hands to points (3,) m in W; called at up to 50 Hz, a stream."""
         points = self._check(goals)
         v = _check_speed(speed)
         return self._stream(ArmCommand.SET_HANDS, {h: Told("p", p, v) for h, p in points.items()})
@@ -232,7 +234,7 @@ class CommandedArms:
         asked = self._check(forces)
         return self._stream(ArmCommand.SET_FORCES, {h: Told("f", f) for h, f in asked.items()})
 
-    # --- how they are carried out ------------------------------------------------------------
+    # --- execution ---------------------------------------------------------------------------
 
     def _pose(self, command: ArmCommand, name: str, wait: bool | None) -> Handle:
         q = posture(self._uav.backend.robot, name) if self._uav.backend.n_joints else np.zeros(0)
@@ -280,7 +282,7 @@ class CommandedArms:
             yield
 
     def _arrive(self, goals: dict[str, Array], speed: float | None) -> Motion:
-        """Wait until hands have been near their goals for a while."""
+        """Wait until hands have been near their goals for DWELL_S."""
         b = self._uav.backend
         places = {self._find(name): p for name, p in goals.items()}
         way = max(
@@ -305,7 +307,7 @@ class CommandedArms:
         return Result(True)
 
     def _feel(self, asked: dict[str, Array], share: float, ramp_s: float) -> Motion:
-        """Wait until a share of the forces has been felt along their directions for a while."""
+        """Wait until a share of the forces along their directions has been measured for DWELL_S."""
         b = self._uav.backend
         forces = {self._find(name): f for name, f in asked.items()}
         ends, felt = b.t + ramp_s + PATIENCE_S, 0.0
@@ -328,7 +330,7 @@ class CommandedArms:
     def _grip(
         self, command: ArmCommand, hand: str | None, force: float, wait: bool | None
     ) -> Handle:
-        """Close (`force` above 0) or open grippers; ends when their fingers stand."""
+        """Close (`force` above 0) or open grippers; ends when the fingers are at rest."""
         names = list_grippers(self._uav.backend.robot) if hand is None else [hand]
         check_grippers(self._uav.backend, names)
 
@@ -339,7 +341,7 @@ class CommandedArms:
         return self._start(command, fly, wait)
 
     def _stand(self, hands: list[int], force: float) -> Motion:
-        """Wait until fingers have stood for a while; it fails where they stand at a wrong place."""
+        """Wait until the fingers have been at rest; fails if they stop at a wrong opening."""
         b, arm = self._uav.backend, self._uav.backend.robot.arm
         assert arm is not None
         speed = arm.hand.grip_speed_mps * min(abs(force) / arm.hand.grip_force_n, 1.0)
@@ -350,7 +352,7 @@ class CommandedArms:
             yield
             now = np.array(b.look(GripperState).opening)[hands]
             empty = now < least + EMPTY_M
-            stands = (np.abs(now - before) < still) | empty  # pads on pads tremble
+            stands = (np.abs(now - before) < still) | empty  # pads in contact vibrate
             stood, before = stood + TICK if stands.all() else 0.0, now
             if b.t > ends:
                 return Result(False, f"the fingers still move, {1e3 * now[0]:.0f} mm apart")
@@ -368,5 +370,5 @@ class CommandedArms:
 
 
 def _check_speed(speed: float | None) -> float | None:
-    """Return a speed (m/s), None as it is; raises InputError unless it is finite and above 0."""
+    """Return a speed (m/s) or None; raises InputError unless it is finite and above 0."""
     return None if speed is None else check_positive("speed", speed)

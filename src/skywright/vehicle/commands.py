@@ -1,9 +1,9 @@
-"""The vocabulary of a vehicle: states, commands, and one table of what is allowed when.
+"""States and commands of a vehicle, and one table of the states in which each is accepted.
 
 States and commands are those of UAL (Real, Torres-Gonzalez, Ramon-Soria, Capitan and Ollero 2018;
-Suarez 2020, section III-A), with `arm`, `disarm`, `hold`, `go_home` and the pilot's switch beside
-them. `TABLE` is read by `vehicle.uav.Uav`, by the documentation (docs/generate_commands.py) and by
-the tests. Gateways and ground stations import names from here.
+Suarez 2020, section III-A), plus `arm`, `disarm`, `hold`, `go_home` and the pilot's switch.
+`vehicle.uav.Uav`, the documentation (docs/generate_commands.py) and the tests use `TABLE`. Gateways
+and ground stations import the names from here.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from typing import NamedTuple
 
 
 class State(StrEnum):
-    """Where a vehicle is between the ground and free flight."""
+    """State of a vehicle between the ground and free flight."""
 
     UNINITIALIZED = "uninitialized"  # no estimate yet
     LANDED_DISARMED = "landed_disarmed"  # motors off
-    LANDED_ARMED = "landed_armed"  # motors turn, the feet stand
+    LANDED_ARMED = "landed_armed"  # motors turn, the robot stands on the ground
     TAKING_OFF = "taking_off"
     FLYING_AUTO = "flying_auto"  # commands are followed
     FLYING_MANUAL = "flying_manual"  # the pilot's stick is followed
@@ -25,7 +25,7 @@ class State(StrEnum):
 
 
 class Command(StrEnum):
-    """What may be asked of a vehicle."""
+    """The commands of a vehicle."""
 
     ARM = "arm"
     DISARM = "disarm"
@@ -48,7 +48,7 @@ class Command(StrEnum):
 
 
 class ControlMode(StrEnum):
-    """What the references are made of now."""
+    """Source of the present references."""
 
     OFF = "off"  # motors off
     MOTION = "motion"  # a motion with an end: take-off, go_to, land
@@ -60,7 +60,7 @@ class ControlMode(StrEnum):
 
 
 class Need(StrEnum):
-    """What a command requires beyond a state."""
+    """Conditions of a command other than the state."""
 
     CHECKLIST = "checklist"  # the pre-flight checks pass
     FENCE = "fence"  # the goal lies within the geofence
@@ -94,16 +94,16 @@ NEEDS: dict[Need, str] = {
     Need.MARKER: "the robot sees a marker, by its camera or by motion capture",
     Need.TOUCH: "the hand measures at least 0.3 N",
 }
-"""What each requirement means, for messages and the documentation."""
+"""Meaning of each condition, for messages and the documentation."""
 
 
 class Entry(NamedTuple):
-    """When a command is accepted, and what follows."""
+    """When a command is accepted, and its effect on the state."""
 
     states: tuple[State, ...]  # in which it is accepted
-    during: State | None  # state while it is carried out; None: unchanged
-    after: State | None  # state when it has succeeded; None: unchanged
-    interrupts: bool  # whether it ends the motion that is under way
+    during: State | None  # state during execution; None: unchanged
+    after: State | None  # state after success; None: unchanged
+    interrupts: bool  # whether it ends the present motion
     needs: tuple[Need, ...] = ()
     says: str = ""
 
@@ -187,11 +187,11 @@ TABLE: dict[Command, Entry] = {
         "stop the motors at once, also in the air: the robot falls",
     ),
 }  # fmt: skip
-"""Every command: where it is accepted, what it makes of the state, whether it interrupts."""
+"""Every command: the states that accept it, its effect on the state, whether it interrupts."""
 
 
 def explain_refusal(command: str, entry: Entry, state: State) -> str:
-    """Return why a command is not accepted in a state, "" where it is."""
+    """Return why a command is not accepted in a state, "" if it is."""
     states = entry.states
     if state in states:
         return ""

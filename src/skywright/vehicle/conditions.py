@@ -1,4 +1,4 @@
-"""What a command requires beyond a state, looked at when it is given."""
+"""Conditions of a command other than the state, checked when it is given."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ TILT_MAX, SPEED_SHARE, ROOM = math.radians(40.0), 2.0, 0.2
 def find_lack(
     need: Need, b: Backend, fence: Fence | None, goal: Array | None, hand: int = 0
 ) -> str:
-    """Return why a need is not met, "" where it is; `goal` (3,) m is where the command leads."""
+    """Return why a condition is not met, "" if it is; `goal` (3,) m is the command's goal."""
     if need == Need.ESTIMATE and not (b.localised and b.fix_age <= FRESH_S):
         age = f"the last position is {b.fix_age:.2f} s old, limit {FRESH_S:g} s"
         return age if b.localised else "the estimator has no position"
@@ -42,7 +42,7 @@ def find_lack(
 
 
 def find_arms_lack(need: Need, b: Backend, hand: int = 0) -> str:
-    """Return why a need of the arms is not met, "" where it is."""
+    """Return why a condition of the arms is not met, "" if it is."""
     if need == Need.ARMS:
         return "" if "arms" in b.offers else "the vehicle offers no arms"
     if need == Need.GRASPING and list_grippers(b.robot):

@@ -1,8 +1,8 @@
-"""Devices beside the robot that a mission may use: a kind of mission declares which.
+"""Devices beside the robot that a mission may use: a kind of mission declares them.
 
-They are no part of the robot: somebody who pushes it, a bench that moves its clamp, motion capture
-that surveys a thing, the pads' force plates. A simulation has them all. A back end of another sort
-states which it has, and a mission that declares others is refused before the flight.
+They are not part of the robot: a helper who pushes it, a bench that moves its clamp, motion capture
+that surveys a thing, the pads' force plates. A simulation has them all. Other back ends state which
+they have, and a mission that declares others is refused before the flight.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ DEVICES = {
     "surveyor": "motion capture that measures a tracked thing or the pipe: `survey(name)`",
     "gauges": "force plates of the pads: `zero()`",
 }
-"""Name -> what it is, for messages and the documentation."""
+"""Name -> description, for messages and the documentation."""
 
 
 class Helper:
-    """Somebody who pushes the robot."""
+    """A person who pushes the robot."""
 
     def __init__(self, vehicle: Any) -> None:
         self._v = vehicle
 
     def push(self, body: str, f_W: Array) -> None:
-        """Apply a force (3,) N to a body of the robot, at its centre of mass, until told otherwise.
+        """Apply a force (3,) N to a body of the robot, at its centre of mass, until the next call.
 
         Raises InputError for an unknown body, and for a force that is not three finite numbers.
         """
@@ -63,7 +63,7 @@ class Bench:
 
 
 class Surveyor:
-    """Motion capture that looks at things."""
+    """Motion capture that measures things."""
 
     def __init__(self, vehicle: Any) -> None:
         self._v = vehicle
@@ -72,7 +72,7 @@ class Surveyor:
         """Return (p_WO, R_WO) of a tracked thing, or of the pipe (PIPE).
 
         It is the running mean of the samples (vehicle/targets.py), with the error of the targets.
-        Raises InputError where nothing of that name is tracked, or none of its samples came yet.
+        Raises InputError if nothing of that name is tracked, or if it has no sample yet.
         """
         v = self._v
         tracked = list_tracked(v.robot, v.world)
@@ -101,7 +101,10 @@ class Gauges:
         self._v = vehicle
 
     def zero(self) -> None:
-        """Count the wrench on the platform from now on; raises InputError without a plate."""
+        """Tare the wrench on the platform and reset its peaks.
+
+        Raises InputError without a plate.
+        """
         try:
             found = self._v.find(gauges.Gauges)
         except InputError:
@@ -116,28 +119,28 @@ class Devices:
     """The devices of a back end, or those of them that a mission has declared."""
 
     def __init__(self, vehicle: Any, names: frozenset[str], why: str = "") -> None:
-        """`names` are those that there are; `why` says what is the matter with the others."""
+        """`names` are the available devices; `why` is the reason why others are not."""
         self._v, self.names = vehicle, names
         self._why = why or "this back end does not have it"
 
     def grant(self, kind: str, declared: frozenset[str]) -> Devices:
-        """Return those that a kind of mission declares."""
+        """Return the devices that a kind of mission declares."""
         return Devices(self._v, self.names & declared, f"mission kind {kind!r} does not declare it")
 
     @property
     def helper(self) -> Helper:
-        """Somebody who pushes the robot."""
+        """A person who pushes the robot."""
         return Helper(self._find("helper"))
 
     @property
     def bench(self) -> Bench:
-        """The bench; raises InputError where the world has none."""
+        """The bench; raises InputError if the world has none."""
         find_bench(self._find("bench").world)
         return Bench(self._v)
 
     @property
     def surveyor(self) -> Surveyor:
-        """Motion capture that looks at things."""
+        """Motion capture that measures things."""
         return Surveyor(self._find("surveyor"))
 
     @property
@@ -163,7 +166,7 @@ def _read_vector(what: str, name: str, given: Any) -> Array:
 
 
 def find_bench(world: Any) -> Fixture:
-    """Return the fixture of a world; raises InputError where there is none."""
+    """Return the fixture of a world; raises InputError if there is none."""
     bench = find_first(world.things, Fixture)
     if bench is None:
         raise InputError(f"world {world.name!r} has no bench: add a thing of kind 'bench'")

@@ -1,8 +1,8 @@
-"""References that are made tick by tick: streams of poses and velocities, and a pilot's stick.
+"""References generated tick by tick: streams of poses and velocities, and a pilot's stick.
 
-A drive is stepped before each mission tick (20 ms) and returns two rows: where the platform is to
-be now, and at the end of the tick. What it is told ages: what is older than its limit counts as
-"stay". Speeds and accelerations stay within the limits of the back end.
+A drive is stepped before each mission tick (20 ms) and returns two rows: the reference now and at
+the end of the tick. Commands expire: a command older than its limit counts as "stay". Speeds and
+accelerations stay within the limits of the back end.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from skywright.vehicle.moves import TURN_ACCELERATION, level
 Array = NDArray[np.float64]
 
 TICK = 0.02  # s, of a mission tick
-LEASH = 0.3  # m, by which a reference may run ahead of the robot: it is held up, or blown away
+LEASH = 0.3  # m, by which a reference may lead a robot that is held up or blown away
 TURN_MAX = 0.8  # rad/s
 TILT_RATE = 0.3  # rad/s, of a tilt in place
 APPROACH = 2.0  # 1/s, speed towards a pose for a metre of distance
 CLIMB_ACCELERATION = 2.0  # m/s^2
-DOWN_M, DOWN_S = 0.08, 0.3  # m above its reference, and s: what sinks stands on something
-LIGHT = 0.9  # thrust over weight, below which a robot that does not fall stands on something
-ASKED = 0.03  # m/s of sinking, below which a touch-down is not looked for
+DOWN_M, DOWN_S = 0.08, 0.3  # m above its reference, and s, for a touch-down
+LIGHT = 0.9  # thrust over weight, below which a robot that does not fall is on the ground
+ASKED = 0.03  # m/s of descent, below which no touch-down is detected
 
 
 class Stick(NamedTuple):
@@ -44,11 +44,11 @@ class Stick(NamedTuple):
 
 
 LET_GO = Stick()
-"""Level, and the height of now."""
+"""Level, and the present height."""
 
 
 class Drive:
-    """Base: a platform that starts at the reference of now, and is led tick by tick."""
+    """Base: a reference that starts at the present one and is updated tick by tick."""
 
     stale_s = 0.5
 
@@ -58,7 +58,7 @@ class Drive:
         self.p, self.v = np.array(row["p_WB"]), np.array(row["v_WB"])
         self.yaw = math.atan2(row["R_WB"][1, 0], row["R_WB"][0, 0])
         self.rate = float(row["w_WB_B"][2])
-        self.heard = backend.t  # s, when it was last told something
+        self.heard = backend.t  # s, time of the last command
         self._held_up = 0.0  # s
         self._q: Array | None = None  # rad, of a stream of joint angles
         self._q_to: Array | None = None
@@ -66,17 +66,17 @@ class Drive:
         self._hands = HandStream(backend)
 
     def adopt(self, other: Drive) -> None:
-        """Go on with the joints and hands of another drive."""
+        """Continue with the joints and hands of another drive."""
         self._q, self._q_to, self._q_heard = other._q, other._q_to, other._q_heard
         self._hands = other._hands
 
     def tell_hand(self, hand: int, told: Told) -> None:
-        """Take a reference of a hand; its arm's joints follow no other stream from now on."""
+        """Set the reference of a hand; its arm's joints follow no other stream from then on."""
         self._q = self._q_to = None
         self._hands.tell(hand, told)
 
     def tell_joints(self, q: Array) -> None:
-        """Lead the joints to q (n_joints,) rad within their speed; stale, they stay."""
+        """Move the joints to q (n_joints,) rad within their speed; if stale, they stay."""
         if self._q is None:
             self._q = find_led_joints(self.backend)
             self._hands = HandStream(self.backend)
@@ -98,21 +98,21 @@ class Drive:
 
     @property
     def age(self) -> float:
-        """Time (s) since it was last told something."""
+        """Time (s) since the last command."""
         return self.backend.t - self.heard
 
     @property
     def is_stale(self) -> bool:
-        """Whether what it was told is too old to be followed."""
+        """Whether the last command has expired."""
         return self.age > self.stale_s + 1e-9
 
     @property
     def has_touched_down(self) -> bool:
-        """Whether the robot was asked to sink, and stood on something instead."""
+        """Whether the robot was commanded to descend and has touched down."""
         return self._held_up >= DOWN_S - 1e-9
 
     def step(self) -> Table:
-        """Return the reference of now and that of the end of the tick, (2,) REFERENCE rows."""
+        """Return the references now and at the end of the tick, (2,) REFERENCE rows."""
         p, v, yaw = self.p.copy(), self.v.copy(), self.yaw
         a, turn = self.lead(), self.turn()
         change = float(
@@ -137,7 +137,7 @@ class Drive:
         raise NotImplementedError
 
     def turn(self) -> float:
-        """Return the rate of the heading (rad/s) that is asked for."""
+        """Return the commanded rate of the heading (rad/s)."""
         return 0.0
 
     def tilt(self, yaw: float) -> Array:
@@ -150,7 +150,7 @@ class Drive:
         return v if size <= limit else v * (limit / size)
 
     def _towards(self, v: Array) -> Array:
-        """Return the acceleration that leads to the velocity v within the limit."""
+        """Return the acceleration towards the velocity v, within the limit."""
         a = (v - self.v) / TICK
         size, limit = float(np.linalg.norm(a)), self.backend.limits.acceleration
         return a if size <= limit else a * (limit / size)
@@ -171,9 +171,9 @@ class Drive:
 
 
 class VelocityDrive(Drive):
-    """Follows a velocity (m/s in W) and a rate of the heading (rad/s); stale, it brakes.
+    """Follows a velocity (m/s in W) and a rate of the heading (rad/s); if stale, it brakes.
 
-    A robot whose rotors push sideways may be told a tilt as well; it comes up at TILT_RATE.
+    A robot with lateral thrust may be commanded a tilt as well; it changes at TILT_RATE.
     """
 
     def __init__(self, backend: Backend) -> None:
@@ -182,21 +182,21 @@ class VelocityDrive(Drive):
         self._tilt, self._tilt_to = np.zeros(2), np.zeros(2)  # rad, about x and y of B
 
     def tell(self, v: Array, yaw_rate: float, roll: float = 0.0, pitch: float = 0.0) -> None:
-        """Take a new reference, cut to the limits of the vehicle."""
+        """Set a new reference, clipped to the limits of the vehicle."""
         self._v, self.heard = self._cut(v), self.backend.t
         self._tilt_to = np.array([roll, pitch])
         self._rate = float(np.clip(yaw_rate, -TURN_MAX, TURN_MAX))
 
     def lead(self) -> Array:
-        """Towards the velocity that was told, or to rest."""
+        """Towards the commanded velocity, or to rest."""
         return self._towards(np.zeros(3) if self.is_stale else self._v)
 
     def turn(self) -> float:
-        """As told."""
+        """The commanded rate."""
         return 0.0 if self.is_stale else self._rate
 
     def step(self) -> Table:
-        """Likewise; the tilt follows what was told, or returns to level."""
+        """Likewise; the tilt follows the command, or returns to level."""
         way = (np.zeros(2) if self.is_stale else self._tilt_to) - self._tilt
         self._tilt = self._tilt + np.clip(way, -TILT_RATE * TICK, TILT_RATE * TICK)
         return super().step()
@@ -207,7 +207,7 @@ class VelocityDrive(Drive):
 
 
 class PoseDrive(Drive):
-    """Follows places (m in W) and headings (rad); where none comes it stays at the last one."""
+    """Follows positions (m in W) and headings (rad); without a new one it stays at the last."""
 
     def __init__(self, backend: Backend) -> None:
         super().__init__(backend)
@@ -215,12 +215,12 @@ class PoseDrive(Drive):
         self._v, self._rate = np.zeros(3), 0.0
 
     def tell(self, p: Array, yaw: float, v: Array, yaw_rate: float) -> None:
-        """Take a new reference, which moves at v (3,) m/s and `yaw_rate` (rad/s)."""
+        """Set a new reference, which moves at v (3,) m/s and `yaw_rate` (rad/s)."""
         self._p, self._yaw, self.heard = p, yaw, self.backend.t
         self._v, self._rate = self._cut(v), float(np.clip(yaw_rate, -TURN_MAX, TURN_MAX))
 
     def lead(self) -> Array:
-        """Towards the pose, no faster than it can brake."""
+        """Towards the pose, at a speed from which it can brake."""
         way, limits = self._p - self.p, self.backend.limits
         v = np.zeros(3) if self.is_stale else self._v
         far = float(np.linalg.norm(way))
@@ -230,7 +230,7 @@ class PoseDrive(Drive):
         return self._towards(self._cut(v + way * (speed / far)))
 
     def turn(self) -> float:
-        """The short way round."""
+        """In the shorter direction."""
         off = (self._yaw - self.yaw + math.pi) % (2.0 * math.pi) - math.pi
         size = min(TURN_MAX, APPROACH * abs(off), math.sqrt(TURN_ACCELERATION * abs(off)))
         rate = math.copysign(size, off) + (0.0 if self.is_stale else self._rate)
@@ -238,12 +238,12 @@ class PoseDrive(Drive):
 
 
 class StickDrive(Drive):
-    """Attitude mode: the stick tilts the platform; nothing holds its place.
+    """Attitude mode: the stick tilts the platform; its position is not controlled.
 
-    Place and speed of the reference follow the estimate, so that the position loops add nothing to
-    the acceleration g tan(tilt) that is asked for: laws of coplanar rotors tilt by as much, laws of
-    tilted ones take the attitude and the force. What the loops' integrals have learnt (wind, trim)
-    stays in effect.
+    Position and velocity of the reference follow the estimate, so that the position loops add
+    nothing to the commanded acceleration g tan(tilt): laws of coplanar rotors tilt by this angle,
+    laws of tilted ones take the attitude and the force. The loops' integrals (wind, trim) stay in
+    effect.
     """
 
     def __init__(self, backend: Backend) -> None:
@@ -253,11 +253,11 @@ class StickDrive(Drive):
         self.v[2] = 0.0 if row["active"] > 0.5 else est["v_WB"][2]
         self._gravity = float(backend.world.gravity_mps2)
         self._tilt_max = math.radians(backend.robot.control.tilt_max_deg)
-        self._floor = float(est["p_WB"][2])  # m, where it took over
+        self._floor = float(est["p_WB"][2])  # m, when it took over
         self._flew, self._stands = False, 0.0
 
     def tell(self, stick: Stick) -> None:
-        """Take the stick, its tilt cut to the limit of the robot."""
+        """Set the stick, its tilt clipped to the limit of the robot."""
         size = math.hypot(stick.roll, stick.pitch)
         cut = 1.0 if size <= self._tilt_max else self._tilt_max / size
         climb = float(np.clip(stick.climb, -self.backend.limits.speed, self.backend.limits.speed))
@@ -271,7 +271,7 @@ class StickDrive(Drive):
         return self._flew and stands
 
     def lead(self) -> Array:
-        """Follow the estimate, and ask for the acceleration of the tilt."""
+        """Follow the estimate, and command the acceleration of the tilt."""
         stick = LET_GO if self.is_stale else self.stick
         est = self.backend.estimate
         self._flew = self._flew or float(est["p_WB"][2]) > self._floor + 0.15
@@ -289,7 +289,7 @@ class StickDrive(Drive):
         return np.asarray(a)
 
     def turn(self) -> float:
-        """As the stick says."""
+        """The rate of the stick."""
         return 0.0 if self.is_stale else float(np.clip(self.stick.yaw_rate, -TURN_MAX, TURN_MAX))
 
     def tilt(self, yaw: float) -> Array:
@@ -306,7 +306,7 @@ def tilt_heading(yaw: float, roll: float, pitch: float) -> Array:
 
 
 def build_row_here(backend: Backend) -> Any:
-    """Return a REFERENCE row, level, where the robot is and moves by its estimate."""
+    """Return a REFERENCE row, level, with the estimated position and velocity."""
     row, est = np.array(backend.reference), backend.estimate
     for name in ("t", "a_WB", "w_WB_B", "wd_WB_B", "qd", "track_tip", "dead_zone"):
         row[name] = 0.0

@@ -1,4 +1,4 @@
-"""What estimators tell besides Estimate; an estimator of a user need not fill these."""
+"""Outputs of estimators besides Estimate; an estimator of a user need not fill them."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from skywright.vehicle.component import Output, Recorded
 
 
 class RotorForce(Output):
-    """What the rotors make, as believed."""
+    """Nominal force of the rotors."""
 
     f_B: Vec3  # N
 
 
 class EstimatorState(Output):
-    """How an estimator does."""
+    """State of an estimator."""
 
-    ready: float  # 1: Estimate holds
-    heard: float  # s, when the localisation was last heard of
-    fix_age: float  # s, since the newest fix that was used, where fixes come by themselves
-    p_std: Vec3  # m, standard deviations of the position now
+    ready: float  # 1: Estimate is valid
+    heard: float  # s, time of the last data from the localisation
+    fix_age: float  # s, since the newest fix used, if fixes arrive separately
+    p_std: Vec3  # m, standard deviations of the position
     pose_std: float  # m, the largest of them; NaN where it is not known
-    rejected: float  # measurements of the place in a row that contradict the estimate
-    restarts: float  # times that it gave up its estimate for what is measured
+    rejected: float  # consecutive position measurements that contradict the estimate
+    restarts: float  # number of resets to the measurements
 
 
 POSITION_COLUMNS = (

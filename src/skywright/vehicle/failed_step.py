@@ -1,4 +1,4 @@
-"""What is done where a step of the robot's own computer failed."""
+"""Response to the failure of a step of the robot's own computer."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Watchdog:
         self._used = False
 
     def stop(self, failed: StepFailed, t: float) -> bool:
-        """Run what failed at time t (s) no more; returns whether it is started again."""
+        """Stop the step that failed at time t (s); returns whether it is restarted."""
         again = not self._used and (failed.component is None or failed.component in self._laws)
         self._used, self._due = True, t + RESTART_S if again else math.inf
         self._leave_out([failed.component, *self._laws])
@@ -81,7 +81,7 @@ class Watchdog:
 
 
 def explain_not_finite(assembly: Assembly, law: str, t: float) -> SimulationError:
-    """Return what to raise where a command, or else the simulated state, is not finite."""
+    """Return the error to raise if a command, or else the simulated state, is not finite."""
     records = assembly.records
     given = [records[k, ""][0] for k in (WrenchCommand, ShaftCommand) if (k, "") in records]
     values = np.concatenate([np.ravel(r[name]) for r in given for name in r.dtype.names])

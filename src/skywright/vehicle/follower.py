@@ -77,7 +77,7 @@ def list_rules(records: dict[Any, NDArray[Any]]) -> list[Rule]:
 
 
 def check_field(record: type[Record], name: str, known: Container[str]) -> None:
-    """Raise InputError for a field that no row fills; `known` are those that others have."""
+    """Raise InputError for a field that no row fills; `known` are those of other records."""
     where = f"{record.__qualname__}.{name}"
     names = REFERENCE.names or ()
     if name not in names:
@@ -103,7 +103,7 @@ def copy_row(row: Any) -> Any:
 
 
 class RowNow:
-    """The REFERENCE row that is referred to now: `row["p_WB"]` is read where it stands."""
+    """The present REFERENCE row: `row["p_WB"]` is read without a copy."""
 
     __slots__ = ("_follower",)
 
@@ -140,7 +140,7 @@ class Follower(Component):
         yield cls("reference")
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Find the records that rows are told to."""
+        """Find the records that the rows fill."""
         self._me = me
         told = [(r, view) for (r, _), view in context.records.items() if _is_told(r)]
         self.fields = dict[str, Any]()
@@ -167,7 +167,7 @@ class Follower(Component):
         self.fields["t"][0] = rows["t"][0]
 
     def delay(self, seconds: float) -> None:
-        """Let the rows come later by a time (s)."""
+        """Delay the rows by a time (s)."""
         self._me.t0 += seconds
 
     @property
@@ -176,7 +176,7 @@ class Follower(Component):
         return self._rows[0]
 
     def read_row(self) -> Any:
-        """Return a REFERENCE row of what is referred to now."""
+        """Return the present REFERENCE row."""
         row = copy_row(self._rows[0])
         copy_fields(self._rules, row.ctypes.data, True)
         row["t"] = self.fields["t"][0]

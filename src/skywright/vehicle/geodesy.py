@@ -23,7 +23,7 @@ class Geodetic(NamedTuple):
 
     @classmethod
     def check(cls, latitude: float, longitude: float, altitude: float) -> Geodetic:
-        """Return a place; raises InputError on what is none."""
+        """Return a position; raises InputError if it is invalid."""
         place = cls(
             check_number("latitude", latitude), check_number("longitude", longitude),
             check_number("altitude", altitude),
@@ -46,7 +46,7 @@ def to_local(origin: Origin, place: Geodetic) -> Array:
 
 
 def to_geodetic(origin: Origin, p: Array) -> Geodetic:
-    """Return where on the earth the place p (3,) m in W is."""
+    """Return the WGS 84 position of the point p (3,) m in W."""
     from pymap3d import enu2geodetic
 
     at = enu2geodetic(*p, origin.latitude_deg, origin.longitude_deg, origin.altitude_m)

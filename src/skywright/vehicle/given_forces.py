@@ -23,7 +23,7 @@ class GivenForces(Component):
         given: int  # address of (nbody, 6) N, N m
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Nothing is pushed at first."""
+        """Initially no body is pushed."""
         self._model = context.scene.model
         self.given: Array = np.zeros((self._model.nbody, 6))
         me.given = context.keep(self.given)
@@ -39,7 +39,7 @@ class GivenForces(Component):
         self.given[self._model.body(body).id, :3] = f_W
 
     def save(self) -> Any:
-        """Return what is pushed."""
+        """Return the present forces."""
         return self.given.copy()
 
     def restore(self, saved: Any) -> None:

@@ -1,4 +1,4 @@
-"""Guards: what ends a mission tick early."""
+"""Guards: conditions that end a mission tick early."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ class HandStream:
                 self._lead(table, h, stays, float(b.look(HandState).speed_hand))
 
     def _find_rest(self, h: int, told: Told) -> Array:
-        """Return where a hand that hears nothing more stays."""
+        """Return the position at which a hand without new references stays."""
         led = self._backend.look(HandState).p_ref[h]
         return np.array(self._backend.look(Hands).p_WH[h] if told.what == "f" else led)
 

@@ -1,8 +1,8 @@
-"""What a mission may command over any back end: WholeBody and Probe.
+"""Interface of missions to any back end: the protocol Backend, and WholeBody and Probe.
 
-Moves (vehicle/moves.py) and Arms (vehicle/arms_interface.py) are beside them. A back end (physics,
-kinematic animation, a recording; an autopilot) tracks tables of REFERENCE rows and says which of
-the four it offers. The four classes turn commands into tables.
+Moves (vehicle/moves.py) and Arms (vehicle/arms_interface.py) complete it. A back end (physics,
+kinematic animation, a recording; an autopilot) tracks tables of REFERENCE rows and declares which
+of the four classes it supports. The four classes convert commands to tables.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ R = TypeVar("R", bound=Record)
 
 
 class Limits(NamedTuple):
-    """What the commands may ask for."""
+    """Limits of commanded motions."""
 
     speed: float  # m/s
     acceleration: float  # m/s^2
@@ -39,7 +39,7 @@ class Limits(NamedTuple):
 
 
 class Ticked(NamedTuple):
-    """What one mission tick reported."""
+    """Result of one mission tick."""
 
     t: float
     fired: int  # bits of vehicle.tick
@@ -47,22 +47,22 @@ class Ticked(NamedTuple):
 
 
 class Backend(Protocol):
-    """What the mission needs of a vehicle."""
+    """Interface of a vehicle to missions."""
 
     offers: frozenset[str]
-    refuses: str  # why it takes no commands, "" where it does
+    refuses: str  # why it accepts no commands, "" if it does
     robot: Robot
     limits: Limits
     n_joints: int
-    rotors: RotorSet  # as believed
-    model: Any  # BodyModel of the robot as believed
+    rotors: RotorSet  # nominal
+    model: Any  # BodyModel of the nominal robot
     world: World
     arc: LinkArc | None  # of a link that lies on the ground at the start
     piloted: bool  # whether a pilot flies by the vehicle's own controls
-    stopped: str  # why the motors stand although nothing here stopped them
+    stopped: str  # why the motors stopped without a command, "" if they did not
 
     def close(self) -> None:
-        """End the connection to a vehicle that is not simulated here."""
+        """Close the connection to a vehicle outside the simulation."""
 
     @property
     def actuators(self) -> Actuators:
@@ -70,7 +70,7 @@ class Backend(Protocol):
 
     @property
     def devices(self) -> Devices:
-        """What is beside the robot."""
+        """Devices other than the robot."""
 
     @property
     def t(self) -> float:
@@ -78,51 +78,51 @@ class Backend(Protocol):
 
     @property
     def reference(self) -> Any:
-        """The REFERENCE row that is tracked now."""
+        """A copy of the present REFERENCE row."""
 
     @property
     def reference_now(self) -> Any:
-        """The same, read field by field where it stands: `reference_now["p_WB"]`."""
+        """The same, read field by field without a copy: `reference_now["p_WB"]`."""
 
     @property
     def estimate(self) -> Any:
-        """The ESTIMATE now."""
+        """The present ESTIMATE."""
 
     def read(self, record: type[R], name: str = "") -> R:
-        """A copy of a record as it is now, such as `read(Hands).p_WH`.
+        """Return a copy of a record, such as `read(Hands).p_WH`.
 
-        `name` is that of the component that fills it, where several do. Raises InputError where
-        nothing in the vehicle fills it.
+        `name` is that of the component that fills it, if several do. Raises InputError if no
+        component of the vehicle fills it.
         """
 
     def look(self, record: type[R]) -> R:
-        """A record itself, which is not to be written to; raises as `read` does."""
+        """Return a record itself, which must not be modified; raises as `read` does."""
 
     @property
     def localised(self) -> bool:
-        """Whether the estimate is one: false until the estimator has begun."""
+        """Whether the estimate is valid: false until the estimator has started."""
 
     @property
     def fix_age(self) -> float:
-        """Time (s) since the robot was last localised from outside."""
+        """Time (s) since the last external position fix."""
 
     @property
     def force(self) -> float:
-        """Force (N) that the probe's sensor reads now; 0 without one."""
+        """Present force (N) of the probe's sensor; 0 without one."""
 
     @property
     def saturated(self) -> bool:
-        """Whether the rotors could not make what was commanded at the last control tick."""
+        """Whether the rotors could not produce the wrench commanded at the last control tick."""
 
     @property
     def pose_std(self) -> float:
-        """Standard deviation (m) of the platform's place as the estimator says; NaN unknown."""
+        """Standard deviation (m) of the platform's position, from the estimator; NaN if unknown."""
 
     def take_control(self) -> str:
-        """Take the platform back from a pilot; returns why not, or ""."""
+        """Take control of the platform from a pilot; returns why it is refused, or ""."""
 
     def give_control(self) -> str:
-        """Give the platform to a pilot; returns why not, or ""."""
+        """Give a pilot control of the platform; returns why it is refused, or ""."""
 
     def track(self, table: Table) -> None:
         """Follow `table` from now on; its last row holds."""
@@ -132,28 +132,28 @@ class Backend(Protocol):
         """The table that is tracked, and the time (s) along it."""
 
     def tick(self, guards: int = 0) -> Ticked:
-        """Run one mission tick (20 ms) or less when a guard in `guards` fires.
+        """Run one mission tick (20 ms), or less if a guard in `guards` fires.
 
-        Raises StepFailed where a step of the robot's computer does.
+        Raises StepFailed if a step of the robot's computer fails.
         """
 
     def in_contact(self) -> bool:
-        """Whether the probe's instrument says contact."""
+        """Whether the probe's instrument detects contact."""
 
     def calibrate_probe(self, null: Array, axis: Array) -> None:
-        """Judge contact by how far the signal is from `null` (2,), in units, along `axis` (2,)."""
+        """Detect contact by the signal's distance from `null` (2,), in units, along `axis` (2,)."""
 
     def give_up_rotor(self, i: int) -> RotorsLeft | None:
-        """Fly on without rotor `i` (from 0); None where the others cannot hold the robot."""
+        """Continue without rotor `i` (from 0); returns None if the others cannot hold the robot."""
 
     def stop_computer(self, failed: StepFailed) -> bool:
-        """Run what failed no more; returns whether it is started again, else nothing flies."""
+        """Stop the failed step; returns whether it is restarted. If not, the robot falls."""
 
     def release(self) -> None:
-        """Let go a robot that is held in the air (a simulation of a world with a bench can)."""
+        """Release a robot that is held in the air (in simulations of a world with a bench)."""
 
     def set_stick(self, stick: Array, button: bool) -> None:
-        """Operator's input (3,), each from -1 to 1, and button that a recording notes from now."""
+        """Set the operator's input (3,), each from -1 to 1, and button for the recording."""
 
     def tip_of(self, row: Any) -> tuple[Array, Array]:
         """Nominal (p_WT, R_WT) of a row's platform pose and joints."""
@@ -162,7 +162,7 @@ class Backend(Protocol):
 def require(
     backend: Backend, needs: frozenset[str], mission: str, devices: frozenset[str] = frozenset()
 ) -> None:
-    """Raise InputError when a back end does not offer what a mission needs, or lacks devices."""
+    """Raise InputError if a back end lacks an offer or a device that a mission needs."""
     check_offers(backend.offers, backend.devices.names, needs, mission, devices)
 
 
@@ -170,7 +170,7 @@ def check_offers(
     offers: frozenset[str], beside: frozenset[str], needs: frozenset[str], mission: str,
     devices: frozenset[str] = frozenset(),
 ) -> None:  # fmt: skip
-    """Raise as `require` does, of what a back end offers and of the devices beside it."""
+    """Raise as `require` does, for the offers of a back end and the devices of the vehicle."""
     missing = sorted(needs - offers)
     if missing:
         raise InputError(
@@ -198,7 +198,7 @@ class WholeBody:
         self.backend.track(table)
 
     def hold(self) -> None:
-        """Stay at the reference, tip loop and dead zone unchanged."""
+        """Stop the reference, with tip loop and dead zone unchanged."""
         row = self.backend.reference
         row["t"] = 0.0
         for field in ("v_WB", "a_WB", "w_WB_B", "wd_WB_B", "qd", "v_WT"):
@@ -207,24 +207,24 @@ class WholeBody:
 
 
 class Probe:
-    """The probe's state as its instrument reports it."""
+    """Contact state of the probe, from its instrument."""
 
     def __init__(self, backend: Backend) -> None:
         self.backend = backend
 
     def in_contact(self) -> bool:
-        """Whether the lift-off signal is under its threshold."""
+        """Whether the lift-off signal is below its threshold."""
         return self.backend.in_contact()
 
     def calibrate(self, contact: complex, axis: complex) -> None:
-        """Judge contact from now on by the signal in `contact` and its `axis` towards air."""
+        """Set the signal in `contact` and its `axis` towards air, by which contact is detected."""
         self.backend.calibrate_probe(
             np.array([contact.real, contact.imag]), np.array([axis.real, axis.imag])
         )
 
 
 def fill_tips(backend: Backend, table: Table) -> None:
-    """Fill the nominal tip poses of a generated table, differentiated for the velocity."""
+    """Fill the nominal tip poses of a generated table, and the velocities by differences."""
     for row in table:
         row["p_WT"], row["R_WT"] = backend.tip_of(row)
     table["v_WT"] = 0.0

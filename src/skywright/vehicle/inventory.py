@@ -15,7 +15,7 @@ BY_KIND = ("laws", "estimators", "faults")
 
 
 def list_wanted(context: Context) -> list[Component]:
-    """Return the built-in components that robot and world ask for by tables of their own."""
+    """Return the built-in components that robot and world require by tables of their own."""
     return [c for cls in list_built_in() for c in cls.wanted(context)]
 
 

@@ -97,7 +97,7 @@ class KinematicVehicle(SimulatedVehicle):
 
     @property
     def saturated(self) -> bool:
-        """Nothing saturates."""
+        """Always False."""
         return False
 
     def tick(self, guards: int = 0) -> Ticked:

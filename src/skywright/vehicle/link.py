@@ -73,7 +73,7 @@ class Way(Record):
 
 
 class ControlLink(Component):
-    """Delays or loses what a `[world.link]` stands between."""
+    """Delays or loses the records that a `[world.link]` carries."""
 
     group, side, Table = "link", "plant", LinkTable
     slots = {"up": "link", "down": "downlink"}
@@ -213,7 +213,7 @@ def merge(c: Any, packet: int) -> None:
 
 
 class Freshness(Component):
-    """Begins each tick with nothing new: samples are stale and batches empty."""
+    """Starts each tick with stale samples and empty batches."""
 
     slot, side = "clear", "plant"
 

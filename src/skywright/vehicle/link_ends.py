@@ -4,10 +4,10 @@ NEAR = "near end of the link"
 
 
 def name_near(name: str) -> str:
-    """Return what a component's record is called at the end of a link where it is filled."""
+    """Return the name of a component's record at the end of a link where it is filled."""
     return f"{name} {NEAR}".strip()
 
 
 def name_far(name: str) -> str:
-    """Return what a record is called at the end of a link where it arrives."""
+    """Return the name of a record at the end of a link where it arrives."""
     return name.removesuffix(NEAR).strip()

@@ -1,9 +1,9 @@
-"""The loops that laws share: position, attitude and arm; a user's law may take any of them.
+"""The loops that laws share: position, attitude and arm; a user's law may use any of them.
 
 A law's `Me` inherits the records of the loops that it closes, its `Table` the tables, and its
 `build` calls `fill_position`, `fill_attitude` and `fill_arm`. Every gain follows from a bandwidth:
 stiffness m wn^2, damping 2 zeta m wn, integral wi times the stiffness; the same with the composite
-inertia for the attitude. A bandwidth that the law's table does not tell is that of [robot.control].
+inertia for the attitude. Bandwidths that the law's table does not set are those of [robot.control].
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from skywright.models.rotor_reaction import compute_reaction_times, limit_bandwi
 from skywright.vehicle.component import Context, helper
 
 DELAY_TICKS = 1.5
-"""Control ticks from the gyroscope to the rotors: half a sample, hold, computing."""
+"""Control ticks from the gyroscope to the rotors: half a sample, hold, computation."""
 SLOW = 1e-3
 """m/s, desired sliding speed below which the friction feed-forward fades."""
 
@@ -72,7 +72,7 @@ class PositionLoop(Record):
     wn_p: float  # rad/s, position bandwidth
     zeta_p: float
     wi_p: float  # rad/s, integral
-    friction: float  # believed coefficient of the surface, fed forward while sliding
+    friction: float  # nominal coefficient of the surface, fed forward while sliding
     f_integral_max: float  # N
     sigma: Vec3  # N, the integral, in W
 
@@ -103,13 +103,13 @@ def choose_bandwidths(table: Spec, context: Context | Nominal) -> Control:
 
 
 def merge_control(table: Spec, robot: Robot) -> Control:
-    """Return [robot.control] with what a law's own table tells in its place."""
+    """Return [robot.control] with the values that a law's own table overrides."""
     own = {k: v for k, v in table if k in Control.model_fields and v is not None}
     return robot.control.model_copy(update=own)
 
 
 def get_attitude_gains(table: Spec, robot: Robot) -> AttitudeGains:
-    """Return the attitude loop that a law's table and [robot.control] tell."""
+    """Return the attitude loop of a law's table and [robot.control]."""
     c = merge_control(table, robot)
     return AttitudeGains(c.attitude_bandwidth_rad_s, c.attitude_damping, c.attitude_integral_rad_s)
 
@@ -120,7 +120,8 @@ def compute_delay_margin(
     """Return the dead time (s) with which an attitude loop keeps `spare` (rad) of phase.
 
     The loop is L(s) = (w^2 + 2 zeta w s + w_i w^2 / s) (1 + T s) / (s^2 (1 + tau s)), tau that of
-    the rotors, T the time (s) of their reaction (models/rotor_reaction.py). T below 0 takes phase.
+    the rotors, T the time (s) of their reaction (models/rotor_reaction.py). A negative T reduces
+    the phase.
     """
     w, zeta, w_i = loop
     grid = w * np.geomspace(0.3, 100.0, 4000)
@@ -154,8 +155,8 @@ def fill_attitude(me: Any, table: Spec, context: Context) -> None:
 def limit_attitude(c: Control, context: Context) -> Array:
     """Return the bandwidths (3,) rad/s of the attitude about the axes of B.
 
-    About z the one that the rotors' reaction allows; nothing rests on that loop. Roll and pitch
-    keep theirs, which must stay clear of the position loop's (ADR 0023).
+    About z it is limited by the rotors' reaction; no other loop depends on it. Roll and pitch keep
+    theirs, which must stay clear of the position loop's (ADR 0023).
     """
     weight, wanted = context.mass * context.world.gravity_mps2, c.attitude_bandwidth_rad_s
     reaction = float(compute_reaction_times(context.rotors, context.allocator, weight)[2])
@@ -181,7 +182,7 @@ def fill_arm(me: Any, table: Spec, context: Context) -> None:
 def position_force(me: Any, ref: Any, est: Any, body: Any, saturated: float, f_W: Any) -> None:
     """Tognon 2018, law (4): f_W = -g_1 + M_11 a^n + K^D (v^n - v) + K^P e + sigma.
 
-    e is the tip's position error where `ref.track_tip` is set, else the platform's; the velocity is
+    e is the tip's position error if `ref.track_tip` is set, else the platform's; the velocity is
     always the platform's.
     """
     e, v = local(3), local(3)
@@ -208,15 +209,15 @@ def platform_force(me: Any, ref: Any, est: Any, body: Any, saturated: float, f_W
 def force_from_errors(
     me: Any, ref: Any, body: Any, e: Any, v: Any, saturated: float, f_W: Any
 ) -> None:
-    """`position_force` of a position error e (3,) m and a velocity error v (3,) m/s, in W.
+    """Compute `position_force` for a position error e (3,) m and a velocity error v (3,) m/s, in W.
 
     sigma integrates e with a dead zone in the interaction frame: along the surface normal only
     while |e_n| exceeds `ref.dead_zone` (a dead zone of 0 integrates always), so in contact the
-    intended penetration does not wind up. The integral rests while the rotors are saturated.
-
-    Beyond the paper: in contact the believed Coulomb friction of the desired sliding, mu K^P |e_n|
-    along v_T^d, is fed forward (`friction`, 0 gives the paper's law). Without it each reversal of
-    the friction leaves the tip 2 mu F / K^P behind until the integral has caught up.
+    intended penetration does not wind up. The integral is frozen while the rotors are saturated. In
+    addition to the paper: in contact the nominal Coulomb friction of the desired sliding, mu K^P
+    |e_n| along v_T^d, is fed forward (`friction`, 0 gives the paper's law). Without it each
+    reversal of the friction leaves the tip 2 mu F / K^P behind until the integral has compensated
+    it.
     """
     kp = body.mass * me.wn_p * me.wn_p
     kd = 2.0 * me.zeta_p * body.mass * me.wn_p

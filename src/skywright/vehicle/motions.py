@@ -1,4 +1,4 @@
-"""Motions of the platform from their beginning to their result: each yields once a mission tick."""
+"""Motions of the platform from start to result; each is a generator, advanced once a tick."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ Array = NDArray[np.float64]
 Motion = Generator[None, None, Result]
 
 TICK = 0.02  # s
-STANDS_M, STANDS_S, STANDS_MPS = 0.15, 0.3, 0.1  # above its reference, still: it stands
-SINK = 0.15  # m/s, at which it goes on down where the ground is lower than believed
+STANDS_M, STANDS_S, STANDS_MPS = 0.15, 0.3, 0.1  # above its reference, at rest: it has landed
+SINK = 0.15  # m/s, descent below the expected ground
 SINK_MAX = 5.0  # m, of that
 SPIN_S = 0.5  # s, of the spin check
-IN_GROUND = 0.025  # m above a reference that ends 0.05 m in the ground: it stands
+IN_GROUND = 0.025  # m above a reference that ends 0.05 m in the ground: it has landed
 AT_REST = 1e-3  # m/s and rad/s of a reference
 FOLDED, JOINT_RAD, JOINT_PATIENCE = 0.02, 0.1, 5.0  # rad, rad, s
 PRESSED = 0.02  # m, by which the reference lies in the ground during it
@@ -42,7 +42,7 @@ class Arrival(NamedTuple):
 
 
 class Motions:
-    """What `Uav` begins; `checked` grows by the spin check."""
+    """The motions of `Uav`; `checked` includes the results of the spin check."""
 
     def __init__(self, backend: Backend, arrival: Arrival, checklist: Checklist | None) -> None:
         self.backend, self.arrival, self.checklist = backend, arrival, checklist
@@ -64,7 +64,8 @@ class Motions:
         return Result(True)
 
     def _spin(self) -> Generator[None, None, str]:
-        """Turn the motors with the reference a little in the ground; returns what is wrong."""
+        """Run the motors with the reference slightly in the ground; returns the reason of a
+        failure."""
         if self.checklist is None or not self.checklist.spin or self.is_turning:
             return ""
         row = build_row_here(self.backend)
@@ -89,7 +90,7 @@ class Motions:
         return (yield from self._arrive())
 
     def brake_then(self, fly: Callable[[], Motion]) -> Motion:
-        """Bring the reference to rest where it moves, then begin what `fly` returns."""
+        """Bring the reference to rest, then start the motion that `fly` returns."""
         row = self.backend.reference_now
         if max(np.abs(row["v_WB"]).max(), abs(row["w_WB_B"][2])) > AT_REST:
             self.moves.hold()
@@ -98,7 +99,7 @@ class Motions:
         return (yield from fly())
 
     def rest_then(self, fly: Callable[[], Motion]) -> Motion:
-        """Fold arms that carry nothing where they are not, as for take-off and landing."""
+        """Fold unfolded arms that carry nothing, as for take-off and landing."""
         b = self.backend
         if "arms" in b.offers and not np.any(b.reference["load"] > 0.0):
             folded = posture(b.robot, "folded")
@@ -109,7 +110,7 @@ class Motions:
         return (yield from fly())
 
     def move_joints(self, q: Array, seconds: float | None) -> Motion:
-        """Move the joints, and wait until they are where the servos can tell that they are."""
+        """Move the joints, and wait until their measured angles have arrived."""
         b = self.backend
         yield from self._pause(Arms(b).move_to(q, seconds or 0.0))
         ends = b.t + JOINT_PATIENCE
@@ -124,12 +125,13 @@ class Motions:
         return Result(True)
 
     def _find_joints(self) -> Array:
-        """Return the joints' angles; of compliant arms the servos', less what they lift."""
+        """Return the joints' angles; for compliant arms those of the servos, without the load's
+        deflection."""
         b = self.backend
         return find_led_joints(b) if "hands" in b.offers else np.array(b.estimate["q"])
 
     def _find_off(self, q: Array, now: Array) -> float:
-        """Return how far (rad) the worst joint is, of those that have a servo."""
+        """Return the largest error (rad) of the joints that have a servo."""
         first = 1 if self.backend.robot.pendulum is not None else 0
         n = self.backend.n_joints
         return float(np.max(np.abs(now[first:n] - q[first:n]), initial=0.0))
@@ -165,7 +167,7 @@ class Motions:
         return Result(True)
 
     def _sink(self) -> Motion:
-        """Go on down: the ground is lower than believed."""
+        """Continue the descent: the ground is lower than expected."""
         drive = VelocityDrive(self.backend)
         lowest = float(self.backend.reference_now["p_WB"][2]) - SINK_MAX
         while not drive.has_touched_down:
@@ -183,7 +185,7 @@ class Motions:
             yield
 
     def _arrive(self) -> Motion:
-        """Wait until the estimate has been near the end of the reference for a while."""
+        """Wait until the estimate has been near the end of the reference for the dwell time."""
         a, goal = self.arrival, self.moves.goal
         near = 0.0
         while True:

@@ -1,7 +1,7 @@
 """Motions of the platform as tables of references: take off, go to, hold, land.
 
-Missions, scripts and operators fly the same tables: missions call these, `vehicle.uav.Uav` adds
-states, refusals and arrival.
+Missions, scripts and operators fly the same tables: missions call these functions, and
+`vehicle.uav.Uav` adds states, refusals and arrival.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ TURN_ACCELERATION = 1.0
 
 
 class Brake:
-    """What is left of the motion that a new one interrupts: its speeds, brought to zero."""
+    """The remaining motion that a new one interrupts: its velocity is brought to zero."""
 
     def __init__(self, start: Any, acceleration: float) -> None:
-        """`start` is the REFERENCE row of now; `acceleration` in m/s^2."""
+        """`start` is the present REFERENCE row; `acceleration` in m/s^2."""
         self.v, self.rate = np.array(start["v_WB"]), float(start["w_WB_B"][2])
         self.t = float(np.linalg.norm(self.v)) / acceleration  # s
         self.t_turn = abs(self.rate) / TURN_ACCELERATION
@@ -36,7 +36,7 @@ class Brake:
         self.seconds = max(self.t, self.t_turn)
 
     def add(self, table: NDArray[Any]) -> None:
-        """Add it to the rows of the motion that follows, which begins at rest."""
+        """Add it to the rows of the following motion, which begins at rest."""
         way, v, a = _slow_down(table["t"], self.t)
         table["p_WB"] += way[:, None] * self.v
         table["v_WB"] += v[:, None] * self.v
@@ -49,7 +49,7 @@ class Brake:
 
 
 def _slow_down(t: Array, total: float) -> tuple[Array, Array, Array]:
-    """Return way, speed and acceleration of 1 m/s that ends after `total` s."""
+    """Return distance, speed and acceleration of 1 m/s that ends after `total` s."""
     if total <= 0.0:
         return np.zeros_like(t), np.zeros_like(t), np.zeros_like(t)
     u = np.minimum(t, total)
@@ -62,13 +62,13 @@ def level(R: Array) -> Array:
 
 
 class Moves:
-    """Motions of the platform; each starts at the reference of now, and the next ticks fly it."""
+    """Motions of the platform; each starts at the present reference."""
 
     def __init__(self, backend: Backend, blend: bool = False) -> None:
-        """`blend`: a motion that interrupts another one begins at its speed and brakes it."""
+        """`blend`: a motion that interrupts another one starts at its velocity and brakes it."""
         self.backend, self.blend = backend, blend
         self.goal: Any = None
-        """The last row of the motion that was begun last."""
+        """The last row of the last motion."""
         self.ends = 0.0
         """Mission time (s) at which its reference ends."""
 
@@ -106,9 +106,9 @@ class Moves:
         self._track(table)
 
     def take_off(self, height: float) -> None:
-        """Rise to `height` (m) above the ground: straight up, or first along the link's arc.
+        """Climb to `height` (m) above the ground: straight up, or first along the link's arc.
 
-        Raises InputError for a height at which a swinging link would not hang free.
+        Raises InputError for a height at which a swinging link would not hang freely.
         """
         arc = self.arc
         if arc is None:
@@ -124,20 +124,21 @@ class Moves:
         self._follow_arc(arc, up=True, height=height)
 
     def go_to(self, p: Array, yaw: float) -> None:
-        """Fly straight to p (3,) in W with heading `yaw` (rad), the short way round."""
+        """Fly straight to p (3,) in W and turn to heading `yaw` (rad) in the shorter direction."""
         R = self.backend.reference["R_WB"]
         now = math.atan2(R[1, 0], R[0, 0])
         self._move(p, (yaw - now + math.pi) % (2 * math.pi) - math.pi)
 
     def hold(self) -> None:
-        """Stay at the reference."""
+        """Stop at the reference."""
         self._move(self.backend.reference["p_WB"].copy(), 0.0)
 
     def land(self, ground_height: float, here: bool = False) -> None:
-        """Sink to the height of the platform's origin on the ground, a little into it.
+        """Descend to the height of the platform's origin on the ground, and slightly below.
 
-        With a swinging link: forward, down until its end touches, then backward along its arc to
-        where it began; `here` leaves the way forward out, where room there is not known.
+        With a swinging link: forward, down until its end touches the ground, then backward along
+        its arc to the start. `here` omits the forward motion if the space ahead has not been
+        checked.
         """
         if self.arc is not None:
             self._follow_arc(self.arc, up=False, height=0.0, here=here)
@@ -153,7 +154,7 @@ class Moves:
         return self.backend.arc
 
     def _follow_arc(self, arc: LinkArc, up: bool, height: float, here: bool = False) -> None:
-        """Track arc and vertical as one table; see `vehicle.link_arc`."""
+        """Track arc and vertical motion as one table; see `vehicle.link_arc`."""
         b, limits = self.backend, self.backend.limits
         start = np.array(b.reference)
         speed, acceleration = limits.speed, limits.acceleration

@@ -1,4 +1,4 @@
-"""Ports of the plant's side: what its components tell each other. The robot's side sees none."""
+"""Ports of the plant's side, which components of the robot's side cannot read."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from skywright.vehicle.component import Output
 SAMPLE_RATE = 100.0
 """Hz, of the rows in slots derive, record and peaks."""
 MISSION_TICK = 0.02
-"""s, between two looks of the mission at the vehicle."""
+"""s, period at which missions read the vehicle."""
 SETTLE = 2.0
 """s before take-off in which the estimator starts."""
 
 
 class RotorState(Output):
-    """The rotors now."""
+    """State of the rotors."""
 
     n: int
     speed: Annotated[Array, MAX_ROTORS]  # rad/s
@@ -25,13 +25,13 @@ class RotorState(Output):
 
 
 class RotorGain(Output):
-    """Thrust over thrust in free air, near surfaces."""
+    """Ratio of thrust to thrust in free air, near surfaces."""
 
     gain: Annotated[Array, MAX_ROTORS]
 
 
 class Wind(Output):
-    """The air around the robot; it moves on at the end of a tick."""
+    """The air around the robot; updated at the end of a tick."""
 
     varies: int  # 1: the air at each rotor differs from that at the body
     body_W: Vec3  # m/s, at the origin of B
@@ -45,7 +45,7 @@ class AirForce(Output):
 
 
 class Surface(Output):
-    """The tip against the pipe or structure that it shall touch."""
+    """The tip relative to the pipe or structure that it must touch."""
 
     gap: float  # m, of the tip's sphere, negative inside; 1000 where there is no surface
     gap_max: float  # m, since the last sample

@@ -1,4 +1,4 @@
-"""What a step asks for: its ports, read from its annotations."""
+"""The ports of a step, read from its annotations."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from skywright.vehicle.component import SLOTS, Component, Draws
 from skywright.vehicle.native import MAX_PORTS
 
 FILL, CHANGE, READ = range(3)
-"""What a step does with a port; within a slot rows of a port run in this order."""
+"""Use of a port by a step; within a slot the rows of a port run in this order."""
 
 
 class Port(NamedTuple):
@@ -36,7 +36,7 @@ class Step(NamedTuple):
     component: Component
     name: str
     function: Callable[..., None]  # undecorated
-    compiled: Any  # what numba compiles
+    compiled: Any  # function that numba compiles
     slot: str
     ports: list[Port]
 
@@ -56,7 +56,8 @@ def name_file(cls: type) -> str:
 def list_steps(component: Component) -> list[Step]:
     """Return the steps of an instance.
 
-    Raises InputError for a class without a step, an unknown slot, or a parameter that is no port.
+    Raises InputError for a class without a step, an unknown slot, or a parameter that is not a
+    port.
     """
     cls = type(component)
     slots = cls.slots or {"step": cls.slot}
@@ -82,7 +83,7 @@ def list_steps(component: Component) -> list[Step]:
 
 
 def _list_records(cls: Any) -> Mapping[str, type[Record]]:
-    """Return the records that a component's class defines, by name; bases' come first."""
+    """Return the records that a component's class defines, by name; those of bases first."""
     return {
         name: value
         for base in reversed(cls.__mro__)
@@ -92,7 +93,7 @@ def _list_records(cls: Any) -> Mapping[str, type[Record]]:
 
 
 list_records: Callable[[Any], Mapping[str, type[Record]]] = cache(_list_records)
-"""The same, looked up once: a vehicle that is built asks some hundred times."""
+"""The same, cached: building a vehicle calls it some hundred times."""
 
 
 def _read_ports(component: Component, function: Callable[..., None]) -> list[Port]:
@@ -125,7 +126,7 @@ def _read_ports(component: Component, function: Callable[..., None]) -> list[Por
         if kind is getattr(type(component), "Me", None) or (
             issubclass(kind, Setpoint) and kind in own
         ):
-            use = FILL  # it owns the record
+            use = FILL  # it belongs to the component
         out.append(Port(name, kind, READ if issubclass(kind, Draws) else use, optional))
     if len(out) > MAX_PORTS:
         raise InputError(f"{where} has {len(out)} ports; valid: at most {MAX_PORTS}")

@@ -14,7 +14,7 @@ from skywright.vehicle.readings import Telemetry
 
 
 class Checked(NamedTuple):
-    """One check of the list and what it found."""
+    """One check of the list and its result."""
 
     name: str
     value: float  # NaN: nothing measures it
@@ -24,19 +24,19 @@ class Checked(NamedTuple):
     says: str  # for a message, as `battery 0.15, at least 0.3 required`
 
     def to_json(self) -> dict[str, Any]:
-        """Return it as plain JSON: a value that nothing measures, or that has no end, is null."""
+        """Return plain JSON: a value that is not measured or not finite is null."""
         value = self.value if math.isfinite(self.value) else None
         return {**self._asdict(), "value": value}
 
 
 def list_checks(checklist: Checklist) -> list[str]:
-    """Return the names of what is looked at, in order."""
+    """Return the names of the checks, in order."""
     names = ["localisation", "battery", "tilt", "speed", "outside the geofence"]
     return [*names, "spin"] if checklist.spin else names
 
 
 def run_checklist(checklist: Checklist, b: Backend, fence: Fence | None) -> list[Checked]:
-    """Look at everything that can be seen with the motors off; the spin check is `check_rotors`."""
+    """Run all checks that do not need the motors; the spin check is `check_rotors`."""
     est = b.estimate
     tilt = math.degrees(math.acos(min(max(float(est["R_WB"][2, 2]), -1.0), 1.0)))
     speed, age = float(np.linalg.norm(est["v_WB"])), b.fix_age if b.localised else math.inf

@@ -1,7 +1,7 @@
-"""What the built-in sensors say: the ports between the plant's sensors and the robot's side.
+"""Readings of the built-in sensors: the ports between the plant's sensors and the robot's side.
 
-Units are SI and radians, frames as in bus.py. `t` is when a sample was taken, `fresh` 1 where it is
-new in this tick (component.py: Output).
+Units are SI and radians, frames as in bus.py. `t` is the time of the sample, `fresh` 1 if it is new
+in this tick (component.py: Output).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from skywright.vehicle.component import Output
 
 
 class ImuBatch(Output):
-    """Inertial samples that came in this tick, oldest first."""
+    """Inertial samples that arrived in this tick, oldest first."""
 
     t: float  # s
     n: int
@@ -34,7 +34,7 @@ class MocapSample(Output):
 
     fresh: float
     t: float  # s, of the exposure
-    period: float  # s, since the last sample that was delivered
+    period: float  # s, since the last delivered sample
     p_WB: Vec3
     R_WB: Mat3
     p_WT: Vec3
@@ -42,7 +42,7 @@ class MocapSample(Output):
 
 
 class TargetCapture(Output):
-    """The pose of a tracked thing by motion capture."""
+    """Pose of a tracked thing from motion capture."""
 
     fresh: float
     p_WO: Vec3
@@ -50,23 +50,23 @@ class TargetCapture(Output):
 
 
 class DatumImage(Output):
-    """Where the probe's camera sees the datum mark."""
+    """Position of the datum mark from the probe's camera."""
 
     fresh: float
     p_TM: Vec3  # m, from the tip
 
 
 class Fix(Output):
-    """Where a point of the robot was, by satellites or a total station."""
+    """Position of a point of the robot from satellites or a total station."""
 
     fresh: float
-    t: float  # s, by the clock of what measured
+    t: float  # s, by the clock of the instrument
     heading: float  # rad, of B's x axis, by satellites
     p: Vec3  # m, in W
 
 
 class Odometry(Output):
-    """The robot's pose by the tracking camera, in its own scaled frame C."""
+    """The robot's pose from the tracking camera, in its own scaled frame C."""
 
     fresh: float
     t: float  # s
@@ -83,7 +83,7 @@ class Range(Output):
 
 
 class WrenchSample(Output):
-    """What the parts beyond a six-axis sensor in the arm exert on those before it, in its axes."""
+    """Wrench at a six-axis sensor in the arm: of the outer parts on the inner ones, in its axes."""
 
     fresh: float
     t: float  # s
@@ -98,7 +98,7 @@ class TipForce(Output):
 
 
 class Telemetry(Output):
-    """What the battery's and the motors' own electronics tell."""
+    """Data from the electronics of battery and motors."""
 
     charge: float  # share of the battery's energy that is left
     speed: Annotated[Array, MAX_ROTORS]  # rad/s, of each rotor

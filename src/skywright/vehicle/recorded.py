@@ -1,4 +1,4 @@
-"""The recording back end: a run is played through a vehicle's interface; commands are refused."""
+"""The recording back end: plays a run through a vehicle's interface; commands are refused."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from skywright.vehicle.setpoints import Actuators
 Array = NDArray[np.float64]
 
 STATES = {"start": State.LANDED_DISARMED, "take_off": State.TAKING_OFF, "land": State.LANDING}
-"""States by the names of phases; in every other phase the vehicle flies."""
+"""State by name of the phase; in all other phases the vehicle flies."""
 
 
 class Phase(NamedTuple):
@@ -44,7 +44,7 @@ class RecordedVehicle(NoPilotSwitch):
     refuses = "the back end plays a recording"
 
     def __init__(self, nominal: Nominal, samples: NDArray[Any], phases: list[Phase]) -> None:
-        """`samples` (n,) are those of a run; raises InputError where there are none."""
+        """`samples` (n,) are those of a run; raises InputError if there are none."""
         if not len(samples):
             raise InputError("the recording has no samples")
         self.robot, self.world = nominal.robot, nominal.world
@@ -68,29 +68,29 @@ class RecordedVehicle(NoPilotSwitch):
 
     @property
     def t(self) -> float:
-        """Mission time (s) of the sample that is shown."""
+        """Mission time (s) of the present sample."""
         return float(self._samples["t"][self._i])
 
     @property
     def has_ended(self) -> bool:
-        """Whether the last sample is shown."""
+        """Whether the present sample is the last."""
         return self._i == len(self._samples) - 1
 
     @property
     def phase(self) -> str:
-        """Name of the phase now, "" between phases."""
+        """Name of the present phase, "" between phases."""
         names = [p.name for p in self._phases if p.start_s <= self.t < p.end_s]
         return names[-1] if names else ""
 
     @property
     def state(self) -> State:
-        """State of the vehicle at the time of the sample, by its phase."""
+        """State of the vehicle in the phase of the present sample."""
         if not self.phase:
             return State.LANDED_DISARMED
         return STATES.get(self.phase, State.FLYING_AUTO)
 
     def tick(self, guards: int = 0) -> Ticked:
-        """Go on by a mission tick (20 ms), as far as there are samples."""
+        """Advance by a mission tick (20 ms), up to the last sample."""
         t = self._samples["t"]
         after = int(np.searchsorted(t, self.t + MISSION_TICK - 1e-6))
         self._i = min(after, len(t) - 1)
@@ -98,7 +98,7 @@ class RecordedVehicle(NoPilotSwitch):
 
     @property
     def reference(self) -> Any:
-        """The REFERENCE row of the sample, as far as it was recorded."""
+        """The REFERENCE row of the sample; fields that were not recorded are zero."""
         s, row = self._samples[self._i], np.zeros(1, REFERENCE)[0]
         row["p_WB"], row["R_WB"] = s["ref_p_WB"], _rotate(s["ref_q_WB"])
         row["p_WT"], row["R_WT"] = s["ref_p_WT"], _rotate(s["ref_q_WT"])
@@ -109,7 +109,7 @@ class RecordedVehicle(NoPilotSwitch):
 
     @property
     def tracking(self) -> tuple[NDArray[Any], float]:
-        """The row of the sample alone: a recording has no table."""
+        """The row of the sample only: a recording has no table."""
         return self.reference[None], 0.0
 
     @property
@@ -119,7 +119,7 @@ class RecordedVehicle(NoPilotSwitch):
 
     @property
     def estimate(self) -> Any:
-        """The Estimate of the sample, as far as it was recorded."""
+        """The Estimate of the sample; fields that were not recorded are zero."""
         s, est = self._samples[self._i], self._estimate[0]
         est["t"], est["p_WB"], est["v_WB"] = s["t"], s["est_p_WB"], s["est_v_WB"]
         est["R_WB"], est["w_WB_B"] = _rotate(s["est_q_WB"]), s["est_w_WB_B"]
@@ -143,7 +143,7 @@ class RecordedVehicle(NoPilotSwitch):
     localised, saturated, fix_age, force, pose_std = True, False, 0.0, 0.0, math.nan
 
     def in_contact(self) -> bool:
-        """Nothing tells."""
+        """Always False: not recorded."""
         return False
 
     def tip_of(self, row: Any) -> tuple[Array, Array]:

@@ -68,7 +68,7 @@ class Recorder(Component):
     )
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Lay out the samples, and list what goes where."""
+        """Allocate the samples, and list the copies."""
         index = context.scene.places
         counts = {
             "joint": context.scene.n_joints, "rotor": len(context.rotors.thrust_min),

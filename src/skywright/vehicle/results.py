@@ -1,4 +1,4 @@
-"""What becomes of a command: a result, and the handle of one that is under way."""
+"""Result of a command, and the handle of a command in execution."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from skywright.vehicle.commands import Command
 
 
 class Result(NamedTuple):
-    """How a command ended. It is true where it succeeded."""
+    """Result of a command. It is true if the command succeeded."""
 
     ok: bool
     reason: str = ""  # why not, or what ended it
@@ -34,7 +34,7 @@ class Handle:
         return self.result is not None
 
     def end(self, result: Result) -> None:
-        """Note how it ended; the first result stays."""
+        """Set the result; the first one remains."""
         if self.result is None:
             self.result = result
 

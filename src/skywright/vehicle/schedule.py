@@ -1,7 +1,7 @@
-"""The tick: walks the rows of a schedule. It knows no component and is compiled once for ever.
+"""The tick: executes the rows of a schedule. It is independent of components and compiled once.
 
-A row is a step: the address of its machine code and of its ports. Random numbers are ports that
-move on: their address is the base plus the clock's row of the block times a stride.
+A row is a step: the address of its machine code and of its ports. Random numbers are ports with a
+moving address: the base plus the clock's row of the block times a stride.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ ROW = np.dtype(
         ("function", np.int64),  # address; 0: plain Python
         ("n", np.int64),  # ports
         ("ports", np.int64, MAX_PORTS),  # addresses
-        ("n_draws", np.int64),  # ports that move on
+        ("n_draws", np.int64),  # number of ports with a moving address
         ("draw_port", np.int64, MAX_PORTS),
         ("draw_base", np.int64, MAX_PORTS),  # address of the block
         ("draw_stride", np.int64, MAX_PORTS),  # bytes a row of the block
@@ -35,9 +35,9 @@ _SIZE, _PORTS = ROW.itemsize, ROW.fields["ports"][1]  # type: ignore[index]
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def run_rows(at: int, first: int, last: int, clock_at: int) -> bool:
-    """Run the rows first to last - 1 that are due; True when the tick must end at once.
+    """Run the rows first to last - 1 that are due; returns True if the tick must end at once.
 
-    `at` is the address of the rows, `clock_at` of the clock.
+    `at` is the address of the rows, `clock_at` that of the clock.
     """
     rows, clock = carray(as_pointer(at), last, ROW), carray(as_pointer(clock_at), 1, CLOCK)[0]
     for r in range(first, last):

@@ -148,7 +148,7 @@ def simulate_flight(
 
 
 class Seen(NamedTuple):
-    """What station and camera recorded."""
+    """The recordings of station and camera."""
 
     station: Trajectory
     camera: Trajectory

@@ -60,7 +60,7 @@ def build_home_row(
 
 
 def list_offers(robot: Robot) -> frozenset[str]:
-    """Return what a mission may command of a robot (vehicle/interface.py)."""
+    """Return the offers of a robot to missions (vehicle/interface.py)."""
     return frozenset(
         ["uav", "dynamics"]
         + (["arms", "whole_body"] if robot.arm else [])

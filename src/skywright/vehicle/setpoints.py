@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 
 class Place(NamedTuple):
-    """Where a value is set, and what declares it."""
+    """Position of a value in a record, and the component that declares it."""
 
     at: Array  # () or (n,), in the robot's record
     column: Recorded

@@ -1,7 +1,7 @@
 """The physics back end: the perturbed plant and the robot, assembled from components.
 
 Fast mode runs each mission tick in one compiled call. Interactive mode runs the schedule from
-Python: components may be plain Python there, a debugger works. Both are bit-identical.
+Python: components may be plain Python, and a debugger works. Both are bit-identical.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ C = TypeVar("C", bound=Component)
 
 
 class Recorded(NamedTuple):
-    """What one run records."""
+    """The recorded columns, topics and streams of a run."""
 
     columns: tuple[Column, ...]
     topics: tuple[Topic, ...]
@@ -108,7 +108,7 @@ class SimulatedVehicle(NoPilotSwitch):
         self.robot, world = nominal.robot, world or nominal.world
         robot, known = nominal.robot, {n: getattr(nominal.world, n) for n in ("pipe", "structure")}
         self.world = world.model_copy(update=known)
-        # surfaces that stand where the map has them are not built again
+        # surfaces at their position in the map are not built again
         true = nominal if world == self.world else Nominal(robot, world)
         self.interactive = interactive
         self.n_steps, self.dt = check_rate(robot, timestep)
@@ -158,21 +158,21 @@ class SimulatedVehicle(NoPilotSwitch):
         self.track(build_home_row(nominal, world, home, start[2]))
 
     def find(self, kind: type[C]) -> C:
-        """Return the component of a class; raises InputError where the vehicle has none."""
+        """Return the component of a class; raises InputError if the vehicle has none."""
         found = next((c for c in self.assembly.components if isinstance(c, kind)), None)
         if found is None:
             raise InputError(f"{self.robot.name!r} in {self.world.name!r} has no {kind.__name__}")
         return found
 
     def read(self, record: type[R], name: str = "") -> R:
-        """Return a copy of a record; `name` is that of who fills it, where several do.
+        """Return a copy of a record; `name` is the component that fills it, if several do.
 
-        Raises InputError where nothing in this vehicle fills it.
+        Raises InputError if no component of this vehicle fills it.
         """
         return cast(R, View(cast(View, self.look(record, name)).copy()))
 
     def look(self, record: type[R], name: str = "") -> R:
-        """Return a record itself, which is not to be written to; raises as `read` does."""
+        """Return a record itself, which must not be modified; raises as `read` does."""
         try:
             return cast(R, View(self.assembly.get(record, name)))
         except KeyError:
@@ -203,27 +203,27 @@ class SimulatedVehicle(NoPilotSwitch):
 
     @property
     def localised(self) -> bool:
-        """Whether the estimator has begun."""
+        """Whether the estimator has started."""
         return bool(self.read(EstimatorState).ready > 0.0)
 
     @property
     def fix_age(self) -> float:
-        """Time (s) since the robot was last told where it is."""
+        """Time (s) since the last position fix."""
         return self.t - float(self.assembly.get(EstimatorState)["heard"])
 
     @property
     def saturated(self) -> bool:
-        """Whether the rotors could not make what was commanded at the last control tick."""
+        """Whether the rotors could not produce the wrench commanded at the last control tick."""
         return bool(self.assembly.get(Allocated)["saturated"] > 0.0)
 
     @property
     def force(self) -> float:
-        """Force (N) of the tip at the last control tick, by the probe's sensor."""
+        """Force (N) of the tip at the last control tick, from the probe's sensor."""
         return float(self.assembly.get(Estimate)["f_tip"])
 
     @property
     def pose_std(self) -> float:
-        """Largest standard deviation (m) of the estimated position; NaN where it is not known."""
+        """Largest standard deviation (m) of the estimated position; NaN if unknown."""
         return float(self.read(EstimatorState).pose_std)
 
     def track(self, table: Table) -> None:
@@ -268,15 +268,15 @@ class SimulatedVehicle(NoPilotSwitch):
                     self.on_stream(topic, rows)
 
     def save(self) -> Saved:
-        """Return everything that the next tick depends on; see restore."""
+        """Return the state on which the next tick depends; see restore."""
         parts = {c.name: c.save() for c in self.assembly.components}
         return Saved(self.assembly.save(), self.sim.save(), self._table, self._table_start, parts)
 
     def restore(self, saved: Saved, seed: int | None = None) -> None:
-        """Go back to a saved state: the same ticks follow bit for bit.
+        """Restore a saved state: the same ticks follow bit for bit.
 
-        With a `seed` the noise from here on is that of this seed. Samples not yet delivered at
-        either time are dropped.
+        With a `seed`, the noise from then on is that of this seed. Samples not yet delivered at
+        either time are discarded.
         """
         self.sim.restore(saved.physics)
         for c in self.assembly.components:
@@ -294,7 +294,7 @@ class SimulatedVehicle(NoPilotSwitch):
         return row["p_WB"] + row["R_WB"] @ p_BT, row["R_WB"] @ R_BT
 
     def get_memory(self, name: str) -> View:
-        """Return parameters and memory of component `name`, to change; InputError if unknown."""
+        """Return parameters and state of component `name`, to modify; InputError if unknown."""
         for (record, owner), rows in self.assembly.records.items():
             if owner == name and record in self.assembly.memories:
                 return View(rows[0])
@@ -302,7 +302,7 @@ class SimulatedVehicle(NoPilotSwitch):
         raise InputError(f"no component {name!r} with state; components: {names}")
 
     def read_memory(self, name: str) -> Any:
-        """Return a copy of what `get_memory` gives."""
+        """Return a copy of the record of `get_memory`."""
         return self.get_memory(name).copy()
 
     @property
@@ -312,12 +312,12 @@ class SimulatedVehicle(NoPilotSwitch):
 
     @property
     def devices(self) -> Devices:
-        """What is beside the robot: all that there is, made when asked, so that it is no cycle."""
+        """All devices; built on demand, to avoid a reference cycle."""
         return Devices(self, frozenset(DEVICES))
 
     @property
     def recorded(self) -> Recorded:
-        """What samples hold."""
+        """The recorded columns, topics and streams."""
         columns = self._recorder.list_columns()
         joints, n_rotors = joint_names(self.robot), len(self.nominal.rotors.axis)
         streams = [b.stream for c in self._raw for b in c.buffers]
@@ -329,7 +329,7 @@ class SimulatedVehicle(NoPilotSwitch):
         return self._recorder.last
 
     def in_contact(self) -> bool:
-        """Whether the instrument's lift-off signal says contact."""
+        """Whether the instrument's lift-off signal indicates contact."""
         found = self.assembly.records.get((EddyProbe.Reading, ""))
         return found is not None and bool(found["in_contact"][0])
 
@@ -339,9 +339,9 @@ class SimulatedVehicle(NoPilotSwitch):
         me.null[:], me.lift_axis[:] = null, axis
 
     def give_up_rotor(self, i: int) -> RotorsLeft | None:
-        """Allocate to the other rotors from now on; None where they cannot hold the robot.
+        """Allocate to the other rotors from now on; returns None if they cannot hold the robot.
 
-        A law that points its thrust by tilting follows no lean.
+        No tilt is planned for a law that directs its thrust by tilting the platform.
         """
         body, law, allocation = self.read(Body), self.find(Law), self.find(RotorAllocation)
         left = allocation.give_up(
@@ -354,13 +354,13 @@ class SimulatedVehicle(NoPilotSwitch):
 
     @property
     def has_link(self) -> bool:
-        """Whether a control link stands between robot and controller."""
+        """Whether there is a control link between robot and controller."""
         return any(c.group == "link" for c in self.assembly.components)
 
     def tune_law(self, tuned: Law, nominal: Nominal) -> None:
-        """Give the law the gains that another of its kind makes on a robot in a world as believed;
-        what it has gathered stays. A law that is started again has them, too.
-        Raises InputError, and changes nothing, where there are none."""
+        """Set the gains of the law to those of `tuned`, built for a nominal robot and world; the
+        law's state is kept. A law that restarts has them, too. Raises InputError, and changes
+        nothing, if there are no such gains."""
         given = self.assembly.limit(self.assembly.context)
         given = dataclasses.replace(given, nominal=nominal, world=nominal.world)
         key = next(
@@ -376,18 +376,18 @@ class SimulatedVehicle(NoPilotSwitch):
                 raise
 
     def stop_computer(self, failed: StepFailed) -> bool:
-        """Run what failed no more; a law is started again once, and this returns True."""
+        """Stop the failed step; a law is restarted once, and this returns True."""
         return self.watchdog.stop(failed, self.t)
 
     def release(self) -> None:
-        """Open the clamp that holds the platform for good; InputError where there is none."""
+        """Open the clamp that holds the platform, permanently; InputError if there is none."""
         find_bench(self.world)
         self.sim.data.eq_active[self.scene.model.equality(Fixture.CLAMP).id] = 0
 
     def set_stick(self, stick: Array, button: bool) -> None:
-        """Operator's input (3,) and button that samples carry from now on."""
+        """Set the operator's input (3,) and button of the following samples."""
         self.find(Operator).set(stick, button)
 
     def set_phase(self, index: int) -> None:
-        """Phase index that samples carry from now on."""
+        """Set the phase index of the following samples."""
         self.assembly.get(Clock)["phase"] = index

@@ -64,7 +64,7 @@ class Simulation:
         return copy, model.pair_friction.copy()
 
     def restore(self, saved: tuple[mujoco.MjData, Array]) -> None:
-        """Go back to what `save` returned."""
+        """Restore the state that `save` returned."""
         mujoco.mj_copyData(self.data, self.scene.model, saved[0])
         self.scene.model.pair_friction[:] = saved[1]
 
@@ -79,6 +79,6 @@ class Snapshot:
         mujoco.mj_getState(model, data, self._state, self._spec)
 
     def restore(self, sim: Simulation) -> None:
-        """Put the state back and recompute what derives from it."""
+        """Restore the state and recompute the quantities derived from it."""
         mujoco.mj_setState(sim.scene.model, sim.data, self._state, self._spec)
         mujoco.mj_forward(sim.scene.model, sim.data)

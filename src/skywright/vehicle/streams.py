@@ -1,7 +1,7 @@
-"""Raw samples of sensors: each one recorded at its own time, at the rate of its sensor.
+"""Raw samples of sensors: each recorded at its own time, at the rate of its sensor.
 
-What a sensor says is copied where it is made, before a link delays or loses it, into buffers that
-the vehicle empties between mission ticks.
+Samples are copied at the sensor, before a link delays or loses them, into buffers that the vehicle
+empties between mission ticks.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class StreamRecorder(Component):
         table: int  # address of (n, ENTRY)
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Lay out the rows, and list what goes where."""
+        """Allocate the rows, and list the copies."""
         self.buffers: list[Buffer] = []
         entries = []
         for component in context.components:
@@ -61,7 +61,7 @@ class StreamRecorder(Component):
         me.n, me.table = len(entries), context.keep(self._table)
 
     def _add(self, name: str, streamed: Streamed, source: NDArray[Any], context: Any) -> list[int]:
-        """Make the buffer of a stream; returns its entry in the table."""
+        """Create the buffer of a stream; returns its entry in the table."""
         fields, record = dict(source.dtype.fields or {}), streamed.columns[0].source
         batch = get_rule(record) == BATCH
         columns, moves = [Column("t", unit="s", meaning="of the sample")], []
@@ -89,11 +89,11 @@ class StreamRecorder(Component):
 
     @property
     def is_full(self) -> bool:
-        """Whether there is no room for another mission tick."""
+        """Whether there is no space for another mission tick."""
         return max(self._written.tolist(), default=0) > ROWS - ROWS_A_TICK
 
     def take(self) -> list[tuple[str, NDArray[Any]]]:
-        """Return (topic, rows) of what was written so far, as copies, and begin anew."""
+        """Return (topic, rows) written so far, as copies, and clear the buffers."""
         written = self._written.tolist()
         self._written[:] = 0
         return [
@@ -124,14 +124,14 @@ class StreamRecorder(Component):
 def _find_source(
     records: dict[Any, NDArray[Any]], streamed: Streamed, name: str
 ) -> NDArray[Any] | None:
-    """Return the (1,) record that a component fills: at the near end of a link."""
+    """Return the (1,) record that a component fills: on its side of a link."""
     record = streamed.columns[0].source
     names = (name_near(name), name_near(""), name, "")
     return next((records[record, n] for n in names if (record, n) in records), None)
 
 
 def _build_topic(name: str, streamed: Streamed, columns: list[Column]) -> Topic:
-    """Return the topic of a stream, of a type of its own where none is named."""
+    """Return the topic of a stream, with its own type if none is named."""
     if streamed.kind:
         return Topic(
             name, streamed.kind, streamed.frame, dict(streamed.paths), numbers=streamed.numbers

@@ -27,7 +27,7 @@ CARRIED = 0.15
 LOST = 1.0
 """s without a sample after which the mean begins anew."""
 NEVER = 1e3
-"""s, age of a target that was not seen yet."""
+"""s, age of a target that was not measured yet."""
 
 
 class Target(Output):

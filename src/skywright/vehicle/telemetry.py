@@ -79,7 +79,7 @@ def read_transforms(b: Backend) -> dict[tuple[str, str], Pose]:
 
 
 def read_reference(b: Backend) -> Odometry:
-    """Return pose and speeds that the platform shall have."""
+    """Return the commanded pose and velocity of the platform."""
     row = b.reference_now
     return Odometry(
         _pose(b.t, row["p_WB"], row["R_WB"]), np.array(row["v_WB"]), np.array(row["w_WB_B"])

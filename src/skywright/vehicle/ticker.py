@@ -27,7 +27,7 @@ class StepFailed(SimulationError):
 
 
 class Physics(Protocol):
-    """What a tick steps."""
+    """The functions and data that a tick steps."""
 
     model_address: int
     data_address: int

@@ -40,14 +40,14 @@ Array = NDArray[np.float64]
 
 
 LEAST_RISE = 0.1  # m, of a take-off
-IN_RANGE = 1e-3  # rad, by which a joint's goal may exceed its range: rounding
+IN_RANGE = 1e-3  # rad, by which a joint's goal may exceed its range, due to rounding
 
 
 class Uav(Commanded):
     """The platform of a vehicle and its commands."""
 
     def arm(self, *, wait: bool | None = None) -> Handle:
-        """Turn the motors on the ground; the checklist, and its spin check, come first."""
+        """Start the motors on the ground, after the checklist and its spin check."""
         return self._start(Command.ARM, self._fly.arm, wait)
 
     def disarm(self) -> Handle:
@@ -55,9 +55,9 @@ class Uav(Commanded):
         return self._do(Command.DISARM, self._stop)
 
     def take_off(self, height: float, *, wait: bool | None = None) -> Handle:
-        """Rise to `height` (m) of the platform's origin above the ground.
+        """Climb to `height` (m) of the platform's origin above the ground.
 
-        Raises InputError if a swinging link would not hang free at this height.
+        Raises InputError if a swinging link would not hang freely at this height.
         """
         height = check_number("height", height, LARGEST)
         p = np.array(self.backend.estimate["p_WB"])
@@ -88,7 +88,7 @@ class Uav(Commanded):
         self, latitude: float, longitude: float, altitude: float, yaw: float | None = None,
         *, wait: bool | None = None,
     ) -> Handle:  # fmt: skip
-        """Fly straight to a place in WGS 84: degrees, and m above the ellipsoid as the origin."""
+        """Fly straight to a position in WGS 84: degrees, and m above the ellipsoid."""
         origin, heading = self.backend.world.origin, self._heading(yaw)
         if origin is None:
             return self._refuse(Command.GO_TO_GEO, Need.ORIGIN)
@@ -114,8 +114,9 @@ class Uav(Commanded):
     ) -> Handle:
         """Descend to the ground and stop the motors, also on ground of unexpected height.
 
-        `ground_height` (m) is that of the platform's origin on its feet (default: on z = 0). A link
-        that swings is laid down along its arc; `here` leaves out the way forward before that.
+        `ground_height` (m) is the height of the platform's origin on the ground (default: on z =
+        0). A link that swings is laid down along its arc; `here` omits the forward motion before
+        that.
         """
         ground = self._ground
         if ground_height is not None:
@@ -130,7 +131,7 @@ class Uav(Commanded):
     ) -> Handle:  # fmt: skip
         """Move the platform to p (3,) m in W and `yaw` (rad); called repeatedly, as a stream.
 
-        Of a pose that moves, v (3,) m/s and `yaw_rate` (rad/s) are fed forward.
+        For a moving pose, v (3,) m/s and `yaw_rate` (rad/s) are fed forward.
         """
         goal, heading = check_bounded("p", p), self._heading(yaw)
         ahead, rate = check_bounded("v", v), check_number("yaw_rate", yaw_rate)
@@ -146,8 +147,8 @@ class Uav(Commanded):
         """Move at v (3,) m/s in W and turn at `yaw_rate` (rad/s), within the limits.
 
         A reference is valid for 0.5 s; then the platform brakes and holds. If it descends onto a
-        surface, it has landed, and the motors stop. `roll` and `pitch` (rad) tilt a robot in place
-        whose rotors push sideways; laws of other robots choose the tilt themselves.
+        surface, it has landed, and the motors stop. `roll` and `pitch` (rad) tilt a robot with
+        lateral thrust in place; laws of other robots determine the tilt themselves.
         """
         velocity, rate = check_bounded("v", v), check_number("yaw_rate", yaw_rate)
         tilt = check_number("roll", roll), check_number("pitch", pitch)
@@ -178,7 +179,7 @@ class Uav(Commanded):
     def set_joints(self, q: ArrayLike) -> Handle:
         """Move the arms' joints to q (n_joints,) rad; called at up to 50 Hz, as a stream.
 
-        `set_pose` and `set_velocity` may run at the same time; without them the platform holds.
+        `set_pose` and `set_velocity` may run at the same time; otherwise the platform holds.
         """
         goal = check_vector("q", q, self.backend.n_joints)
         says = self.find_beyond(goal)
@@ -191,11 +192,11 @@ class Uav(Commanded):
         return self._do(Command.SET_JOINTS, tell)
 
     def find_beyond(self, q: Array) -> str:
-        """Return which of the joints q (n_joints,) rad lies outside its range, "" where none."""
+        """Return which of the joints q (n_joints,) rad is outside its range, "" if none is."""
         robot, n = self.backend.robot, self.backend.n_joints
         low, high = (self.backend.model[0][name][:n] for name in ("q_min", "q_max"))
         beyond = (q < low - IN_RANGE) | (q > high + IN_RANGE)
-        beyond[: int(robot.pendulum is not None)] = False  # it has no servo
+        beyond[: int(robot.pendulum is not None)] = False  # no servo
         if not beyond.any():
             return ""
         j = int(np.argmax(beyond))
@@ -205,22 +206,22 @@ class Uav(Commanded):
     def start_arms(
         self, command: ArmCommand, fly: Callable[[], Motion], wait: bool | None
     ) -> Handle:
-        """Begin a command of the arms (vehicle/commanded_arms.py): the platform brakes, holds."""
+        """Start a command of the arms (vehicle/commanded_arms.py): the platform brakes."""
         return self._start(command, lambda: self._fly.brake_then(fly), wait)
 
     def stream_arms(self, command: ArmCommand, tell: Callable[[Drive], None]) -> Handle:
-        """Take a reference of a stream to the arms, beside that of the platform."""
+        """Pass a streamed reference to the arms, in parallel with that of the platform."""
         return self._do(
             command, lambda: tell(self._drive or self._take(PoseDrive, ControlMode.POSE))
         )
 
     def start_joints(self, q: Array) -> Result | None:
-        """Move the joints to q (n_joints,) rad and wait; returns how it ended."""
+        """Move the joints to q (n_joints,) rad and wait; returns the result."""
         handle = self.start_arms(ArmCommand.MOVE_TO, lambda: self.move_joints(q, None), True)
         return handle.result
 
     def move_joints(self, q: Array, seconds: float | None) -> Motion:
-        """Move the joints to q (n_joints,) rad; ends when they are there."""
+        """Move the joints to q (n_joints,) rad; ends when they have arrived."""
         return self._fly.move_joints(q, seconds)
 
     def set_home(self) -> Handle:
@@ -232,9 +233,9 @@ class Uav(Commanded):
         return self._do(Command.SET_HOME, note)
 
     def take_over(self) -> Handle:
-        """Give the platform to the pilot, whose stick it follows in attitude mode.
+        """Give control to the pilot, whose stick the platform follows in attitude mode.
 
-        A vehicle with a pilot's switch of its own is changed to the pilot's mode.
+        A vehicle with its own pilot's switch is set to the pilot's mode.
         """
         if not self.find_refusal(Command.TAKE_OVER):
             says = self.backend.give_control()
@@ -255,7 +256,7 @@ class Uav(Commanded):
         self, roll: float = 0.0, pitch: float = 0.0, yaw_rate: float = 0.0, climb: float = 0.0,
         thrust: float | None = None,
     ) -> Handle:  # fmt: skip
-        """Take the pilot's stick: tilt (rad), turn (rad/s), climb (m/s) or thrust over weight.
+        """Set the pilot's stick: tilt (rad), turn (rad/s), climb (m/s) or thrust over weight.
 
         Positive roll moves to the right, positive pitch ahead. It is valid for 0.5 s; then the
         platform levels, holds its height and drifts.

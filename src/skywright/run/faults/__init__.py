@@ -1,8 +1,8 @@
-"""What the robot does where something goes wrong: one file a rule, `[mission.faults.NAME]`.
+"""Responses of the robot to faults: one file a rule, `[mission.faults.NAME]`.
 
-A rule watches what the robot knows (never the simulator's truth). Where its value stays beyond its
-limit for its hold time, the mission ends and the rule's response is flown until the robot is down.
-The author of a rule imports `Rule` and `Response`.
+A rule monitors a value that is available on board (never the simulator's truth). If the value
+exceeds its limit for the hold time, the mission ends and the rule's response is flown until the
+robot is down. The author of a rule imports `Rule` and `Response`.
 """
 
 from skywright.run.faults._rule import Response as Response

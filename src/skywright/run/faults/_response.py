@@ -1,4 +1,4 @@
-"""What is flown after a rule acted, until the robot is down."""
+"""Flies the response of a rule that acted, until the robot is down."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ Array = NDArray[np.float64]
 Table = NDArray[Any]
 
 RETRACT_M, RETRACT_SPEED, RETRACT_ACCELERATION = 0.25, 0.4, 1.5  # m, m/s, m/s^2
-CALM = (0.15, 0.15)  # m/s, m/s^2, where nothing is wrong
-SHORTCUTS = 16  # places of the way that was flown to which a straight one is tried, at a time
-STEP_M = 0.05  # m (or rad) between looks at a shortcut
-SPEED, TURN, JOINT = 0.4, 0.5, 0.5  # m/s, rad/s, rad/s of the way back
-FOLDED, FOLDING = 0.5, 1.5  # m above the ground where the arm is folded, and rad/s^2 until then
-BELOW, DEEPER, FASTER = 0.3, 12.0, 2.0  # m, m, -: below the ground, as the estimate may be wrong
-DOWN_M, DOWN_S = 0.2, 0.3  # m that the robot stays above its reference, and s: it stands
+CALM = (0.15, 0.15)  # m/s, m/s^2, if no rule has acted
+SHORTCUTS = 16  # crumbs of the flown path to which a straight shortcut is tried, at a time
+STEP_M = 0.05  # m (or rad) between samples of a shortcut
+SPEED, TURN, JOINT = 0.4, 0.5, 0.5  # m/s, rad/s, rad/s on the return path
+FOLDED, FOLDING = 0.5, 1.5  # m above the ground at which the arm is folded, and rad/s^2 of folding
+BELOW, DEEPER, FASTER = 0.3, 12.0, 2.0  # m, m, -: below the ground, for errors of the estimate
+DOWN_M, DOWN_S = 0.2, 0.3  # m that the robot stays above its reference, and s: it has landed
 FALL_S, LANDED_S, FALL_MAX_S = 3.0, 1.0, 15.0  # s, after the motors were stopped
-STILL, STILL_S = 0.1, 0.5  # rad/s and s: what the gyroscope tells of a robot that lies
-TURNS_S = 0.2  # s, after which a heading that nothing holds is taken for the commanded one
-WAIT_S = 30.0  # s, of holding before it comes home
-AGREES_S = 1.0  # s, for which a value has to be good again
+STILL, STILL_S = 0.1, 0.5  # rad/s and s: the gyroscope's reading of a robot at rest
+TURNS_S = 0.2  # s, after which the command takes over a heading that is not controlled
+WAIT_S = 30.0  # s, of holding before the return
+AGREES_S = 1.0  # s, for which a value must be within its limit again
 
 
 def respond(s: Supervisor, response: Response) -> None:
@@ -59,7 +59,7 @@ def respond(s: Supervisor, response: Response) -> None:
     v.carrying = v.carrying or max(v.told("load")) > 0.0
     if response != "land_here":
         leaves = v.engaged
-    else:  # a jolt is felt as a touch, and no time is to be lost on the way down
+    else:  # a jolt may register as contact, and the descent must not be delayed
         leaves = v.leads_hands or (v.means_to_touch and not v.carrying)
         if not v.hands or v.means_to_touch or v.find_pressed() is not None:
             v.left = v.away
@@ -84,7 +84,7 @@ def respond(s: Supervisor, response: Response) -> None:
 
 
 def wait_until_still(s: Supervisor, least: float) -> None:
-    """Wait until the robot lies still, for at least `least` (s): it may roll after a fall."""
+    """Wait until the robot is at rest, for at least `least` (s): it may roll after a fall."""
     began = since = s.vehicle.t
     while (t := s.vehicle.t) < began + FALL_MAX_S - 1e-9:
         if not float(np.linalg.norm(s.vehicle.estimate["w_WB_B"])) < STILL:
@@ -95,7 +95,7 @@ def wait_until_still(s: Supervisor, least: float) -> None:
 
 
 def build_rest(s: Supervisor) -> Any:
-    """Return a REFERENCE row at rest that presses, carries and grasps nothing."""
+    """Return a REFERENCE row at rest that does not press, carry or grasp anything."""
     row = np.array(s.vehicle.reference)
     row["q"] = goal_joints(s.senses)
     for field in (
@@ -109,17 +109,18 @@ def build_rest(s: Supervisor) -> Any:
 
 
 def _hold(s: Supervisor, R: Array) -> Array:
-    """Return the attitude with the heading of R at which the rotors that are left hold the robot.
+    """Return the attitude, with the heading of R, at which the remaining rotors hold the robot.
 
-    R itself while none is lost.
+    R itself if no rotor is lost.
     """
     return R if s.R_hold is None else _level(R @ s.R_hold.T) @ s.R_hold
 
 
 def retract(s: Supervisor) -> None:
-    """Draw back from what is touched, along its normal, the arm as it is.
+    """Retreat from the touched object along its normal, with the arm's posture unchanged.
 
-    Hands that touch nothing yet may be below or beside it: away from what is nearest on the map.
+    Hands that touch nothing may be below or beside an object: the robot then moves away from the
+    nearest object of the map.
     """
     v, row = s.senses, build_rest(s)
     away = v.away if v.left is None else v.left
@@ -131,11 +132,11 @@ def retract(s: Supervisor) -> None:
 def back_off(
     s: Supervisor, away: Array, far: float, acceleration: float = RETRACT_ACCELERATION
 ) -> None:
-    """Fly `far` (m) along `away` (3,) from where the robot was to be, the arm as it is.
+    """Fly `far` (m) along `away` (3,) from the commanded position, the arm's posture unchanged.
 
-    A robot that was pushed away begins where it is: on its way back to its place it would run
-    against what it is to leave. Fast after a rule has acted; by an order so slowly that a long arm
-    feels no force of its own.
+    A robot that was pushed away starts from its estimated position instead: returning to the
+    commanded one would push it against the object that it must leave. The motion is fast after a
+    rule has acted; on an operator's order it is so slow that a long arm feels no inertial force.
     """
     row, pace = build_rest(s), CALM
     start = np.array(row["p_WB"])
@@ -149,7 +150,7 @@ def back_off(
 
 
 def _fly(s: Supervisor, way: list[Array], row: Any, speed: float, acceleration: float) -> None:
-    """Fly a straight line with all else as in `row`."""
+    """Fly a straight line; all other fields are those of `row`."""
     total = duration(float(np.linalg.norm(way[1] - way[0])), speed, acceleration)
     n = max(math.ceil(total / ROW_PERIOD), 1)
     u = np.linspace(0.0, 1.0, n + 1)
@@ -181,7 +182,7 @@ def _build_table(
 
 
 def _wait_until_good(s: Supervisor) -> None:
-    """Hover until the value of the rule that acted has been good for a while, or too long."""
+    """Hover until the value of the rule that acted is within its limit, at most for WAIT_S."""
     s.body.track(build_rest(s)[None])
     name = s.faults.acted[-1].rule
     rule = next(rule for rule in s.faults.rules if rule.name == name)
@@ -195,9 +196,9 @@ def _wait_until_good(s: Supervisor) -> None:
 def list_way_back(
     trail: list[Crumb], here: Crumb, is_free: Callable[[Crumb, Crumb], bool]
 ) -> list[Crumb]:
-    """Return the way from `here` to the first crumb: straight where that is free, else as flown.
+    """Return the path from `here` to the first crumb: straight where that is free, else as flown.
 
-    Crumbs of contact are kept RETRACT_M clear of what was touched.
+    Crumbs of contact are shifted by RETRACT_M away from the touched object.
     """
     clear = [c._replace(p_WB=c.p_WB + RETRACT_M * c.away) for c in trail]
     out, k = [here], len(clear)
@@ -209,7 +210,7 @@ def list_way_back(
 
 
 def _is_way_free(s: Supervisor, query: ClearanceQuery | None, a: Crumb, b: Crumb) -> bool:
-    """Whether the straight way of platform and arm keeps its distance in the nominal scene."""
+    """Whether the straight path of platform and arm keeps WAY_MARGIN in the nominal scene."""
     if query is None:
         return False
     far = max(float(np.linalg.norm(b.p_WB - a.p_WB)), float(np.max(np.abs(b.q - a.q))))
@@ -222,7 +223,7 @@ def _is_way_free(s: Supervisor, query: ClearanceQuery | None, a: Crumb, b: Crumb
 
 
 def fly_back(s: Supervisor, trail: list[Crumb]) -> None:
-    """Fly back over crumbs to the first of them, as one move."""
+    """Fly back over crumbs to the first of them, as one motion."""
     row = build_rest(s)
     here = Crumb(np.array(row["p_WB"]), np.array(row["R_WB"]), np.array(row["q"]), np.zeros(3))
     query = s.surroundings() if s.surroundings is not None else None
@@ -265,9 +266,9 @@ def fly_back(s: Supervisor, trail: list[Crumb]) -> None:
 def _pose_stuck(
     s: Supervisor, query: ClearanceQuery | None, trail: list[Crumb], q: Array
 ) -> list[Crumb]:
-    """Return the trail with joints that do not follow where they are, the others as flown.
+    """Return the trail with stuck joints at their present angles and the others as flown.
 
-    Where the arm would meet its robot so, or come closer to anything, it stays at q.
+    If the arm would then collide with its robot or reduce the clearance, the arm stays at q.
     """
     n = s.vehicle.n_joints
     as_flown = [c._replace(q=hold_stuck(s.senses, c.q)) for c in trail]
@@ -279,14 +280,14 @@ def _pose_stuck(
 
     def measure(way: list[Crumb]) -> float:
         places = ((c.p_WB + RETRACT_M * c.away, {"R_WB": c.R_WB, "q": c.q}) for c in way)
-        assert query is not None  # is_apart says so
+        assert query is not None  # is_apart returned True, so there is a query
         return min((_gap(s, query, p, row) for p, row in places), default=math.inf)
 
     return as_flown if measure(as_flown) >= min(measure(as_is), WAY_MARGIN) else as_is
 
 
 def _anchor(s: Supervisor) -> None:
-    """Take the place where the robot believes to be for its reference."""
+    """Set the position reference to the estimated position."""
     row, est = build_rest(s), s.vehicle.estimate
     row["p_WB"] = est["p_WB"]
     s.body.track(row[None])
@@ -299,19 +300,19 @@ def _gap(s: Supervisor, query: ClearanceQuery, p: Array, row: Any) -> float:
 
 
 def _descend(s: Supervisor, here: bool) -> None:
-    """Sink until the robot stays behind its reference: it stands. The arm folds on the way.
+    """Descend until the robot stays above its reference, which means that it has landed.
 
-    The estimated height may be wrong by more than a meter: it sinks on below where the ground
-    should be, and faster, as the estimated speed may be wrong as well. Where no rotors are left to
-    hold the heading, it is not commanded: half a turn away from it the error of the attitude tells
-    nothing of the tilt. It waits where the arm would not be folded FOLDED above the ground.
-    `here`: room ahead is not known.
+    The arm folds on the way. The estimated height may be wrong by more than a meter: the descent
+    continues below the expected ground, and faster, as the estimated speed may be wrong as well. If
+    the remaining rotors cannot control the heading, it is not commanded: at half a turn from the
+    commanded heading the attitude error does not represent the tilt. The robot waits at a height at
+    which the arm can fold FOLDED above the ground. `here`: the space ahead has not been checked.
     """
     s.faults.land()
     row = build_rest(s)
     start, q = np.array(row["p_WB"]), np.array(row["q"])
     home = hold_stuck(s.senses, s.trail.crumbs[0].q) if s.trail.crumbs else q
-    if s.senses.carrying:  # it would be swung against the robot
+    if s.senses.carrying:  # a load would swing against the robot
         home = q
     elif s.senses.stuck:
         query, n = s.surroundings() if s.surroundings is not None else None, s.vehicle.n_joints

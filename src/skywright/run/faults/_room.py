@@ -1,4 +1,4 @@
-"""Where a robot that has to land finds room below, though it may be elsewhere than it believes."""
+"""Finds free space for an emergency landing, allowing for an error of the position estimate."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-MARGIN, WAY_MARGIN = 0.08, 0.1  # m, kept from everything on the way down and aside
+MARGIN, WAY_MARGIN = 0.08, 0.1  # m, clearance on the way down and aside
 SINK = 0.35  # m/s, of an emergency landing
-FAR, ANGLES, RISES = (0.3, 0.6, 0.9, 1.3, 1.8, 2.4), 12, (0.0, 0.3, 0.6)  # m, -, m: what is tried
-PACE = 0.4, 0.8  # m/s, m/s^2, aside
+FAR, ANGLES, RISES = (0.3, 0.6, 0.9, 1.3, 1.8, 2.4), 12, (0.0, 0.3, 0.6)  # m, -, m: candidates
+PACE = 0.4, 0.8  # m/s, m/s^2, of the sideways motion
 WAYS = [np.array(w) / np.linalg.norm(w) for w in product((-1.0, 0.0, 1.0), repeat=3) if np.any(w)]
-LOOK_M = 0.1  # m between looks on the way
+LOOK_M = 0.1  # m between samples of a path
 SIGMAS, DRIFTS_S, DRIFT_M = 3.0, 0.2, 1.0  # of the drift without localisation: s, m at most
 
 
 def list_places(s: Supervisor, row: Any, first: float = 0.0) -> list[Array]:
-    """Return where the robot may be, relative to its estimate: (3,) m each, the first is zero.
+    """Return possible positions of the robot, relative to its estimate: (3,) m each, first zero.
 
-    Where the estimate jumped, it may be where it was thought before. Without localisation it
-    drifts until it is down, as the square of the time, from the deviation that the filter states.
-    It descends after `first` (s).
+    If the estimate jumped, the position before the jump is possible too. Without localisation the
+    estimate drifts until landing, with the square of the time, from the standard deviation that the
+    filter reports. The descent begins after `first` (s).
     """
     v, out = s.senses, [np.zeros(3)]
     if float(np.linalg.norm(v.doubt)) > MARGIN:
@@ -48,10 +48,10 @@ def list_places(s: Supervisor, row: Any, first: float = 0.0) -> list[Array]:
 
 
 def find_open(s: Supervisor, row: Any, usual: Array, far: float) -> Array:
-    """Return the direction (3,) in which a robot that touches nothing gets away from what is near.
+    """Return the direction (3,) in which a robot without contact moves away from near objects.
 
-    The one of WAYS, or the `usual` one, after which the distance is largest, `far` (m) on; one on
-    which it grows is preferred.
+    The one of WAYS, or the `usual` one, with the largest distance after `far` (m). Directions in
+    which the distance does not decrease are preferred.
     """
     query = s.surroundings() if s.surroundings is not None else None
     if query is None:
@@ -68,10 +68,11 @@ def find_open(s: Supervisor, row: Any, usual: Array, far: float) -> Array:
 
 
 def find_room(s: Supervisor, row: Any) -> list[Array]:
-    """Return the places, the first of them here, over which the robot gets free of what is below.
+    """Return the way-points, the first of them here, to a position with free space below.
 
-    The nearest place from which the way down is free, straight or after a rise, on a way that
-    comes no closer to anything; where none is, the one with the largest distance.
+    This is the nearest position from which the path down is free, reached straight or after a
+    climb, on a path that does not reduce the clearance. If there is none, the one with the largest
+    distance.
     """
     query = s.surroundings() if s.surroundings is not None else None
     here = np.array(row["p_WB"])
@@ -90,9 +91,10 @@ def find_room(s: Supervisor, row: Any) -> list[Array]:
 def _measure_way(
     s: Supervisor, query: ClearanceQuery, way: list[Array], row: Any, least: float = -math.inf
 ) -> float:
-    """Return the smallest distance (m) on a way and down from its end, wherever the robot is.
+    """Return the smallest distance (m) on a path and down from its end, over all `list_places`.
 
-    Where it begins close to something it may go on so. It looks no further below `least`.
+    A path that begins close to an object may stay as close. The search stops at a distance below
+    `least`.
     """
     gap = math.inf
     legs = [float(np.linalg.norm(b - a)) for a, b in pairwise(way)]
@@ -143,7 +145,7 @@ def _measure(s: Supervisor, query: ClearanceQuery, p: Array, row: Any) -> float:
 
 
 def hold_stuck(v: Senses, q: Array) -> Array:
-    """Return joints q with those that do not follow where they are."""
+    """Return joints q, with those that do not follow at their estimated angles."""
     q = np.array(q)
     for j in v.stuck:
         q[j] = v.estimate["q"][j]

@@ -19,7 +19,7 @@ RESPONSES: dict[Response, str] = {
     "land_here": "retreat from the contact and land in place",
     "let_go": "stop the motors and fall",
 }
-"""What is flown, the mildest first: while one is flown only a stronger one may follow."""
+"""The responses, mildest first: while one is flown, only a stronger one may replace it."""
 
 
 LET_GO = "let go"
@@ -39,26 +39,26 @@ class Acted(NamedTuple):
 
 
 class Rule:
-    """Base of all rules: `Table` with defaults, `watches`, `unit` and `look`."""
+    """Base class of rules: `Table` with defaults, `watches`, `unit` and `look`."""
 
     group: ClassVar[str] = "rule"
     watches: ClassVar[str] = ""
-    """What it looks at, for the documentation."""
+    """The monitored value, for the documentation."""
     unit: ClassVar[str] = ""
     source: ClassVar[str] = ""
-    """Where the limit comes from."""
+    """Source of the limit."""
     from_take_off: ClassVar[bool] = False
-    """Whether it watches from the start of the motors; otherwise from the end of take-off."""
+    """Whether it is active from the start of the motors; otherwise from the end of take-off."""
 
     shows_control: ClassVar[bool] = False
-    """Whether it acts where the platform does not do what the law wants: a noisy gyroscope may be
-    the cause, which is told beside it."""
+    """Whether the rule acts if the platform does not follow the law. A noisy gyroscope may be the
+    cause; the reason then states it."""
 
     every: ClassVar[int] = 5
-    """Mission ticks (20 ms) between looks."""
+    """Mission ticks (20 ms) between evaluations."""
 
     answers_failed_computer: ClassVar[bool] = False
-    """Whether it acts where a step of the robot's computer failed (`Senses.failure`)."""
+    """Whether the rule acts if a step of the robot's computer failed (`Senses.failure`)."""
 
     class Table(Spec):
         """Keys of `[mission.faults.NAME]`."""
@@ -71,8 +71,8 @@ class Rule:
     def __init__(self, name: str, table: Any = None) -> None:
         self.name = name
         self.table: Any = self.Table() if table is None else table
-        self.value = math.nan  # now
-        self.failure = ""  # of its own code
+        self.value = math.nan  # newest
+        self.failure = ""  # error of the rule's own code
         self._since: float | None = None
 
     def begin(self, v: Senses) -> None:
@@ -83,7 +83,7 @@ class Rule:
         raise NotImplementedError
 
     def explain(self, value: float) -> str:
-        """Return the reason of the run; by default it states value and limit."""
+        """Return the reason for the end of the mission; by default it states value and limit."""
         unit = f" {self.unit}" if self.unit else ""
         return f"{self.name.replace('_', ' ')} {value:.3g}{unit}, limit {self.table.limit:g}{unit}"
 
@@ -93,13 +93,15 @@ class Rule:
         return response
 
     def bear_period(self, touches: bool) -> float:
-        """Return the time (s) between two places that it bears; `touches`: the mission does."""
+        """Return the longest time (s) between position fixes that the rule tolerates.
+
+        `touches`: whether the mission touches something."""
         return math.inf
 
     def is_over(self, v: Senses) -> bool:
         """Whether the value has been beyond the limit for the hold time."""
         value = self.value = self.look(v)
-        if not value > self.table.limit:  # NaN is not
+        if not value > self.table.limit:  # false for NaN
             self._since = None
             return False
         if self._since is None:
@@ -108,7 +110,7 @@ class Rule:
 
 
 class Follow:
-    """A first-order lag of numbers that are sampled at irregular times."""
+    """First-order lag of a vector that is sampled at irregular times."""
 
     def __init__(self, lag: float) -> None:
         """`lag` (s)."""
@@ -116,7 +118,7 @@ class Follow:
         self.value: list[float] | None = None
 
     def step(self, t: float, x: list[float]) -> list[float]:
-        """Take in the numbers `x` at time t (s); returns the lagged ones."""
+        """Update with the sample `x` at time t (s); returns the filtered vector."""
         share, self._t = 1.0 - math.exp(-(t - self._t) / self.lag), t
         before = x if self.value is None else self.value
         self.value = [a + share * (b - a) for a, b in zip(before, x, strict=True)]

@@ -1,4 +1,4 @@
-"""What rules may ask of a vehicle: what the robot itself knows, once a mission tick."""
+"""Interface of rules to the vehicle: data that the robot itself has, updated every mission tick."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from skywright.vehicle.interface import Backend
 Array = NDArray[np.float64]
 PRESSING = (TASK_FORCE, TASK_FORCE_POSITION, TASK_SQUEEZE)
 FELT_N = 0.5
-"""N, at a hand: it touches something."""
+"""N, at a hand: above it, the hand is in contact."""
 
 
 class Senses:
-    """The vehicle now. Records are those of the vehicle: copy what shall be kept."""
+    """State of the vehicle. Records belong to the vehicle: copy the values that must be kept."""
 
     def __init__(
         self, vehicle: Backend, fence: Fence | None = None, noise_sigmas: float = 3.0
@@ -42,20 +42,20 @@ class Senses:
         self._touching: bool | None = None
         self.responding = False  # a rule has acted
         self.failure = ""  # of the robot's computer
-        self.restarts = False  # what failed is started again
-        self.carrying = False  # when a rule acted
+        self.restarts = False  # the failed step is restarted
+        self.carrying = False  # whether a load was carried when a rule acted
         self.stuck: set[int] = set()  # joints, from 0, that do not follow
-        self.posture: Array | None = None  # rad, where a sound estimate led the joints last
-        self.left: Array | None = None  # unit vector from what was touched when a rule acted
-        self.room: Callable[[], float] | None = None  # m, beyond what a mission keeps clear now
-        self.doubt = np.zeros(3)  # m in W, from the estimate to where the robot may be as well
+        self.posture: Array | None = None  # rad, joints commanded from the last valid estimate
+        self.left: Array | None = None  # unit vector away from the object touched when a rule acted
+        self.room: Callable[[], float] | None = None  # m, beyond the clearance of the mission
+        self.doubt = np.zeros(3)  # m in W, from the estimate to another possible position
 
     def refresh(self) -> None:
-        """A tick has passed."""
+        """Called after each tick."""
         self._touching, self.t = None, self.vehicle.t
 
     def get(self, record: type[Any]) -> Any:
-        """Return a record of the robot's side, or None where nothing fills it."""
+        """Return a record of the robot's side, or None if no component fills it."""
         if record not in self._records:
             try:
                 self._records[record] = self.vehicle.look(record)
@@ -64,27 +64,27 @@ class Senses:
         return self._records[record]
 
     def place(self, record: type[Any], name: str) -> Any:
-        """Return where an array of a record stands, to be kept; None where nothing fills it.
+        """Return a reference to one array of a record, to be stored; None if no component fills it.
 
-        `place.tolist()` gives its numbers now, in a tenth of the time that `get` and NumPy take.
+        `place.tolist()` returns its present numbers, in a tenth of the time of `get` and NumPy.
         """
         found = self.get(record)
         return None if found is None else find_place(found, name)
 
     def told(self, name: str) -> Any:
-        """Return the number or numbers that the reference has in a field now."""
+        """Return the present value or values of a field of the reference."""
         read = self._told.get(name)
         if read is None:
-            reference = self.reference  # not self: a cycle would keep a flight's memory for long
+            reference = self.reference  # not self: a cycle would keep the memory of a flight
             place = reference.place(name)
             read = place.tolist if place else lambda: np.asarray(reference[name]).tolist()
             self._told[name] = read
         return read()
 
     def explain_noise(self) -> str:
-        """Say that the gyroscope's noise drives the rotors to their limits; "" where it does not.
+        """Return a message if the gyroscope's noise drives the rotors to their limits, else "".
 
-        It takes some 0.1 s: for what is told once.
+        It takes some 0.1 s: call it once.
         """
         from skywright.run.gyro_limit import explain_noise
 
@@ -92,37 +92,37 @@ class Senses:
 
     @property
     def order(self) -> str:
-        """What an operator on the ground has ordered: "abort", "land", or "" (nothing)."""
+        """The order of an operator on the ground: "abort", "land", or "" (none)."""
         return str(getattr(self.vehicle, "order", ""))
 
     @property
     def fix_age(self) -> float:
-        """Time (s) since the robot was last told where it is."""
+        """Time (s) since the estimator received its last position fix."""
         if self._heard is None:
             return self.vehicle.fix_age
         return float(self.t - self._heard.tolist())
 
     @property
     def estimate(self) -> Any:
-        """The ESTIMATE now."""
+        """The present ESTIMATE."""
         return self.get(Estimate)
 
     @cached_property
     def hands(self) -> int:
-        """Number of hands whose force is felt."""
+        """Number of hands whose force is estimated."""
         arm = self.get(ArmModel)
         return 0 if arm is None or self.get(HandForce) is None else int(arm.n_hands)
 
     @property
     def touching(self) -> bool:
-        """Whether the mission means to touch, or the robot feels that it does."""
+        """Whether the reference commands contact, or contact is measured."""
         if self._touching is None:
             self._touching = self._find_touching()
         return self._touching
 
     @property
     def means_to_touch(self) -> bool:
-        """Whether the mission means to touch."""
+        """Whether the reference commands contact."""
         told = self.told
         if told("press") > 0.0 or told("dead_zone") > 0.0 or told("docked") > 0.0:
             return True
@@ -136,30 +136,31 @@ class Senses:
         return any(force > FELT_N for force in self.list_forces())
 
     def list_forces(self) -> list[float]:
-        """Return the force (N) that each hand feels."""
+        """Return the estimated force (N) of each hand."""
         return [math.hypot(*f_W) for f_W in self.list_vectors()]
 
     def list_vectors(self) -> list[list[float]]:
-        """Return the force (3,) N in W that each hand is felt to exert."""
+        """Return the estimated force (3,) N in W that each hand exerts."""
         if self._forces is None:
             self._forces = self.place(HandForce, "f_WH") if self.hands else []
         return list(self._forces.tolist()[: self.hands]) if self._forces else []
 
     @property
     def engaged(self) -> bool:
-        """Whether hands are led to something, or the robot touches: it is near a structure."""
+        """Whether the robot is in contact or its hands are commanded in task space."""
         return self.touching or self.leads_hands
 
     @property
     def leads_hands(self) -> bool:
-        """Whether hands are led to something."""
+        """Whether hands are commanded in task space (not as joint angles)."""
         return any(t != TASK_JOINTS for t in self.told("task")[: self.hands])
 
     def find_pressed(self) -> Array | None:
-        """Return where hands press, unit (3,) in W; None where they press nothing or carry.
+        """Return the unit vector (3,) in W in which hands press; None if they carry or do not.
 
-        As commanded where a force is, otherwise as felt. A hand below the platform may press up.
-        An arm with a joint that does not follow feels its own swinging.
+        The commanded direction where a force is commanded, otherwise the estimated one. A hand
+        below the platform may press up. An arm with a stuck joint measures its own swinging, so its
+        estimate is not used.
         """
         if max(self.told("load")) > 0.0:
             return None
@@ -174,7 +175,7 @@ class Senses:
 
     @property
     def away(self) -> Array:
-        """Unit vector (3,) in W that leads away from what is touched."""
+        """Unit vector (3,) in W away from the touched object."""
         ref, est = self.reference, self.estimate
         if ref["dead_zone"] > 0.0:
             return np.array(ref["R_WS"][:, 2])

@@ -1,4 +1,4 @@
-"""The way that was flown, to come back on after a rule acted."""
+"""The flown path, on which the robot returns after a rule acted."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ Array = NDArray[np.float64]
 
 
 class Crumb(NamedTuple):
-    """Where the robot was commanded to be."""
+    """The commanded pose and joints at one time."""
 
     p_WB: Array
     R_WB: Array
     q: Array
-    away: Array  # unit vector from what it touched, zero in free flight
+    away: Array  # unit vector away from the touched object, zero in free flight
 
 
 class Trail:
-    """The way that was flown, to come back on."""
+    """The flown path, for the return."""
 
     PERIOD = 0.2  # s
 
@@ -34,7 +34,7 @@ class Trail:
         self._next = 0.0
 
     def drop(self, v: Senses) -> None:
-        """Note where the robot is to be, now and then."""
+        """Store the commanded pose every PERIOD."""
         if v.t < self._next or v.reference["active"] < 0.5:
             return
         self._next = v.t + self.PERIOD
@@ -42,15 +42,16 @@ class Trail:
 
 
 def build_crumb(v: Senses) -> Crumb:
-    """Return where the robot is commanded to be now."""
+    """Return the present commanded pose and joints."""
     ref, away = v.reference, v.away if v.touching else np.zeros(3)
     return Crumb(np.array(ref["p_WB"]), np.array(ref["R_WB"]), goal_joints(v), away)
 
 
 def goal_joints(v: Senses) -> Array:
-    """Return where the servos lead the joints, in the layout of a row's `q`.
+    """Return the commanded angles of the servos, in the layout of a row's `q`.
 
-    Joints that do not follow are where they are: a law that leads a tip would make up for them.
+    Joints that do not follow are set to their estimated angles: a law that controls a tip would
+    compensate for them.
     """
     q, arm = np.array(v.reference["q"]), v.get(ArmModel)
     if arm is not None:

@@ -1,4 +1,4 @@
-"""Watches all rules in every mission tick."""
+"""Evaluates all rules in every mission tick."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 
 RANK = {name: k for k, name in enumerate(RESPONSES)}
 MOST = 1e9
-"""In place of an infinite value, which no file of JSON holds."""
+"""Replaces an infinite value, which JSON cannot represent."""
 
 
 class RuleActed(Exception):
-    """A rule ends the mission: its response is to be flown."""
+    """Raised when a rule ends the mission and its response must be flown."""
 
     def __init__(self, rule: Rule, acted: Acted) -> None:
         super().__init__(acted.says)
@@ -28,23 +28,23 @@ class RuleActed(Exception):
 
 
 class Watch:
-    """The rules of one run, and which acted."""
+    """The rules of one run, and those that acted."""
 
     def __init__(
         self, rules: Sequence[Rule], senses: Senses, on_acted: Callable[[Acted], None] | None = None
     ) -> None:
-        """`on_acted` is told as soon as it is known what is flown."""
+        """`on_acted` is called as soon as the response is chosen."""
         self.rules = [r for r in rules if r.table.on]
         self.senses, self._on_acted = senses, on_acted
         self.acted: list[Acted] = []
         self.rank = -1  # of the response that is flown now
         self._begun: list[Rule] = []
-        self.told: set[str] = set()  # rules that have spoken to the pilot who flies
-        self._before = -1  # of the rank, when a rule acted last
+        self.told: set[str] = set()  # rules reported to the pilot
+        self._before = -1  # rank before the last rule acted
         self._ticks = 0
 
     def begin(self, airborne: bool) -> None:
-        """Watch from now on: the rules for a take-off, or all, where the robot is `airborne`."""
+        """Activate the rules for take-off, or all rules if the robot is `airborne`."""
         for rule in self.rules:
             if rule not in self._begun and (airborne or rule.from_take_off):
                 try:
@@ -54,11 +54,11 @@ class Watch:
                 self._begun.append(rule)
 
     def land(self) -> None:
-        """The robot lands: the ground is met, so only the rules for a take-off go on."""
+        """Called when the robot lands: only the rules from take-off stay active."""
         self._begun = [rule for rule in self._begun if rule.from_take_off]
 
     def answer(self, rule: Rule, s: Supervisor) -> Response:
-        """Let the rule that acted last repair what it can; returns the response to fly."""
+        """Call `repair` of the rule that acted last; returns the response to fly."""
         response: Response = rule.table.response
         try:
             response = rule.repair(s)
@@ -76,7 +76,7 @@ class Watch:
         return response
 
     def bears(self, says: str) -> bool:
-        """Whether a rule answers what `says` that the robot's computer failed, in the air."""
+        """Whether a rule responds to the failure `says` of the robot's computer in the air."""
         falls = self.rank == RANK["let_go"]
         if not falls and not any(rule.answers_failed_computer for rule in self._begun):
             return False
@@ -86,7 +86,7 @@ class Watch:
         return True
 
     def look(self, phase: str) -> None:
-        """Look at all rules; raises RuleActed for the strongest that acts."""
+        """Evaluate all rules; raises RuleActed for the one with the strongest response."""
         if not self._begun or self.senses.told("active") < 0.5:
             return
         self._ticks += 1
@@ -105,9 +105,9 @@ class Watch:
             self._act(max(over, key=lambda r: RANK[r.table.response]), phase)
 
     def tell(self, phase: str) -> None:
-        """Look at all rules while a pilot flies: each tells once, and none ends the mission.
+        """Evaluate all rules while a pilot flies: each is reported once, and none ends the mission.
 
-        A failed computer is the exception: no stick is followed any more.
+        A failed computer is the exception, because the robot no longer follows the stick.
         """
         try:
             self.look(phase)
@@ -121,7 +121,7 @@ class Watch:
                 self._on_acted(acted.acted._replace(response="told"))
 
     def rise(self, response: Response, flown: Response | None) -> Response:
-        """Return the stronger of two responses, which is flown from now on."""
+        """Return the stronger of two responses and make it the active one."""
         if flown is not None and RANK[flown] > RANK[response]:
             response = flown
         self.rank, self.senses.responding = RANK[response], True
@@ -145,7 +145,7 @@ class Watch:
         raise RuleActed(rule, acted)
 
     def _note(self, rule: Rule, error: Exception) -> None:
-        """Take a user's rule that failed for one that acts; what is ours goes on as it is."""
+        """Treat a user's rule that raised as one that acts; re-raise errors of built-in rules."""
         cls = type(rule)
         if cls.__module__.startswith("skywright.") or isinstance(error, SkywrightError):
             raise error

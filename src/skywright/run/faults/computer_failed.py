@@ -26,7 +26,7 @@ class ComputerFailed(Rule):
     )
     from_take_off = True
     answers_failed_computer = True
-    every = 100  # where a step has failed, it looks at once
+    every = 100  # after a failure of a step it is evaluated at once
 
     class Table(Rule.Table):
         """Limit; the value is 1 after a failure. Without a working law the motors are stopped."""
@@ -40,12 +40,12 @@ class ComputerFailed(Rule):
         return 1.0 if v.failure else 0.0
 
     def repair(self, s: Supervisor) -> Response:
-        """Land with a law that is started again; else fall."""
+        """Land with a restarted law; if there is none, stop the motors."""
         if not s.senses.restarts:
             return super().repair(s)
         s.senses.failure = ""
         return "land_here"
 
     def explain(self, value: float) -> str:
-        """Say which step."""
+        """State which step failed."""
         return f"the robot's computer failed ({self._says})"

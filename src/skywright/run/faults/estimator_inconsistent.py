@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 FAR = 2.0  # m, largest jump of an estimate that is still used
 RESTART = 100.0
-"""Number of rejections as which a restart of the estimator counts."""
+"""Number of rejections that a restart of the estimator counts as."""
 
 
 class EstimatorInconsistent(Rule):
@@ -29,7 +29,7 @@ class EstimatorInconsistent(Rule):
     unit = ""
     source = "the filter restarts after 10 rejected samples that agree with each other"
     from_take_off = True
-    every = 1  # hands that are led follow an estimate that jumps
+    every = 1  # hands in task space follow an estimate that jumps
 
     class Table(Rule.Table):
         """Limit in measurements."""
@@ -52,9 +52,9 @@ class EstimatorInconsistent(Rule):
         return float(self._rejected.tolist() + RESTART * restarts)
 
     def repair(self, s: Supervisor) -> Response:
-        """The robot was near its reference: it may be there still, where the estimate is not.
+        """The robot was near its reference and may still be there, although the estimate is not.
 
-        Hands that were led by the estimate stop where it led them before it was given up.
+        Hands in task space keep the joint angles commanded before the estimate was rejected.
         """
         if s.trail.crumbs:
             s.senses.posture = s.trail.crumbs[-2:][0].q

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 class JointOff(Rule):
     """Difference between the modelled and the measured angle of a servo, for the worst joint.
 
-    Model of a position servo: (17) of Suarez 2020, a lag T_s and a speed limit, the no-load speed.
-    The command alone is not the model: near the singularity of a stretched arm it moves at that
-    speed, 0.35 rad ahead of a healthy servo.
+    The model of a position servo is (17) of Suarez 2020: a lag T_s and a speed limit, the no-load
+    speed. The command alone is not a sufficient model: near the singularity of a stretched arm it
+    moves at that speed, 0.35 rad ahead of a healthy servo.
     """
 
     watches = "modelled less measured angle of a servo's shaft; the worst joint"
@@ -42,7 +42,7 @@ class JointOff(Rule):
         from skywright.vehicle.readings import Shafts
 
         n, arm = v.vehicle.n_joints, v.get(ArmModel)
-        self._loose = arm is None  # a press lets its joints do what the force loop asks for
+        self._loose = arm is None  # while pressing, the force loop commands the joints
         told = v.place(Reference, "q") if self._loose else v.place(ServoDrive, "motor")
         seen = v.place(Estimate, "q") if self._loose else v.place(Shafts, "q")
         if n == 0 or told is None or seen is None:
@@ -61,7 +61,7 @@ class JointOff(Rule):
         if not self._loose:
             dt, self._t = v.t - self._t, v.t
             gain, reach = 1.0 - math.exp(-dt / self._tau), self._speed * dt
-            # a command is held for a period before it acts, and a reading is as old
+            # a command is held for a period before it acts, and a reading has the same age
             model = zip(self._model, self._held, strict=True)
             self._model = [m + min(max((a - m) * gain, -reach), reach) for m, a in model]
             self._held, told = told, self._model
@@ -75,6 +75,6 @@ class JointOff(Rule):
         return worst
 
     def repair(self, s: Supervisor) -> Response:
-        """Lead no joint that is off: one that follows may make up for one that does not."""
+        """Stop commanding each joint that is off: healthy joints would compensate for it."""
         s.senses.stuck |= {j for j, x in enumerate(self._off) if x > 0.5 * self.table.limit}
         return super().repair(s)

@@ -13,10 +13,10 @@ if TYPE_CHECKING:
     from skywright.run.supervisor import Supervisor
 
 ARRIVALS = 5
-"""Packets of which the median age counts: a lost one makes the age of what is newest larger."""
+"""Number of packets of which the median age is used: a lost packet increases the newest age."""
 SIGMAS = 3.0
-"""Of the jitter in `[world.link]`, that an expected packet may be late: packets keep their order,
-wait for each other, and medians of a link as expected reach two."""
+"""Standard deviations of the jitter in `[world.link]` by which an expected packet may be late.
+Packets keep their order and queue, so the median of a link as specified reaches two."""
 
 
 class LinkLate(Rule):
@@ -46,7 +46,7 @@ class LinkLate(Rule):
         self._ages: list[float] = []  # s
         self._last = self.age = 0.0  # s
         self._most = math.nan  # s
-        self._period = 0.0  # s, between the tick that read a packet and the rule's look
+        self._period = 0.0  # s, between the tick that read a packet and the rule's evaluation
 
     def begin(self, v: Senses) -> None:
         from skywright.run.link_limit import compute_most_delay
@@ -58,7 +58,7 @@ class LinkLate(Rule):
             self._stamp = v.place(ImuBatch, "t")
             link, self._period = vehicle.nominal.world.link, vehicle.dt
             self._most = compute_most_delay(vehicle.nominal, vehicle.law)
-            if link.jitter_s > 0.0:  # with it a mission was accepted
+            if link.jitter_s > 0.0:  # the mission was accepted with this jitter
                 expected = link.delay_s + SIGMAS * link.jitter_s + self._period
                 self._most = max(self._most, expected)
 
@@ -75,14 +75,14 @@ class LinkLate(Rule):
         return self.age / max(self._most, 1e-9)
 
     def repair(self, s: Supervisor) -> Response:
-        """Slow the law until it bears that delay."""
+        """Slow down the law until it tolerates that delay."""
         from skywright.run.link_limit import slow_down
 
         slow_down(s.vehicle, self.age)
         return super().repair(s)
 
     def explain(self, value: float) -> str:
-        """Say both delays."""
+        """State both delays."""
         return (
             f"the control link has a delay of {1000.0 * self.age:.1f} ms each way; tolerated: "
             f"{1000.0 * self._most:.1f} ms"

@@ -14,7 +14,7 @@ class LinkLost(LinkSilent):
     source = "the motor controllers stop the motors after 0.5 s without a command"
 
     class Table(LinkSilent.Table):
-        """Limit (s). A link that comes back starts no motors of a robot that falls."""
+        """Limit (s). If the link recovers, the motors of a falling robot are not restarted."""
 
         limit: NonNegative = MOTOR_TIMEOUT_S
         hold_s: NonNegative = 0.0

@@ -1,4 +1,4 @@
-"""No sample of the localisation for seconds: nothing tells where the robot is."""
+"""No sample of the localisation for seconds: the position is no longer measured."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class LocalisationLost(Rule):
-    """Age of the localisation in the air."""
+    """Age of the localisation in flight."""
 
     watches = "age of the newest sample of the localisation"
     unit = "s"
@@ -28,12 +28,12 @@ class LocalisationLost(Rule):
         response: Response = "land_here"
 
     def bear_period(self, touches: bool) -> float:
-        """Bear places that are told more often than the limit."""
+        """Return the limit: fixes must be more frequent."""
         return float(self.table.limit)
 
     def look(self, v: Senses) -> float:
         return v.fix_age
 
     def explain(self, value: float) -> str:
-        """Say it as a reason."""
+        """State the age."""
         return f"no localisation for {value:.1f} s"

@@ -1,4 +1,4 @@
-"""No sample of the localisation for a moment, while something is touched."""
+"""No sample of the localisation for a fraction of a second, during contact."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class LocalisationStale(Rule):
-    """Age of the localisation in contact, where millimetres count."""
+    """Age of the localisation during contact, where millimetres matter."""
 
     watches = "age of the newest sample of the localisation, while something is touched"
     unit = "s"
@@ -27,7 +27,7 @@ class LocalisationStale(Rule):
         response: Response = "hold"
 
     def bear_period(self, touches: bool) -> float:
-        """Bear places that are told more often than the limit, in contact."""
+        """Return the limit if the mission touches something: fixes must then be more frequent."""
         return float(self.table.limit) if touches else math.inf
 
     def look(self, v: Senses) -> float:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 PATIENCE = 0.25
-"""Of the distance that counts while another rule's response is flown: a push may be recovered."""
+"""Factor of the distance while another rule's response is flown, which may recover the robot."""
 
 
 class LostControl(Rule):
@@ -32,7 +32,7 @@ class LostControl(Rule):
     shows_control = True
 
     class Table(Rule.Table):
-        """Limit (m). A robot that the wind carries away still lands upright."""
+        """Limit (m). A robot that drifts off in the wind still lands upright."""
 
         limit: NonNegative = ERROR_MAX
         hold_s: NonNegative = 0.0
@@ -42,12 +42,12 @@ class LostControl(Rule):
         self._R_WB, self._p_WB = v.place(Estimate, "R_WB"), v.place(Estimate, "p_WB")
 
     def look(self, v: Senses) -> float:
-        held = 2 if v.told("mode") == MODE_STANDARD else 0  # the height alone
+        held = 2 if v.told("mode") == MODE_STANDARD else 0  # height only
         self._error = math.dist(self._p_WB.tolist()[held:], v.told("p_WB")[held:])
         return PATIENCE * self._error if v.responding else self._error
 
     def explain(self, value: float) -> str:
-        """Say how far off it is."""
+        """State the distance and the tilt."""
         up = min(max(self._R_WB[2, 2], -1.0), 1.0)
         tilt = math.degrees(math.acos(up))
         return f"control was lost: {self._error:.2f} m from the reference, tilted {tilt:.0f} deg"

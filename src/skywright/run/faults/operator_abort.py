@@ -1,4 +1,4 @@
-"""An operator on the ground who ends the mission."""
+"""An operator on the ground ends the mission."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class OperatorAbort(Rule):
     from_take_off = True
 
     class Table(Rule.Table):
-        """Any order counts."""
+        """Any order exceeds the limit."""
 
         limit: NonNegative = 0.5
         response: Response = "come_home"
@@ -29,5 +29,5 @@ class OperatorAbort(Rule):
         return float(v.order == "abort")
 
     def explain(self, value: float) -> str:
-        """Say who ended the mission."""
+        """State who ended the mission."""
         return "the operator ordered an abort"

@@ -1,4 +1,4 @@
-"""An operator on the ground who wants the robot down at once."""
+"""An operator on the ground orders an immediate landing."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class OperatorLand(Rule):
     from_take_off = True
 
     class Table(Rule.Table):
-        """Any order counts."""
+        """Any order exceeds the limit."""
 
         limit: NonNegative = 0.5
         response: Response = "land_here"
@@ -29,5 +29,5 @@ class OperatorLand(Rule):
         return float(v.order == "land")
 
     def explain(self, value: float) -> str:
-        """Say who ended the mission."""
+        """State who ended the mission."""
         return "the operator ordered a landing"

@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from skywright.run.faults._senses import Senses
 
 TIPPED = 10.0
-"""m, as which a robot that tipped over counts."""
+"""m, value reported for a robot that has tipped over."""
 
 
 class OutOfControl(Rule):
-    """Loss of control that only stopping the motors can end."""
+    """Loss of control after which only stopping the motors ends the flight."""
 
     watches = (
         "difference between estimated and commanded height while the response of another rule is "
@@ -45,7 +45,7 @@ class OutOfControl(Rule):
         return abs(self._p_WB[2] - v.told("p_WB")[2]) if v.responding else 0.0
 
     def explain(self, value: float) -> str:
-        """Say what it does."""
+        """State the tilt, and the height error."""
         up = min(max(self._R_WB[2, 2], -1.0), 1.0)
         tilt = f"tilted {math.degrees(math.acos(up)):.0f} deg"
         if up < UP_MIN:

@@ -1,4 +1,4 @@
-"""A rotor that stands still."""
+"""A rotor that has stopped."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from skywright.run.supervisor import Supervisor
 
 TURNING = 0.3
-"""Of the largest speed: what is commanded below it says nothing."""
+"""Share of the largest commanded speed; rotors commanded below it are not evaluated."""
 
 
 class RotorLost(Rule):
@@ -52,7 +52,7 @@ class RotorLost(Rule):
         asked, made = self._asked.tolist(), self._made.tolist()
         most = max(asked)
         bound = 1.0 - min(made) / max(most, 1e-9)
-        if bound < self.table.limit:  # all of them turn
+        if bound < self.table.limit:  # all rotors turn
             return bound
         least = max(TURNING * most, 1e-9)
         missing = [1.0 - b / a if a > least else 0.0 for a, b in zip(asked, made, strict=True)]
@@ -61,11 +61,11 @@ class RotorLost(Rule):
         return worst
 
     def explain(self, value: float) -> str:
-        """Say which rotor."""
+        """State which rotor."""
         return f"rotor {self.rotor} stands still"
 
     def repair(self, s: Supervisor) -> Response:
-        """Fly on without that rotor, where the others can; else fall."""
+        """Continue without that rotor if the others can hold the robot; else stop the motors."""
         left = s.vehicle.give_up_rotor(self.rotor - 1)
         if left is None:
             return "let_go"

@@ -15,26 +15,26 @@ if TYPE_CHECKING:
     from skywright.run.faults._senses import Senses
 
 BANDWIDTH = 5.0
-"""rad/s, of the torque that is observed beside the rotors'."""
+"""rad/s, bandwidth of the observer of the external torque."""
 USUAL_S = 5.0
-"""s, lag of what counts as usual: errors of masses and gains."""
+"""s, lag of the baseline: errors of masses and gains."""
 ALIKE = 0.85
-"""Cosine between what is observed and what one rotor's loss would do."""
+"""Smallest cosine between the observed wrench and that of one rotor's loss."""
 COMPARED_EVERY = 2
-"""Looks between comparisons with the rotors."""
+"""Evaluations between comparisons with the rotors."""
 
 
 def cross(a: list[float], b: list[float]) -> list[float]:
-    """Return a x b; NumPy's takes twenty times as long for three numbers."""
+    """Return a x b; NumPy takes twenty times as long for three numbers."""
     return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
 class RotorWeak(Rule):
-    """Share of a rotor's thrust whose loss explains the wrench that is observed.
+    """Share of a rotor's thrust whose loss explains the observed wrench.
 
-    A momentum observer (De Luca and Mattone 2005, eq. 6-9, for the angular momentum I w) tells the
-    torque beside that of the rotors, the estimator the force. Less what is usual they are compared,
-    as (f_z, t / arm), with each rotor's column of the allocation.
+    A momentum observer (De Luca and Mattone 2005, eq. 6-9, for the angular momentum I w) estimates
+    the torque in addition to that of the rotors, and the estimator provides the force. Less their
+    baseline they are compared, as (f_z, t / arm), with each rotor's column of the allocation.
     """
 
     watches = "share of a rotor's thrust whose loss explains the observed external wrench"
@@ -100,7 +100,7 @@ class RotorWeak(Rule):
         return self._loss
 
     def _compare(self, seen: list[float], t: float, weight: float) -> None:
-        """Compare what is seen, less what is usual, with the loss of each rotor."""
+        """Compare the observed values, less their baseline, with the loss of each rotor."""
         off = [s - u for s, u in zip(seen, self._usual.step(t, seen), strict=True)]
         least, self._loss = ALIKE * math.hypot(*off), 0.0
         for i, (column, length) in enumerate(self._columns):
@@ -110,5 +110,5 @@ class RotorWeak(Rule):
                 self._loss, self.rotor = loss, i + 1
 
     def explain(self, value: float) -> str:
-        """Say which rotor."""
+        """State which rotor."""
         return f"rotor {self.rotor} lacks {100 * value:.0f} % of its thrust"

@@ -1,4 +1,4 @@
-"""A robot closer to an object than the wind accepted by its plan can bring it."""
+"""Shortfall of the clearance that a mission keeps before it touches."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class TooClose(Rule):
-    """Shortfall of the clearance that a mission keeps until it touches."""
+    """Shortfall of the clearance that a mission keeps before it touches."""
 
     watches = (
         "shortfall of the clearance to the nominal scene that a mission keeps while it waits "
@@ -34,5 +34,5 @@ class TooClose(Rule):
         return math.nan if v.room is None or v.responding else -v.room()
 
     def explain(self, value: float) -> str:
-        """Say it as a reason."""
+        """State the shortfall."""
         return f"{1000.0 * value:.0f} mm too close to the object it works at"

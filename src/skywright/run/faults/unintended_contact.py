@@ -12,11 +12,11 @@ if TYPE_CHECKING:
     from skywright.run.faults._senses import Senses
 
 USUAL_S = 2.0
-"""s, lag of what counts as usual: wind and errors of the model."""
+"""s, lag of the baseline: wind and model errors."""
 FREE_S = 2.0
 """s without contact before a force counts as unintended."""
 FOLLOWS = 5
-"""Looks (0.2 s, a tenth of the lag) between steps of what is usual."""
+"""Evaluations (0.2 s, a tenth of the lag) between updates of the baseline."""
 
 
 class UnintendedContact(Rule):
@@ -64,10 +64,10 @@ class UnintendedContact(Rule):
         return off
 
     def _weigh(self) -> None:
-        self._weight = float(self._body.mass * self._body.gravity)  # a load counts
+        self._weight = float(self._body.mass * self._body.gravity)  # including a load
 
     def _follow(self, v: Senses, f_W: list[float]) -> None:
-        """Take in what is usual; what is felt where something is touched says nothing."""
+        """Update the baseline, except near a structure: contact forces must not enter it."""
         self._weigh()
         if v.engaged:
             self._free, self._usual = v.t, Follow(USUAL_S)

@@ -1,1 +1,1 @@
-"""Actuators: what the robot's commands move in the plant."""
+"""Actuators: apply the robot's commands to the plant."""

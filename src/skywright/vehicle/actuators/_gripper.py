@@ -1,4 +1,4 @@
-"""Grippers: what the robot tells their motors, and how far apart their fingers are."""
+"""Grippers: the commands of their motors, and the opening of their fingers."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from skywright.vehicle.component import Component, Out, Output, Recorded, words
 
 
 class GripperState(Output):
-    """What the motors' encoders say."""
+    """Readings of the motors' encoders."""
 
     opening: Annotated[Array, MAX_HANDS]  # m, between the fingers
 
 
 class GripperMotors(Component):
-    """Writes MuJoCo's controls of the motors, and measures the opening; at first they open.
+    """Writes MuJoCo's controls of the motors, and measures the opening; initially they open.
 
-    The pad of a finger that turns by the angle a from the parallel presses with the motor's torque
-    over length_m cos(a); the drive makes up for the cosine, by its encoder.
+    The pad of a finger turned by the angle a from the parallel presses with the motor's torque over
+    length_m cos(a); the drive compensates the cosine, by its encoder.
     """
 
     slots: ClassVar[dict[str, str]] = {"measure": "sense", "move": "actuate"}
@@ -39,7 +39,7 @@ class GripperMotors(Component):
         angle: float  # rad, of an open finger
 
     class Grip(Setpoint):
-        """What the motors are told."""
+        """Commands of the motors."""
 
         force: Annotated[Array, MAX_HANDS]  # N, of each finger; negative: opening
 

@@ -1,4 +1,4 @@
-"""Servos that take angles, at their own rate, and go there in their own time."""
+"""Servos that take angle commands at their own rate and follow them with a lag."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from skywright.vehicle.component import Component, Out, Recorded, words
 
 
 class PositionServos(Component):
-    """Writes MuJoCo's controls behind those of the rotors, and ServoState.
+    """Writes MuJoCo's controls after those of the rotors, and ServoState.
 
-    A command is rounded and held; the way there has a first-order lag, no faster than the no-load
-    speed: theta + T_s theta_dot = theta_ref (Suarez 2020, 17).
+    A command is quantised and held; the motion has a first-order lag, limited to the no-load speed:
+    theta + T_s theta_dot = theta_ref (Suarez 2020, 17).
     """
 
     slot, side = "actuate", "plant"
@@ -47,7 +47,7 @@ class PositionServos(Component):
             yield cls("position servos")
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the servos' data."""
+        """Read the servos' data."""
         robot, servos = context.robot, list_true_servos(context.robot, context.deviation)
         me.n, me.first = context.scene.n_joints, len(context.rotors.thrust_min)
         me.every = count_command_ticks(robot)

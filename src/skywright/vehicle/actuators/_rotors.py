@@ -1,4 +1,4 @@
-"""The rotors: lag of their speed, thrust, and what surfaces nearby make of it."""
+"""The rotors: lag of their speed, thrust, and the effect of nearby surfaces."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Rotors(Component):
     )
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take lag and thrust coefficient."""
+        """Read lag and thrust coefficient."""
         rotors = context.rotors
         me.n, me.k_f, me.tau = len(rotors.thrust_min), rotors.k_f, rotors.time_constant
 

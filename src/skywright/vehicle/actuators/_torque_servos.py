@@ -1,4 +1,4 @@
-"""Servos that take torques, as their current loops make them."""
+"""Servos that take torque commands, by their current loops."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from skywright.vehicle.component import Component, words
 
 
 class TorqueServos(Component):
-    """Writes MuJoCo's controls behind those of the rotors.
+    """Writes MuJoCo's controls after those of the rotors.
 
-    The torque that a motor has left falls linearly with its speed, from the stall torque to none
-    at the no-load speed. The current loop, of some milliseconds at most, is taken as immediate.
+    The available torque of a motor decreases linearly with its speed, from the stall torque to zero
+    at the no-load speed. The current loop, of some milliseconds at most, is modelled as ideal.
     """
 
     slot, side = "actuate", "plant"

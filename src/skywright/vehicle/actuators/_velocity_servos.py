@@ -1,4 +1,4 @@
-"""Servos that take speeds: MuJoCo integrates them to an angle and closes the loop there."""
+"""Servos that take speed commands: MuJoCo integrates them to an angle and closes the loop."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from skywright.vehicle.component import Component, words
 
 
 class VelocityServos(Component):
-    """Writes MuJoCo's controls behind those of the rotors.
+    """Writes MuJoCo's controls after those of the rotors.
 
-    The integrated command of a stalled servo stops: it would leap when it comes free. A servo that
-    turns lags behind its command without a load, by kv / kp times its speed: that is no stall.
+    The integrated command of a stalled servo stops: otherwise the servo would jump when released. A
+    turning servo without load lags its command by kv / kp times its speed: that is not a stall.
     """
 
     slot, side = "actuate", "plant"

@@ -14,7 +14,7 @@ from skywright.vehicle.component import Component, Out
 
 
 class PositionDrive(Component):
-    """Tells the servos what the arms' law commands."""
+    """Converts the command of the arms' law to commands of the servos."""
 
     slot = "allocate"
 

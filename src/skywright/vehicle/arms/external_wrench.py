@@ -43,7 +43,7 @@ HANGING = 0.1
 
 
 class WrenchObserver(Component):
-    """Fills Wrench each tick, for a law that asks for it."""
+    """Fills Wrench each tick, for a law that reads it."""
 
     slot = "control"
 
@@ -61,7 +61,7 @@ class WrenchObserver(Component):
             yield cls("external_wrench")
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the bandwidth that the law asks for."""
+        """Read the bandwidth that the law requires."""
         for part in context.named:
             if isinstance(part, Law):
                 me.bandwidth[:] = part.observe_wrench(context)

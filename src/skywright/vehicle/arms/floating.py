@@ -1,4 +1,4 @@
-"""How the platform answers while a joint without a servo swings freely."""
+"""Response of the platform while a joint without a servo swings freely."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from skywright.vehicle.component import Component, Out
 
 
 class FloatingBody(Component):
-    """Fills Floating each tick, for a law that asks for it."""
+    """Fills Floating each tick, for a law that reads it."""
 
     slot = "control"
 

@@ -26,7 +26,7 @@ LEAD_MAX = 0.05  # m, by which the servos' lag may be made up for
 
 @helper
 def start_hand(v: ArmsView, h: int) -> None:
-    """Start a task where the servos now lead the hand: nothing jumps."""
+    """Start a task at the hand's commanded position, so that nothing jumps."""
     first = v.arm.first[h]
     p_A = local(3)
     arm_point(v.arm.upper, v.arm.fore, v.state.q_goal[first : first + 4], p_A)

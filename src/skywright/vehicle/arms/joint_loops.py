@@ -24,7 +24,7 @@ TRIM_MAX = math.radians(4.0)  # rad, of the integral in free air
 
 @helper
 def follow_shafts(v: ArmsView) -> None:
-    """Advance the shafts by one period as (17) says of the last commands."""
+    """Advance the shafts by one period, by (17), from the last commands."""
     share = 1.0 - math.exp(-v.arm.dt / v.arm.servo_tau)
     for j in range(len(v.me.shaft)):
         shaft = v.me.shaft[j] + share * (v.me.theta_ref[j] - v.me.shaft[j])

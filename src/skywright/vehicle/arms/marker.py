@@ -36,7 +36,7 @@ class MarkerEstimate(ArmComponent):
             yield component
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """No marker was seen yet."""
+        """No marker has been measured yet."""
         start = context.records[Marker, ""][0]
         start["R_WO"], start["age"] = np.eye(3), NEVER
 

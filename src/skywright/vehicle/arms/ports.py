@@ -55,7 +55,7 @@ class Joints(Output):
 
 
 class Deflections(Output):
-    """What the encoders on the springs say."""
+    """Readings of the encoders on the springs."""
 
     deflection: PerJoint  # rad, shaft minus output link, where it is measured
 
@@ -76,14 +76,14 @@ class Hands(Output):
 
 
 class HandForce(Output):
-    """Force that each hand exerts on what it touches, as estimated."""
+    """Estimated force of each hand on the touched object."""
 
     f_WH: HandPoints  # N
     across: float  # 1: the part across the direction of the task means something
 
 
 class HandState(Output):
-    """Where the arms' law leads the hands."""
+    """Commands of the arms' law for the hands."""
 
     q_goal: PerJoint  # rad, what it would bring the links to in free air, unwound
     p_ref: HandPoints  # m, where the hand would be without contact, in W
@@ -97,7 +97,7 @@ class HandState(Output):
 
 
 class HandsReference(ReferenceBlock):
-    """What the hands shall do: a block of the reference (see the tasks in core/types.py)."""
+    """Tasks of the hands: a block of the reference (see the tasks in core/types.py)."""
 
     rules: ClassVar[dict[str, int]] = {"task": HOLD, "gamma": HOLD, "delta": HOLD, "tare": HOLD}
 
@@ -113,7 +113,7 @@ class HandsReference(ReferenceBlock):
 
 
 class Floating(FloatingInertia, Output):
-    """How the platform answers while a joint swings freely, filled each control tick."""
+    """Response of the platform while a joint swings freely, filled each control tick."""
 
 
 class Wrench(Output):
@@ -138,4 +138,4 @@ class MarkerImage(Output):
 
 
 class Marker(Target):
-    """Where the marker is that hands are led to."""
+    """Position of the marker that hands move to."""

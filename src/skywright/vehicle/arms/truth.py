@@ -24,7 +24,7 @@ class TapePull(Output):
 
 
 class ServoState(Output):
-    """Position servos: the command that each holds, and where it is on its way there."""
+    """State of a position servo: its command, and its progress towards it."""
 
     held: PerJoint  # rad
     now: PerJoint  # rad

@@ -1,4 +1,4 @@
-"""What the law of compliant arms works on."""
+"""Working data of the law of compliant arms."""
 
 from __future__ import annotations
 

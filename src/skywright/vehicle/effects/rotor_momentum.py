@@ -21,7 +21,7 @@ from skywright.vehicle.plant import RotorState
 
 
 class RotorMomentum(Effect):
-    """Turns the platform by what its rotors' momentum takes."""
+    """Applies the reaction torque of the rotors' angular momentum to the platform."""
 
     class Me(Record):
         platform: int  # body

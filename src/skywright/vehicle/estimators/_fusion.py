@@ -131,7 +131,7 @@ def _inject(me: Any, dx: Any) -> None:
 
 @helper
 def fuse_fix(me: Any, z: Any) -> None:
-    """Fuse where the station saw the prism when the horizon's clock stood at the stamp."""
+    """Fuse the fix of the station when the horizon's clock reaches its time stamp."""
     H, nu, kept, r, lever = local(3, N_FUSION), local(3), local(3), local(3), local(3)
     dx = local(N_FUSION)
     clear(H)
@@ -219,7 +219,7 @@ def fuse_odometry(me: Any, k: int) -> None:
 
 @helper
 def doubt_inertial(me: Any) -> None:
-    """Take the inertial unit's zeros, and what was integrated with them, for hardly known."""
+    """Inflate the covariance of the inertial biases and of the states integrated with them."""
     for i in range(3):
         me.P_full[BG_ + i, BG_ + i] += HOLD_RATE**2
         me.P_full[BA_ + i, BA_ + i] += HOLD_ACCEL**2

@@ -22,7 +22,7 @@ LEVEL_SAMPLES = 256  # inertial samples at rest from which roll and pitch are ta
 
 
 class FixNoise(Record):
-    """What is known of fixes."""
+    """Noise of fixes."""
 
     p_BF: Vec3  # m, the point that they are of
     r_fix: Vec3  # m^2

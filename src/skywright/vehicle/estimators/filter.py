@@ -95,7 +95,7 @@ class Filter(Estimator):
         return super().assemble(table, context)
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take what data sheets say."""
+        """Read the data sheets' values."""
         fill_strapdown(me, context)
         m, fix, s = context.world.mocap, context.world.gnss.errors, context.robot.sensors
         # a fix's correlated errors look like motion: they are not weighed, but stated
@@ -240,7 +240,7 @@ def start_at(me: Any, mocap: Any, n: int) -> None:
 
 @helper
 def use_mocap(me: Any, mocap: Any, t: float, gravity: float) -> bool:
-    """Bring the horizon to the exposure and fuse; False when nothing changed."""
+    """Advance the horizon to the exposure and fuse the sample; False if nothing changed."""
     n = me.n - int((t - mocap.t) / me.h + 0.5)
     if n > me.n or n < 0 or n <= me.n - IMU_HISTORY:
         return False  # not of this stretch of data
@@ -270,7 +270,7 @@ def use_mocap(me: Any, mocap: Any, t: float, gravity: float) -> bool:
 
 @helper
 def use_fix(me: Any, fix: Any, t: float, gravity: float) -> bool:
-    """Bring the horizon to the time of a fix and fuse it; False when nothing changed."""
+    """Advance the horizon to the time of a fix and fuse it; False if nothing changed."""
     n = me.n - int((t - fix.t) / me.h + 0.5)
     if n > me.n or n < me.n_f or n <= me.n - IMU_HISTORY:
         return False

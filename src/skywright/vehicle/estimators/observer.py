@@ -119,7 +119,7 @@ def start(me: Any, mocap: Any, p_BT: Any, est: Any) -> None:
 
 @helper
 def predict(me: Any, body: Any, allocated: Any, est: Any, rotor: Any) -> None:
-    """Propagate the estimate over one control period with gyroscope and believed force."""
+    """Propagate the estimate over one control period with gyroscope and nominal force."""
     dt = me.dt
     decay = math.exp(-dt / me.rotor_tau)
     acc = local(3)

@@ -133,7 +133,7 @@ class StationCamera(Estimator):
         restarts: int  # times that the inertial unit or the place was given up
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take what data sheets say."""
+        """Read the data sheets' values."""
         self._me, self._records = me, context.records
         fill_strapdown(me, context)
         prism, camera = context.robot.prism, context.robot.tracking_camera
@@ -150,7 +150,7 @@ class StationCamera(Estimator):
             me.bias_0 = r.bias_m
 
     def before_tick(self, t: float, n_ticks: int) -> None:
-        """Before the first tick: take what the calibration found."""
+        """Before the first tick: read the result of the calibration."""
         me = self._me
         if me.lag > 0.0:
             return
@@ -223,7 +223,7 @@ class StationCamera(Estimator):
 
 @helper
 def keep_fix(me: Any, fix: Any) -> None:
-    """Put a fix where it waits for the horizon; stamps on the robot's clock."""
+    """Store a fix until the horizon reaches it; stamps on the robot's clock."""
     k = me.fix_n % PENDING
     me.fix_t[k] = fix.t - me.clock
     for i in range(3):
@@ -234,7 +234,7 @@ def keep_fix(me: Any, fix: Any) -> None:
 
 @helper
 def keep_odometry(me: Any, odo: Any) -> None:
-    """Put a camera sample where it waits."""
+    """Store a camera sample until the horizon reaches it."""
     k = me.odo_n % PENDING
     me.odo_t[k] = odo.t
     for i in range(3):
@@ -247,7 +247,7 @@ def keep_odometry(me: Any, odo: Any) -> None:
 
 @helper
 def keep_range(me: Any, found: Any) -> None:
-    """Put a distance where it waits."""
+    """Store a distance until the horizon reaches it."""
     k = me.range_n % PENDING
     me.range_t[k], me.range[k] = found.t, found.distance
     me.range_n += 1

@@ -1,1 +1,1 @@
-"""What can go wrong in the plant: one file a fault, `[plant.faults.NAME] kind = ...`."""
+"""Faults of the plant: one file a fault, `[plant.faults.NAME] kind = ...`."""

@@ -36,7 +36,7 @@ class Bump(Fault):
         f_W: Vec3  # N
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Look up the body; raises InputError where there is none of that name."""
+        """Look up the body; raises InputError if there is none of that name."""
         model = context.scene.model
         names = list_moving(model)
         if table.body not in names:

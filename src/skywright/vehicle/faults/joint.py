@@ -46,7 +46,7 @@ class Joint(Fault):
         bias: int
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Look up the servo; raises InputError for a joint that has none."""
+        """Look up the servo; raises InputError for a joint without one."""
         limbs, model = list_joints(context.robot), context.scene.model
         driven = [j + 1 for j, limb in enumerate(limbs) if limb.servo >= 0]
         if table.joint not in driven:

@@ -34,7 +34,7 @@ class Sensor(Fault):
         jump: Vec3
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the jump; raises InputError where it has not three numbers."""
+        """Read the jump; raises InputError unless it has three numbers."""
         if len(table.jump) != 3:
             raise InputError(
                 f"plant.faults.{self.name}.jump has {len(table.jump)} numbers; valid: 3"

@@ -63,7 +63,7 @@ class Program(NamedTuple):
 
 
 def build_program(n: int, m: int) -> Program:
-    """Return a program of n variables with bounds, and m further rows; keep it while it is used."""
+    """Return a program of n variables with bounds, and m further rows; keep a reference to it."""
     p = Program(
         np.zeros((n, n)), np.zeros(n), np.zeros((m, n)), np.zeros(n + m), np.zeros(n + m),
         np.zeros(n + m, np.int32), np.zeros(n), np.zeros(n + m), np.zeros(1, PROBLEM),

@@ -22,7 +22,7 @@ ROWS = 16
 
 
 class Reading(NamedTuple):
-    """What the board read at one time."""
+    """The readings of the board at one time."""
 
     t: float  # s, mission time
     deflection: tuple[float, ...]  # rad, a joint each; 0 where there is no encoder
@@ -40,11 +40,11 @@ class DeflectionBoard(Component):
         deflection: Annotated[Array, ROWS, MAX_JOINTS]  # rad
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Nothing was read yet."""
+        """Initially there are no readings."""
         self._me, me.slot, self._joints = me, -1, len(list_joints(context.robot))
 
     def take(self) -> list[Reading]:
-        """Return what was read since the last call, oldest first."""
+        """Return the readings since the last call, oldest first."""
         me, n = self._me, int(self._me.n)
         me.n = 0
         return [

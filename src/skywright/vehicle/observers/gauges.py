@@ -57,7 +57,7 @@ class Gauges(Component):
         n_pads: int
         pad: Annotated[Integers, MAX_PADS]
         dt: float  # s, physics step
-        zero: int  # 1: the next step's wrench is the one to count from
+        zero: int  # 1: tare at the next step
         f_zero_B: Vec3
         t_zero_B: Vec3
 
@@ -91,7 +91,7 @@ class Gauges(Component):
         return 1.0 / SAMPLE_RATE if step == "rest" else 0.0
 
     def zero(self) -> None:
-        """Count the wrench on the platform from now on."""
+        """Tare the wrench on the platform and reset its peaks at the next step."""
         self._me.zero = 1
 
     @staticmethod
@@ -133,7 +133,7 @@ def add_mounts(me: Any, mj: Any, f_W: Any, t_W: Any) -> None:
 
 @helper
 def feel_platform(me: Any, mj: Any, f_W: Any, t_W: Any, loads: Any) -> None:
-    """Fill the wrench beyond the one that is counted from, and its peaks."""
+    """Fill the tared wrench and its peaks."""
     xmat, o = table(mj.site_xmat, mj.nsite, 9), me.origin
     force = torque = 0.0
     if me.zero:

@@ -110,7 +110,7 @@ class Holds(Component):
         me.steps += 1
 
     def after_tick(self, t: float) -> None:
-        """Free what was pulled too hard."""
+        """Release things that were pulled too hard."""
         me = self._me
         for i, (equality, force) in list(self._held.items()):
             if float(np.linalg.norm(me.sum_W[i])) > force * max(int(me.steps), 1):
@@ -120,7 +120,7 @@ class Holds(Component):
         me.steps = 0
 
     def save(self) -> Any:
-        """What is still stuck."""
+        """Return the things that are still stuck."""
         return dict(self._held)
 
     def restore(self, saved: Any) -> None:

@@ -31,7 +31,7 @@ class Operator(Component):
     )
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Nobody touches it at first."""
+        """Initially the stick is centred."""
         self._me = me
 
     def get_period(self, step: str, context: Any) -> float:

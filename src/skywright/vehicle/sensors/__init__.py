@@ -1,1 +1,1 @@
-"""Sensors: each sees the truth of the plant and fills a reading."""
+"""Sensors: each reads the true state of the plant and fills a reading."""

@@ -25,7 +25,7 @@ from skywright.vehicle.topics import BODY
 
 
 class MarkerNoise(Normal):
-    """Draws of one look at the marker."""
+    """Draws of one image of the marker."""
 
     stream = "camera"
     bearing: Vec3  # two bearings and the distance
@@ -68,7 +68,7 @@ class MarkerCamera(Sensor):
             yield cls("camera", context.robot.camera)
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the camera's data and the marker's place."""
+        """Read the camera's data and the marker's position."""
         fill_place(me.place, context, find_marker(context.world.things))
         me.p_BC[:], me.R_BC[:] = [table.x_m, table.y_m, table.z_m], table.rotation
         me.edge = math.tan(0.5 * math.radians(table.field_of_view_deg))
@@ -78,7 +78,7 @@ class MarkerCamera(Sensor):
         me.sigma_R, me.period = table.attitude_noise_rad, 1.0 / table.rate_hz
 
     def get_period(self, step: str, context: Any) -> float:
-        """It looks every tick whether an image is due."""
+        """Called every tick: the step checks whether an image is due."""
         return 0.0
 
     @staticmethod
@@ -116,7 +116,7 @@ def is_seen(me: Any, p_CM: Any, R_CM: Any) -> bool:
 
 @helper
 def spoil_place(me: Any, p_C: Any, draw: Any) -> None:
-    """Add the noise of two bearings and the distance, `draw` (3,), to a place p_C (3,) m."""
+    """Add the noise of two bearings and the distance, `draw` (3,), to a position p_C (3,) m."""
     distance = math.sqrt(p_C[0] * p_C[0] + p_C[1] * p_C[1] + p_C[2] * p_C[2])
     share = 1.0 + me.sigma_range * draw[2]
     p_C[0] = share * (p_C[0] + distance * me.sigma_bearing * draw[0])

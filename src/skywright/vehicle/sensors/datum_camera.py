@@ -1,9 +1,9 @@
-"""The camera on the probe's holder: it measures where the datum mark is, in its field of view.
+"""The camera on the probe's holder: measures the position of the datum mark in its field of view.
 
-Frame C: parallel to T, z along the optical axis, out of the robot. As of the marker camera
-(sensors/camera.py), what a detector makes of an image is modelled: two bearings and the distance,
-each with noise. Where the camera truly is and looks differs by `plant.probe_camera_error_*` from
-what the robot knows, the same through a flight.
+Frame C: parallel to T, z along the optical axis, out of the robot. As for the marker camera
+(sensors/camera.py), the output of a detector is modelled: two bearings and the distance, each with
+noise. The true pose of the camera differs by `plant.probe_camera_error_*` from the nominal one,
+constant during a flight.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class DatumCamera(Sensor):
             yield cls("datum camera", context.robot.probe.camera)
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the camera's data and the mark's true place."""
+        """Read the camera's data and the mark's true position."""
         datum, error = find_datum(context.world), context.deviation.camera_error
         assert datum is not None
         me.p_WM[:], me.R_WM[:] = locate_datum(context.world, datum)
@@ -79,7 +79,7 @@ class DatumCamera(Sensor):
         me.period = 1.0 / table.rate_hz
 
     def get_period(self, step: str, context: Any) -> float:
-        """It looks every tick whether an image is due."""
+        """Called every tick: the step checks whether an image is due."""
         return 0.0
 
     @staticmethod

@@ -1,10 +1,10 @@
 """Encoders on the shafts of velocity servos.
 
-Speeds are differences of the rounded angles through a first-order filter, as servos report them.
-Rounding by a count d leaves d / (sqrt(12) tau) rms of noise behind a filter of time constant tau,
-so the filter is as slow as those who use the speed bear: SEPARATION above the arm's loop, where it
-costs 11 deg of phase, and no faster than the servo's own loop. Around servos that take torques the
-law's loop is in the place of the servo's.
+Speeds are differences of the quantised angles through a first-order filter, as servos report them.
+Quantisation by a count d causes noise of d / (sqrt(12) tau) rms after a filter of time constant
+tau. The filter is therefore as slow as the users of the speed tolerate: SEPARATION above the arm's
+loop, where it costs 11 deg of phase, and no faster than the servo's own loop. For servos with
+torque commands the law's loop replaces the servo's.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from skywright.vehicle.component import Component, Out, Sensor, words
 from skywright.vehicle.readings import Shafts
 
 DEFAULT_COUNTS = 4096
-"""Counts a turn where there is no servo."""
+"""Counts per turn if there is no servo."""
 SEPARATION = 5.0
-"""Bandwidth of the speeds' filter over that of the arm's loop."""
+"""Ratio of the bandwidth of the speed filter to that of the arm's loop."""
 
 
 class Encoders(Sensor):
-    """Fills Shafts every control tick: rounded angles with an error of their zero, their speeds."""
+    """Fills Shafts every control tick: quantised angles with a zero error, and their speeds."""
 
     class Me(Record):
         n: int
         qpos: Annotated[Integers, MAX_JOINTS]
         started: int
-        share: float  # of the way to a new difference of angles, in a tick
+        share: float  # filter gain per tick, for a new angle difference
         before: Annotated[Array, MAX_JOINTS]  # rad, one tick ago
         lsb: Annotated[Array, MAX_JOINTS]  # rad
         offset: Annotated[Array, MAX_JOINTS]  # rad
@@ -62,13 +62,13 @@ class Encoders(Sensor):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Robots whose servos take speeds have them, without an arm as well."""
+        """Robots with velocity servos have them, also without an arm."""
         if not is_compliant(context.robot):
             yield cls("encoders")
 
 
 def compute_speed_bandwidth(robot: Robot) -> float:
-    """Return the bandwidth (rad/s) of the filter behind the differences of angles."""
+    """Return the bandwidth (rad/s) of the filter of the angle differences."""
     loop = SEPARATION * robot.control.arm_bandwidth_rad_s
     servos = [1.0 / servo.velocity_time_constant_s for _, servo in list_servos(robot)]
     if takes_torque(robot):

@@ -14,7 +14,7 @@ from skywright.vehicle.component import Draws, Normal, Out, Recorded, Sensor, wo
 from skywright.vehicle.readings import WrenchSample
 
 PLACES = {"wrist": "holder", "probe": "slider"}
-"""Bodies of a probe: its holder on the last link, and what moves behind its spring."""
+"""Bodies of a probe: its holder on the last link, and the part behind its spring."""
 
 
 class ForceTorque(Sensor):
@@ -53,7 +53,7 @@ class ForceTorque(Sensor):
     )
 
     def extend_scene(self, spec: Any) -> None:
-        """Add MuJoCo's sensors at the body; raises InputError where the robot has none of it."""
+        """Add MuJoCo's sensors at the body; raises InputError if the robot has no such body."""
         at = self.table.at
         body = spec.body(PLACES.get(at, at))
         if body is None or body.parent is None or body.parent.name in ("", "world"):
@@ -94,7 +94,7 @@ class ForceTorque(Sensor):
     def step(me: Me, clock: Clock, mj: MuJoCo, noise: Noise, out: Out[WrenchSample]) -> None:
         data = words(mj.sensordata, mj.nsensor)
         out.fresh, out.t = 1.0, clock.t
-        for i in range(3):  # MuJoCo: of the parts before it on those beyond
+        for i in range(3):  # MuJoCo: of the inner parts on the outer ones
             f = -data[me.force + i] + me.bias[i] + me.sigma[0] * noise.n[i]
             t = -data[me.torque + i] + me.bias[3 + i] + me.sigma[1] * noise.n[3 + i]
             out.force[i] = min(max(f, -me.high[0]), me.high[0])

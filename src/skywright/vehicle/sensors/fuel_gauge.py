@@ -1,4 +1,4 @@
-"""What the robot knows of its battery and its motors: charge, and speeds of the rotors."""
+"""Robot's measurements of battery and motors: charge, and rotor speeds."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PERIOD = 0.01
 
 
 class FuelGauge(Sensor):
-    """Counts the energy that was used: power of the rotors and of the avionics; full at first."""
+    """Integrates the energy used: power of the rotors and of the avionics; initially full."""
 
     class Me(Record):
         watt_per_n15: float
@@ -27,11 +27,11 @@ class FuelGauge(Sensor):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Every robot has a battery and motors that tell their speed."""
+        """Every robot has a battery, and motors that report their speed."""
         yield cls("fuel gauge")
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the battery's data."""
+        """Read the battery's data."""
         battery = context.robot.battery
         me.watt_per_n15 = compute_watt_per_n15(context.rotors, context.world.air_density_kg_m3)
         me.avionics, me.energy = battery.avionics_power_w, 3600.0 * battery.energy_wh

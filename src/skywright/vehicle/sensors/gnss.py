@@ -1,9 +1,9 @@
-"""A satellite receiver: fixes of its antenna at a rate, late, with white and correlated errors.
+"""A satellite receiver: delayed fixes of its antenna, with white and correlated errors.
 
 The correlated error is a first-order Gauss-Markov process an axis, e' = -e / T + w, of the stated
 standard deviation (Rankin, An error model for sensor simulation: GPS and differential GPS, IEEE
-PLANS 1994, has the same form). A fix comes with the heading of two antennas or of a magnetometer,
-which has white noise and an error that stays through the flight.
+PLANS 1994, has the same form). A fix includes the heading from two antennas or a magnetometer, with
+white noise and an error that is constant during the flight.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from skywright.vehicle.component import Component, Draws, Normal, Out, Sensor, U
 from skywright.vehicle.readings import Fix
 
 QUEUE = 16
-"""Fixes that may be under way."""
+"""Largest number of fixes in transit."""
 
 
 class SatelliteReceiver(Sensor):
-    """Fills Fix with what arrives in a tick; times itself by `rate_hz`."""
+    """Fills Fix with the fixes that arrive in a tick; their rate is `rate_hz`."""
 
     Table = Gnss
 
@@ -40,7 +40,7 @@ class SatelliteReceiver(Sensor):
         noise: Vec3  # m, 1 sigma
         drift: Vec3
         decay: float  # of the correlated error in one period
-        error: Vec3  # m, that error now
+        error: Vec3  # m, present value
         heading_noise: float  # rad
         heading_error: float
         started: int  # 1: the errors of this flight are drawn
@@ -61,7 +61,7 @@ class SatelliteReceiver(Sensor):
         drop: float
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take errors from the kind of fix, the antenna's place from the robot."""
+        """Read errors from the kind of fix, the antenna's position from the robot."""
         e, s = table.errors, context.robot.sensors
         me.period, me.latency = 1.0 / table.rate_hz, table.latency_s
         me.dropout = table.dropout_fraction
@@ -73,11 +73,11 @@ class SatelliteReceiver(Sensor):
         self._me = me
 
     def get_period(self, step: str, context: Any) -> float:
-        """It looks every tick whether an epoch has come."""
+        """Called every tick: the step checks whether an epoch is due."""
         return 0.0
 
     def draw(self, what: type[Draws], rng: np.random.Generator, n: int) -> Array:
-        """Draw the errors that the flight starts with first."""
+        """Draw the initial errors of the flight first."""
         me = self._me
         if what is self.Noise and not me.started:
             me.started = 1

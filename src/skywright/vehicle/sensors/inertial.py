@@ -1,9 +1,10 @@
-"""The inertial unit: gyroscope and accelerometer, one sample a physics step (1 kHz).
+"""The inertial unit: gyroscope and accelerometer, one sample per physics step (1 kHz).
 
-A sample is the mean over its step, as of a unit that integrates inside: rate from the turn,
-specific force f = R'(a - g) from the change of velocity at the unit's place. On top come bias
-(turn-on and random walk), white noise, and the vibration of the rotors, sampled at the instant, so
-harmonics above half the rate alias. The unit shakes on its mount; the body's motion does not.
+A sample is the mean over its step, as of a unit that integrates internally: the rate from the
+rotation, the specific force f = R'(a - g) from the change of velocity at the unit's position.
+Errors are the bias (turn-on and random walk), white noise, and the vibration of the rotors, which
+is sampled without averaging, so that harmonics above half the rate alias. Vibration moves the unit
+on its mount, not the body.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from skywright.vehicle.plant import RotorState
 from skywright.vehicle.readings import ImuBatch
 from skywright.vehicle.topics import BODY
 
-WALK_EVERY = 10  # samples between steps of the biases' walk
+WALK_EVERY = 10  # samples between steps of the biases' random walk
 
 
 class Walk(Record):
@@ -46,7 +47,7 @@ class Walk(Record):
 
 
 class Inertial(Sensor):
-    """Samples after each physics step; hands them over at the start of a control tick."""
+    """Samples after each physics step; outputs the samples at the start of a control tick."""
 
     Table = Sensors
     slots = {"sample": "fast", "step": "sense"}
@@ -54,7 +55,7 @@ class Inertial(Sensor):
     class Me(Record):
         h: float  # s, between samples
         gravity: float
-        p_BI: Vec3  # m, place of the unit
+        p_BI: Vec3  # m, position of the unit
         v_WI: Vec3  # m/s, of the unit at the last sample
         n_rotors: int
         accel_shake: Annotated[Array, MAX_ROTORS]  # m/s^2 per (rad/s)^2
@@ -88,7 +89,7 @@ class Inertial(Sensor):
         e: Vec3  # m/s^2
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Place the unit; draw how the rotors are balanced and where they start."""
+        """Place the unit; draw the imbalance and the initial angles of the rotors."""
         rotors = context.robot.rotors
         n = len(rotors.azimuth_deg)
         me.h, me.gravity, me.n_rotors = context.h, context.world.gravity_mps2, n
@@ -109,7 +110,8 @@ class Inertial(Sensor):
         return np.concatenate([self._paths["GyroError"][k], self._paths["AccelError"][k]])
 
     def draw(self, what: type[Draws], rng: np.random.Generator, n: int) -> Array:
-        """Return bias and noise of `n` samples: the bias walks on from the last block's end."""
+        """Return bias and noise of `n` samples: the bias continues from the end of the last
+        block."""
         s, me = self._true, self._me
         if what is self.GyroError:
             walk, start = me.gyro_walk, s.gyro_bias_rad_s
@@ -167,14 +169,14 @@ class Inertial(Sensor):
 
 @helper
 def shake(me: Any, rotor_speed: Any, n: int) -> None:
-    """Vibration: imbalance turns with the rotor, the two blades shake at 2 and 4 times that."""
+    """Vibration: imbalance at the rotor's frequency, the two blades at 2 and 4 times that."""
     for r in range(me.n_rotors):
-        if n == 0:  # the speed holds through a control tick
+        if n == 0:  # the speed is constant during a control tick
             angle = rotor_speed[r] * me.h
             me.turn[r, 0], me.turn[r, 1] = math.cos(angle), math.sin(angle)
             me.squared[r] = rotor_speed[r] * rotor_speed[r]
             c, s = me.phase[r, 0], me.phase[r, 1]
-            unit = 1.5 - 0.5 * (c * c + s * s)  # keeps the phase's length at one
+            unit = 1.5 - 0.5 * (c * c + s * s)  # normalises the phase
             me.phase[r, 0], me.phase[r, 1] = unit * c, unit * s
         c0, s0, tc, ts = me.phase[r, 0], me.phase[r, 1], me.turn[r, 0], me.turn[r, 1]
         c, s = c0 * tc - s0 * ts, c0 * ts + s0 * tc

@@ -25,13 +25,13 @@ from skywright.vehicle.readings import MocapSample
 from skywright.vehicle.topics import MAP
 
 QUEUE = 64
-"""Samples that may be under way."""
+"""Largest number of samples in transit."""
 SMALLEST = 0.01
-"""m, of an artefact."""
+"""m, size of an artefact."""
 
 
 class MotionCapture(Sensor):
-    """Fills MocapSample with what arrives in a tick; times itself by `rate_hz`."""
+    """Fills MocapSample with the samples that arrive in a tick; their rate is `rate_hz`."""
 
     Table = Mocap
 
@@ -98,7 +98,7 @@ class MotionCapture(Sensor):
     )  # fmt: skip
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take rates and noise from the table, the markers' error from the deviation."""
+        """Read rates and noise from the table, the markers' error from the deviation."""
         me.period, me.latency = 1.0 / table.rate_hz, table.latency_s
         me.sigma_p, me.sigma_R = table.position_noise_m, table.attitude_noise_rad
         me.dropout, me.last = table.dropout_fraction, -1.0 / table.rate_hz
@@ -106,7 +106,7 @@ class MotionCapture(Sensor):
         me.marker_T[:] = context.deviation.marker_error
 
     def get_period(self, step: str, context: Any) -> float:
-        """It looks every tick whether an exposure is due."""
+        """Called every tick: the step checks whether an exposure is due."""
         return 0.0
 
     @staticmethod
@@ -140,14 +140,14 @@ class MotionCapture(Sensor):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Worlds that are localised by it have one."""
+        """Worlds with motion capture have one."""
         if context.world.localisation == "mocap":
             yield cls("mocap", context.world.mocap)
 
 
 @helper
 def expose(me: Any, truth: Any, t: float, noise: Any, artefact: Any) -> None:
-    """Take one sample into the queue."""
+    """Add one sample to the queue."""
     i = me.head
     following = (i + 1) % QUEUE
     if following == me.tail:  # full: the oldest is lost, as in a real link
@@ -174,7 +174,7 @@ def expose(me: Any, truth: Any, t: float, noise: Any, artefact: Any) -> None:
 
 @helper
 def spoil(me: Any, truth: Any, i: int, u: Any) -> None:
-    """Turn a sample of the platform, of the probe, or of both into an artefact."""
+    """Convert a sample of the platform, of the probe, or of both to an artefact."""
     turn, rot = local(3), local(3, 3)
     size = SMALLEST * (me.outlier_size / SMALLEST) ** u.reach
     if u.body < me.outlier:

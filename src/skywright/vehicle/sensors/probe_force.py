@@ -27,7 +27,7 @@ class ProbeForce(Sensor):
         count: float
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the data sheet's curve, scaled by what known weights showed."""
+        """Read the data sheet's curve, scaled by the calibration with known weights."""
         preload = context.robot.probe.spring_preload_n
         me.converter = build_force_sensor(table, preload, context.springs.sensor)[0]
         me.slider = context.scene.places.slider_qpos

@@ -26,7 +26,7 @@ from skywright.vehicle.readings import Range
 
 
 class RangeFinder(Sensor):
-    """Fills Range; times itself by `rate_hz`."""
+    """Fills Range at `rate_hz`."""
 
     Table = RangeTable
 
@@ -46,11 +46,11 @@ class RangeFinder(Sensor):
         me.finder, me.distance = build_range_finder(self._rng, precision)[0], math.inf
 
     def get_period(self, step: str, context: Any) -> float:
-        """It looks every tick whether a sample is due."""
+        """Called every tick: the step checks whether a sample is due."""
         return 0.0
 
     def before_tick(self, t: float, n_ticks: int) -> None:
-        """Look down."""
+        """Cast the ray."""
         finder, qpos, R = self._me.finder, self._sim.qpos, np.empty((3, 3))
         if finder["index"] + n_ticks > RANGE_BLOCK:
             draw_range_finder(finder, self._rng)
@@ -62,7 +62,7 @@ class RangeFinder(Sensor):
         return self._rng.bit_generator.state
 
     def restore(self, saved: Any) -> None:
-        """Go back to it."""
+        """Restore it."""
         self._rng.bit_generator.state = saved
 
     @staticmethod
@@ -73,7 +73,7 @@ class RangeFinder(Sensor):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Robots with one, where a total station tells the place."""
+        """Robots with a range finder have one if a total station localises them."""
         finder = context.robot.range_finder
         if finder is not None and context.world.localisation == "total-station":
             yield cls("range finder", finder)

@@ -1,9 +1,9 @@
-"""Total station and tracking camera: a prism followed by laser, and visual odometry.
+"""Total station and tracking camera: a laser-tracked prism, and visual odometry.
 
 As in Sanchez-Cuevas 2020, section 3.1, the camera is aligned with the station on a flight before
-the mission: a path through a box of 6 x 5 x 3 m, both sensors recorded, then time, frame and scale
-by the same functions as `skywright locate`. What that found is `Aligned`, which an estimator starts
-from. The line of sight to the prism comes from the scene's geometry, once a mission tick.
+the mission: both sensors are recorded on a path through a box of 6 x 5 x 3 m, and the functions of
+`skywright locate` find time, frame and scale. The result is `Aligned`, from which an estimator
+starts. The line of sight to the prism follows from the scene's geometry, once a mission tick.
 """
 
 from __future__ import annotations
@@ -53,14 +53,14 @@ from skywright.vehicle.sensor_tables import get_true_table
 
 
 class StationCamera(Sensor):
-    """Fills Fix and Odometry with what arrives in a tick."""
+    """Fills Fix and Odometry with the samples that arrive in a tick."""
 
     Table = TotalStation
 
     class Me(Record):
         station: Station
         camera: Tracker
-        clock: float  # s, station's clock ahead of the robot's
+        clock: float  # s, offset of the station's clock from the robot's
         attitude_noise: float  # rad, of the camera
         attitude_unit: Annotated[Array, CAMERA_BLOCK, 3]
         visible: int
@@ -70,12 +70,12 @@ class StationCamera(Sensor):
 
         R_WC: Mat3  # frame of the camera
         scale: float  # m of a unit of the camera
-        clock: float  # s, station's clock ahead of the robot's
+        clock: float  # s, offset of the station's clock from the robot's
         rotation_std: float  # rad
         scale_std: float
         offset_std: float  # s
         station_noise: float  # m
-        per_sqrt_m: float  # m, walk of the camera
+        per_sqrt_m: float  # m, random walk of the camera
         per_sqrt_s: float
 
     def build(self, me: Any, table: Any, context: Any) -> None:
@@ -96,7 +96,7 @@ class StationCamera(Sensor):
         me.station, me.camera = station[0], camera[0]
         me.station.next_t = me.station.sent = me.camera.next_t = 0.0
         me.station.n, me.station.seen_since = 0, -math.inf
-        me.camera.index = CAMERA_BLOCK  # noise of attitude and position are drawn together
+        me.camera.index = CAMERA_BLOCK  # attitude and position noise are drawn together
         self._sight = Sight(context.scene, context.sim.data)
         self._look(0.0)
         self._check_start()
@@ -160,7 +160,7 @@ class StationCamera(Sensor):
             )
 
     def _look(self, t: float) -> None:
-        """Find whether the prism is in sight."""
+        """Determine whether the prism is visible."""
         qpos, R = self._sim.qpos, np.empty((3, 3))
         quat_to_rot(qpos[3:7], R)
         station = self._me.station
@@ -169,7 +169,7 @@ class StationCamera(Sensor):
         self._me.visible = int(not hidden and self._sight.sees(station["p_WS"], prism))
 
     def before_tick(self, t: float, n_ticks: int) -> None:
-        """Look for the prism; refill noise that would not last."""
+        """Determine whether the prism is visible; refill noise that would run out."""
         me, rng = self._me, self._rng
         if me.station.index + n_ticks > STATION_BLOCK:
             draw_total_station(me.station, rng["station"])
@@ -183,7 +183,7 @@ class StationCamera(Sensor):
         return {name: rng.bit_generator.state for name, rng in self._rng.items()}
 
     def restore(self, saved: Any) -> None:
-        """Go back to it."""
+        """Restore it."""
         for name, rng in self._rng.items():
             rng.bit_generator.state = saved[name]
 
@@ -207,20 +207,21 @@ class StationCamera(Sensor):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Worlds that are localised by a total station have one."""
+        """Worlds with a total station have one."""
         if context.world.localisation == "total-station":
             yield cls("total station", context.world.total_station)
 
 
 def compute_noise(table: Any, p_WP: NDArray[Any]) -> float:
-    """Noise (m, rms of an axis) of a total station by its data sheet, at prisms p_WP (n, 3) m."""
+    """Return the noise (m, rms of an axis) of a total station by its data sheet, at prisms p_WP (n,
+    3) m."""
     away = np.mean(np.linalg.norm(p_WP - [table.x_m, table.y_m, table.z_m], axis=1))
     across = table.pointing_noise_m**2 + (table.angle_noise_rad * away) ** 2
     return max(math.sqrt((table.range_noise_m**2 + 2.0 * across) / 3.0), LEAST_STATION)
 
 
 def fill_aligned(aligned: Any, found: Calibration) -> None:
-    """Write what a calibration found into an Aligned record."""
+    """Write the result of a calibration into an Aligned record."""
     middle = found.span[0] + 0.5 * (found.span[1] - found.span[0])
     aligned["R_WC"], aligned["scale"] = found.frame.rotation, found.frame.scale
     aligned["clock"] = -(found.time_offset + found.skew * (middle - found.epoch))

@@ -1,4 +1,4 @@
-"""Where a target stands in truth: a pipe, or a thing that is fixed or carried by another."""
+"""True pose of a target: a pipe, or a thing that is fixed or carried by another."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from skywright.vehicle.component import helper, words
 
 
 class TargetPlace(Record):
-    """A target, and what it is on."""
+    """A target, and the thing that carries it."""
 
-    object_qpos: int  # of the thing that carries it (or is it), -1: it does not move
+    object_qpos: int  # of the thing that carries it (or is it), -1: fixed
     p_CO: Vec3  # m, on that thing, or in W
     R_CO: Mat3
     p_WO: Vec3  # m, truth of this tick
@@ -24,7 +24,7 @@ class TargetPlace(Record):
 
 
 def fill_place(place: Any, context: Any, name: str) -> None:
-    """Fill a TargetPlace from a thing of the world, or from its pipe where none is so named.
+    """Fill a TargetPlace from a thing of the world, or from its pipe if no thing has this name.
 
     `context` is a PlantContext.
     """

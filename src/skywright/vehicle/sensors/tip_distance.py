@@ -52,7 +52,7 @@ class TipDistance(Sensor):
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Find the tip.
 
-        Raises InputError for a robot without an arm, or limits that cross.
+        Raises InputError for a robot without an arm, or inconsistent limits.
         """
         self._site = context.scene.places.tip_site
         if self._site < 0:
@@ -70,7 +70,7 @@ class TipDistance(Sensor):
         self._sight = Sight(context.scene, self._data)
 
     def before_tick(self, t: float, n_ticks: int) -> None:
-        """Cast the ray where a sample is due in this mission tick."""
+        """Cast the ray if a sample is due in this mission tick."""
         if t + n_ticks * self._dt <= self._due + 1e-9:
             return
         while self._due < t + n_ticks * self._dt - 1e-9:
@@ -83,7 +83,7 @@ class TipDistance(Sensor):
         return self._due
 
     def restore(self, saved: Any) -> None:
-        """Go back to it."""
+        """Restore it."""
         self._due = saved
 
     @staticmethod

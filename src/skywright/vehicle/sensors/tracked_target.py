@@ -1,4 +1,4 @@
-"""Motion capture of what has targets on it: a pipe, a marker, another thing of the world."""
+"""Motion capture of objects with targets: a pipe, a marker, another thing of the world."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class TrackedTarget(Sensor):
 
     class Me(Record):
         place: TargetPlace
-        error_p_W: Vec3  # m, of the targets' calibration, in W
+        error_p_W: Vec3  # m, calibration error of the targets, in W
         error_p_O: Vec3  # m, likewise, on the thing
         error_R: Mat3
         sigma_p: float  # m
@@ -51,12 +51,12 @@ class TrackedTarget(Sensor):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Yield one for each thing that motion capture sees and no camera has to."""
+        """Yield one for each thing that motion capture measures and the camera does not."""
         for name in list_tracked(context.robot, context.world):
             yield cls(f"tracked {name}", context.world.mocap)
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Take the target's place and the error of its calibration; a marker is its own target."""
+        """Read the target's position and calibration error; a marker is its own target."""
         name = self.name.removeprefix("tracked ")
         fill_place(me.place, context, name)
         me.sigma_p, me.sigma_R = table.position_noise_m, table.attitude_noise_rad
@@ -69,7 +69,7 @@ class TrackedTarget(Sensor):
             exp_so3(error[3:], me.error_R)
 
     def get_period(self, step: str, context: Any) -> float:
-        """It comes with the robot's samples."""
+        """It is sampled with the robot."""
         return 0.0
 
     @staticmethod

@@ -29,11 +29,11 @@ from skywright.vehicle.component import Normal, Out, Output, Recorded, Sensor, S
 from skywright.vehicle.plant import SAMPLE_RATE, Surface
 
 SAMPLES = 1024
-"""Of an A-scan at 100 MHz: 30 mm of steel, there and back."""
+"""Samples of an A-scan at 100 MHz: 30 mm of steel, both ways."""
 NEAR = 0.002
-"""m, of the tip to the surface, from which A-scans are taken."""
+"""m, gap of the tip below which A-scans are taken."""
 GRASS_CELL = 0.001
-"""m, of the surface that shares its grass."""
+"""m, size of a surface patch with the same grass."""
 
 
 class Ultrasonic(Sensor):
@@ -65,7 +65,7 @@ class Ultrasonic(Sensor):
         touch_m: Positive = 0.0001  # gap from which the couplant tears
 
         def build_transducer(self) -> Transducer:
-            """The probe as its model takes it."""
+            """Return the probe for its model."""
             return Transducer(
                 1e6 * self.frequency_mhz, self.face_radius_m, self.separation_m, dead=self.dead_s,
                 gain=self.gain, noise=self.noise, grass=self.grass,
@@ -73,23 +73,23 @@ class Ultrasonic(Sensor):
 
     class Me(Record):
         rate: float  # A-scans a sample
-        phase: float  # samples towards the next
+        phase: float  # progress towards the next sample
         squeeze: float  # 4 / (3 pi eta a^4) times the time of a sample
         start: float  # 1 / h^2 of a new film
-        end: float  # 1 / h^2 at which roughness carries
+        end: float  # 1 / h^2 at which the roughness is in contact
         touch: float  # m
         air_fraction: float
         share_spread: float
         range: float  # rad, of the gimbal
-        friction: float  # N, that overcomes it
+        friction: float  # N, force that overcomes it
         seat_std: float  # rad
         touching: int
         inverse_square: float  # 1/m^2, of the film
         share: float  # coupled, of this touch
         seat: float  # rad, likewise
-        due: int  # 1: an A-scan is to be computed
-        ready: int  # 1: it is
-        at: Vec3  # m in W, of the tip when it was taken
+        due: int  # 1: an A-scan must be computed
+        ready: int  # 1: it is computed
+        at: Vec3  # m in W, position of the tip at that time
         when: float  # s
         u: float
         v: float
@@ -108,11 +108,11 @@ class Ultrasonic(Sensor):
     class Reading(Output):
         fresh: float
         t: float  # s, of the A-scan
-        scan: float  # how many were taken
+        scan: float  # number of A-scans taken
         film: float  # m, true
         share: float  # of the face that is coupled, true; 0: air
         tilt: float  # rad, of the face, true
-        u: float  # m, place on the true surface: s, or x of S
+        u: float  # m, position on the true surface: s, or x of S
         v: float  # m, c, or y of S
         ascan: Annotated[Array, SAMPLES]  # full screen heights at 100 MHz
 
@@ -128,7 +128,7 @@ class Ultrasonic(Sensor):
     streams = (Streamed((Recorded("ascan", Reading, "ascan", "", "full screen heights"),)),)
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Collect wall and couplant.
+        """Read wall and couplant.
 
         Raises InputError for a robot without a probe and for a world without a wall.
         """
@@ -148,11 +148,11 @@ class Ultrasonic(Sensor):
         me.inverse_square = me.start
 
     def get_period(self, step: str, context: Any) -> float:
-        """Once a sample."""
+        """Every sample."""
         return 1.0 / SAMPLE_RATE
 
     def before_tick(self, t: float, n_ticks: int) -> None:
-        """Compute the A-scan that fell due."""
+        """Compute the A-scan that is due."""
         me = self._me
         if not me.due:
             return
@@ -204,7 +204,7 @@ class Ultrasonic(Sensor):
 
 
 def find_wall(world: Any, name: str) -> tuple[Wall, WallField]:
-    """Return the wall of a world; raises InputError where there is none."""
+    """Return the wall of a world; raises InputError if there is none."""
     walls = [t for t in world.things.values() if isinstance(t, Wall)]
     if not walls:
         raise InputError(
@@ -215,7 +215,7 @@ def find_wall(world: Any, name: str) -> tuple[Wall, WallField]:
 
 
 def find_uv(world: Any, p_W: Numbers) -> tuple[float, float]:
-    """Return the place of a point (3,) m on the world's pipe (s, c) or structure (x, y of S)."""
+    """Return the position of a point (3,) m on the pipe (s, c) or structure (x, y of S)."""
     if world.pipe is not None:
         s, c, _ = unroll_points(build_cylinder(world.pipe), p_W[None])
         return float(s[0]), float(c[0])
@@ -227,7 +227,7 @@ def build_ascan(
     transducer: Transducer, wall: Wall, field: WallField, world: Any, seed: int,
     state: tuple[float, float, float, float, float, float],
 ) -> Numbers:  # fmt: skip
-    """Return the A-scan of a state (t, film, share, tilt, u, v): equal ones give equal A-scans."""
+    """Return the A-scan of a state (t, film, share, tilt, u, v); it is deterministic."""
     t, film, share, tilt, u, v = (float(x) for x in state)
     face = build_face(transducer.radius)
     walls, paint = compute_wall(field, u + face[:, 0], v + face[:, 1])

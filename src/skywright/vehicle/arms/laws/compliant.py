@@ -107,7 +107,7 @@ class Compliant(ArmsLaw):
 
 @helper
 def is_force(task: int) -> bool:
-    """Whether a task asks for a force (core/types.py)."""
+    """Whether a task commands a force (core/types.py)."""
     return TASK_FORCE <= task <= TASK_SQUEEZE
 
 
