@@ -14,9 +14,11 @@ from skywright.description.loader import load_description
 from skywright.description.robot.loader import load_robot
 from skywright.description.world.things import find_carrier, locate_thing
 from skywright.errors import InputError
+from skywright.models.arm_body import Deviation
 from skywright.models.compliant_arms import compute_gravity_torque, find_swing
 from skywright.models.drawing import build_drawing, compute_part_poses, list_object_poses
 from skywright.models.rigid_body import build_body_model, posture
+from skywright.models.scene import build_scene
 from skywright.run.backends import build_vehicle
 from skywright.vehicle.arms.truth import HandTruth, TapePull
 from skywright.vehicle.bus import Clock, MuJoCo
@@ -57,6 +59,18 @@ def bench(
     vehicle, blocks, state = built
     vehicle.restore(state)
     return vehicle, blocks
+
+
+@pytest.mark.parametrize("name", ["ground", "pipe", "tip"])
+@pytest.mark.parametrize("plant", [None, Deviation()])
+def test_a_thing_named_like_another_part_is_refused(name: str, plant: Deviation | None) -> None:
+    d = load_description(
+        "pipe-weld-scan", sets=[f"world.things.{name}.{k}={v}" for k, v in BOX.items()]
+    )
+    with pytest.raises(
+        InputError, match=rf"world\.things\.{name}: {name!r} .* has the name of another part"
+    ):
+        build_scene(d.robot, d.world, plant)
 
 
 def test_things_fall_and_plugs_stay(

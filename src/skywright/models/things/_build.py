@@ -12,6 +12,8 @@ solver is used, since its soft friction creeps by millimetres a second under a l
 import copy
 import itertools
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import mujoco
@@ -21,6 +23,7 @@ from skywright.core.arrays import Array
 from skywright.core.rotations import quat_from_rot, rot_x, rot_y, rot_z
 from skywright.description.world.thing import Frame, Part, Placed, Solid, Thing, Things, build_frame
 from skywright.description.world.things import find_carrier, list_movers, locate_thing
+from skywright.errors import InputError
 from skywright.models.arm_body import FEET, LIMITED, PEN, ROBOT, WORLD
 from skywright.models.docking_body import NOSLIP_ITERATIONS
 from skywright.models.fixed_body import FIXED, add_fixed
@@ -72,18 +75,33 @@ def add_things(spec: mujoco.MjSpec, things: Things, plant: bool, offsets: dict[s
         parts, frame = thing.list_parts(), build_frame()
         if name not in bodies and isinstance(thing, Placed):
             frame = locate_thing(things, name, carrier, offsets)
-        if name in bodies or carrier is not None:
-            body = bodies[name if carrier is None else carrier]
-        else:
-            body = add_fixed(spec, name, plant and any(part.solids for part in parts))
-        for part in parts:
-            moving = name in bodies or carrier is not None
-            _add_part(spec, body, name, part, frame.at(part.frame), moving, plant)
+        moving = name in bodies or carrier is not None
+        with _refuse_taken_names(name):
+            if moving:
+                body = bodies[name if carrier is None else carrier]
+            else:
+                body = add_fixed(spec, name, plant and any(part.solids for part in parts))
+            for part in parts:
+                _add_part(spec, body, name, part, frame.at(part.frame), moving, plant)
         if plant and name in bodies:
             body.add_freejoint(name=OBJECT + name)
             _hold(spec, name, thing, locate_thing(things, name, offsets=offsets).p)
         if plant:
             thing.extend_plant(spec, name)
+
+
+@contextmanager
+def _refuse_taken_names(name: str) -> Iterator[None]:
+    """Raise InputError if MuJoCo refuses a name of the thing `name` because another part has it."""
+    try:
+        yield
+    except ValueError as error:
+        if "repeated name" not in str(error):
+            raise
+        raise InputError(
+            f"world.things.{name}: {name!r} or one of its shapes has the name of another part of "
+            "the robot or the world; choose another name"
+        ) from error
 
 
 def _let_sleep(spec: mujoco.MjSpec) -> None:
