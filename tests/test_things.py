@@ -61,6 +61,12 @@ def bench(
     return vehicle, blocks
 
 
+def test_a_bench_named_like_a_part_of_the_robot_is_refused() -> None:
+    d = load_description("bimanual-bench", sets=["world.things.gear.kind=bench"])
+    with pytest.raises(InputError, match=r"world\.things\.gear: .* has the name of another part"):
+        build_scene(d.robot, d.world, Deviation())
+
+
 @pytest.mark.parametrize("name", ["ground", "pipe", "tip"])
 @pytest.mark.parametrize("plant", [None, Deviation()])
 def test_a_thing_named_like_another_part_is_refused(name: str, plant: Deviation | None) -> None:

@@ -81,6 +81,14 @@ def test_a_run_directory_repeats_it_and_check_knows_its_keys(world: Path, tmp_pa
         load(world, "world.things.wheel.mas=1")
 
 
+def test_its_wheel_keeps_its_mass_whatever_its_name(world: Path) -> None:
+    """Fixed parts of the plant weigh nothing: bodies `fixed NAME`."""
+    world.write_text(WORLD.replace("things.wheel", "things.fixed"))
+    d = load(world)
+    model = build_scene(d.robot, d.world, Deviation()).model
+    assert model.body("fixed rim").mass[0] > 0.1 and model.body("fixed fixed").mass[0] == 0.0
+
+
 def test_a_robot_flies_beside_it(world: Path) -> None:
     """Blown against by nothing, it stays; the robot hits it and that counts as a collision."""
     vehicle = build_vehicle(load(world))

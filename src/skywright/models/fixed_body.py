@@ -1,6 +1,7 @@
 """Bodies of the plant for static geometry: pipe, structure, tubes and things on the ground."""
 
 import mujoco
+import numpy as np
 
 FIXED = "fixed "
 """Names of these bodies begin with it."""
@@ -17,5 +18,6 @@ def add_fixed(spec: mujoco.MjSpec, name: str, plant: bool) -> mujoco.MjsBody:
 
 
 def list_moving(model: mujoco.MjModel) -> list[str]:
-    """Return the names of the bodies that can move."""
-    return [model.body(i).name for i in range(model.nbody) if model.body_weldid[i]]
+    """Return the names of the bodies that forces can move; MuJoCo's mocap bodies are not."""
+    moving = (model.body_weldid != 0) & (model.body_mocapid < 0)
+    return [model.body(i).name for i in np.flatnonzero(moving)]

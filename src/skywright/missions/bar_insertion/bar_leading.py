@@ -178,10 +178,16 @@ class BarLeader:
         """Measure the bar, filter its error, and update its weight."""
         self._felt.feel(self.s, ROOM * self.weight)
         pose = self.measure()
+        goal = (np.array(x, dtype=float) for x in (p, n, point_O))  # columns may be among them
         average_error(
-            p, np.ascontiguousarray(n), np.ascontiguousarray(point_O), self.grip.handle, *pose,
-            MISSION_TICK / FILTER_S, self._error, self._turn, self._p_handle,
-        )  # fmt: skip
+            *goal,
+            self.grip.handle,
+            *pose,
+            MISSION_TICK / FILTER_S,
+            self._error,
+            self._turn,
+            self._p_handle,
+        )
         return pose
 
     def _follow(self, row: Any) -> Array:

@@ -64,7 +64,7 @@ def build_grip(robot: Robot, tool: Handled, gravity: float) -> Grip:
             arm, hands[side] - arm.p_shoulder - LOW * mouth + [0.0, 0.0, DROP], near=q[here]
         )
         q_low[here] = found.q
-    handle = tool.list_frames()["handle"].p
+    handle = np.array(tool.list_frames()["handle"].p, dtype=float)
     return Grip(q, q_low, hands, reach * (hook + back), mouth, handle)
 
 

@@ -26,10 +26,12 @@ from skywright.description.world.things import find_carrier, list_movers, locate
 from skywright.errors import InputError
 from skywright.models.arm_body import FEET, LIMITED, PEN, ROBOT, WORLD
 from skywright.models.docking_body import NOSLIP_ITERATIONS
-from skywright.models.fixed_body import FIXED, add_fixed
+from skywright.models.fixed_body import add_fixed
 
 OBJECT = "object "
 """Prefix of the names of movable things' bodies and joints."""
+PULL = "pull "
+"""Names of sensors of held things start with it."""
 IMPACT = "impact "
 """Prefix of the names of gauged parts' sensors."""
 FAR = 2.0  # m, upper bound of reported distances
@@ -83,11 +85,11 @@ def add_things(spec: mujoco.MjSpec, things: Things, plant: bool, offsets: dict[s
                 body = add_fixed(spec, name, plant and any(part.solids for part in parts))
             for part in parts:
                 _add_part(spec, body, name, part, frame.at(part.frame), moving, plant)
-        if plant and name in bodies:
-            body.add_freejoint(name=OBJECT + name)
-            _hold(spec, name, thing, locate_thing(things, name, offsets=offsets).p)
-        if plant:
-            thing.extend_plant(spec, name)
+            if plant and name in bodies:
+                body.add_freejoint(name=OBJECT + name)
+                _hold(spec, name, thing, locate_thing(things, name, offsets=offsets).p)
+            if plant:
+                thing.extend_plant(spec, name)
 
 
 @contextmanager
@@ -124,7 +126,7 @@ def _add_part(
         body = body.add_body(name=label, pos=frame.p, quat=quat_from_rot(frame.R))
         _add_joint(body, label, part)
         frame = build_frame()
-    still = body.name.startswith(FIXED)  # and without mass: only movable bodies have a mass
+    still = not moving and not (plant and part.joint is not None)  # it needs no mass
     for solid in part.solids:
         _add_solid(
             body, label if len(part.solids) == 1 else f"{name} {solid.name}",
@@ -167,7 +169,7 @@ def _hold(spec: mujoco.MjSpec, name: str, thing: Thing, p_WO: Array) -> None:
     """Weld a thing with `frees_at_n` to W, and add a sensor of the pulling force."""
     if thing.frees_at_n is None:
         return
-    _add_contact_sensor(spec, f"touch {name}", OBJECT + name)
+    _add_contact_sensor(spec, PULL + name, OBJECT + name)
     hold = spec.add_equality(
         name=f"hold {name}", type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY,
         name1=OBJECT + name,
@@ -198,6 +200,7 @@ def find_carried_clearance(
     model = copy.copy(model)
     data = mujoco.MjData(model)
     body = model.body(OBJECT + name).id
+    assert model.body_weldid[body] == 0, "in a nominal scene nothing has a joint of its own"
     mine = [g for g in range(model.ngeom) if model.geom_bodyid[g] == body]
     others = [
         g for g in range(model.ngeom)

@@ -26,6 +26,7 @@ from skywright.core.record import Array, Record
 from skywright.core.rotations import quat_to_rot
 from skywright.core.scratch import local
 from skywright.core.types import MAX_ROTORS
+from skywright.models.fixed_body import FIXED
 from skywright.models.structure_distance import (
     StructureShape,
     fill_structure,
@@ -105,7 +106,8 @@ def find_floors(model: mujoco.MjModel) -> NDArray[np.float64]:
     matrix, the third outward, its half sizes along the first two (m), and 1 for a round face.
     """
     rows = []
-    fixed = model.body_weldid[model.geom_bodyid] == 0
+    bodies = [0, *(b for b in range(model.nbody) if model.body(b).name.startswith(FIXED))]
+    fixed = np.isin(model.geom_bodyid, bodies)  # those with the frame of W
     still = np.flatnonzero(fixed & (model.geom_contype != 0))
     for g in still:
         kind, size = model.geom_type[g], model.geom_size[g]

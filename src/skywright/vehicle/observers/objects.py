@@ -9,6 +9,7 @@ import numpy as np
 
 from skywright.core.record import Array, Integers, Record
 from skywright.core.types import MAX_OBJECTS
+from skywright.models.things._build import PULL
 from skywright.vehicle.bus import MuJoCo
 from skywright.vehicle.component import Component, Out, Output, Recorded, words
 from skywright.vehicle.plant import SAMPLE_RATE
@@ -99,7 +100,7 @@ class Holds(Component):
             for i, (name, force) in enumerate(stuck.items())
         }
         me.n = len(stuck)
-        me.touch[: me.n] = [int(model.sensor(f"touch {name}").adr[0]) for name in stuck]
+        me.touch[: me.n] = [int(model.sensor(PULL + name).adr[0]) for name in stuck]
 
     @staticmethod
     def step(me: Me, mj: MuJoCo) -> None:

@@ -56,8 +56,8 @@ class ForceTorque(Sensor):
         """Add MuJoCo's sensors at the body; raises InputError if the robot has no such body."""
         at = self.table.at
         body = spec.body(PLACES.get(at, at))
-        if body is None or body.parent is None or body.parent.name in ("", "world"):
-            inner = [b.name for b in spec.bodies if b.parent and b.parent.name not in ("", "world")]
+        inner = [b.name for b in spec.body("platform").find_all("body")]
+        if body is None or body.name not in inner:
             named = [name for name, part in PLACES.items() if part in inner]
             raise InputError(
                 f"sensor {self.name!r}: at = {at!r} is not a part of the arm; valid: "
