@@ -102,12 +102,13 @@ def average_error(
     (3,) m to `p_goal` (3,) m, `turn` (3,) from its direction to `n_goal` (3,), and the position
     `p_handle` (3,) m of its `handle`.
     """
+    point, held = local(3), local(3)  # from frame O, in W
+    mat_vec(R, point_O, point)
+    mat_vec(R, handle, held)
     for a in range(3):
-        at = p[a] + R[a, 0] * point_O[0] + R[a, 1] * point_O[1] + R[a, 2] * point_O[2]
-        held = p[a] + R[a, 0] * handle[0] + R[a, 1] * handle[1] + R[a, 2] * handle[2]
-        error[a] += share * (p_goal[a] - at - error[a])
+        error[a] += share * (p_goal[a] - p[a] - point[a] - error[a])
         turn[a] += share * (n_goal[a] - R[a, 1] - turn[a])
-        p_handle[a] += share * (held - p_handle[a])
+        p_handle[a] += share * (p[a] + held[a] - p_handle[a])
 
 
 def build_attitude(n: Array, pitch: float) -> Array:

@@ -107,7 +107,8 @@ def lead_hands(
 
     `beside` (3,) m, in O, is added. The goal is fixed to the tool, which is tracked continuously.
     """
-    marker, goals = find_marker(s.vehicle.world), {}
+    marker = find_marker(s.vehicle.world)
+    goals = {}
     for name, hand in zip(("left", "right"), grip.hands, strict=True):
         side = np.array([0.0, hand[1], 0.0])
         p_O = grip.handle + side - grip.cradle + along * grip.mouth
@@ -122,16 +123,19 @@ def compute_miss(s: Supervisor, grip: Grip, shift: Array | None = None) -> float
     `shift` (3,) m is the assumed offset of the true position from the estimate.
     """
     p, R = measure_tool(s)
-    p, worst = p if shift is None else p - shift, 0.0
+    p = p if shift is None else p - shift
+    p_WH = s.vehicle.look(Hands).p_WH
+    worst = 0.0
     for h, hand in enumerate(grip.hands):
         goal = p + R @ (grip.handle + np.array([0.0, hand[1], 0.0]) - grip.cradle)
-        worst = max(worst, float(np.linalg.norm(s.vehicle.read(Hands).p_WH[h] - goal)))
+        worst = max(worst, math.dist(p_WH[h], goal))
     return worst
 
 
 def is_at_hand(s: Supervisor, grip: Grip) -> bool:
     """Return whether the tool is upright and near the hands; otherwise they must not follow it."""
-    return compute_miss(s, grip) < STRAY and measure_tool(s)[1][2, 2] > math.cos(TILT_MAX)
+    _, R = measure_tool(s)
+    return compute_miss(s, grip) < STRAY and R[2, 2] > math.cos(TILT_MAX)
 
 
 class Weight:
@@ -350,7 +354,7 @@ def align_tool(s: Supervisor, weight: Weight, place: Place, most: float) -> None
 def _correct(error: Array) -> Array:
     """Return the velocity (3,) m/s of the platform for a position error (3,) m of the tool."""
     v = ALIGN_RATE * error
-    return np.asarray(v * min(1.0, ALIGN_SPEED / max(float(np.linalg.norm(v)), 1e-9)))
+    return np.asarray(v * min(1.0, ALIGN_SPEED / max(math.hypot(*v), 1e-9)))
 
 
 def let_go(s: Supervisor, grip: Grip, speed: float) -> None:

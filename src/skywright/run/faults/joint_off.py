@@ -21,7 +21,7 @@ class JointOff(Rule):
     moves at that speed, 0.35 rad ahead of a healthy servo.
     """
 
-    watches = "modelled less measured angle of a servo's shaft; the worst joint"
+    watches = "difference between modelled and measured angle of a servo's shaft; the worst joint"
     unit = "rad"
     source = (
         "1.5 times the largest of the built-in missions (0.17 rad, wall-contact); a joint without "
