@@ -12,8 +12,14 @@ import numpy as np
 import pytest
 
 from skywright.core.record import Mat3, Record, Vec3
+from skywright.description.loader import load_description
 from skywright.errors import InputError
+from skywright.evidence.cuda_bundle import OWN, SHARED, Layout, build_world_kernel
+from skywright.evidence.cuda_record import FlightRecorder
 from skywright.evidence.cuda_steps import align, build_kernel, prepare
+from skywright.run.run import fly_and_evaluate
+from skywright.vehicle.bus import Clock
+from skywright.vehicle.schedule import run_rows
 
 ROOT = Path(__file__).parent.parent
 
@@ -73,7 +79,7 @@ def test_a_kernel_calls_the_device_function_with_its_ports() -> None:
     head = ".visible .func (.param .b64 func_retval0) step("
     ptx = head + "\n.param .b64 a,\n.param .b64 b\n)\n{ ret; }"
     kernel = build_kernel(ptx)
-    assert kernel.count("ld.param.u64") == 2 and "call.uni (out), step, (a0, a1);" in kernel
+    assert kernel.count("ld.param.u64") == 2 and "call (out), step, (a0, a1);" in kernel
     with pytest.raises(InputError, match="has no function 'step'"):
         build_kernel(".visible .entry other()")
 
@@ -83,3 +89,46 @@ def test_without_numba_cuda_one_line_says_what_to_install() -> None:
         pytest.fail("numba-cuda is no dependency: the environment of the tests is another")
     with pytest.raises(InputError, match="pip install numba-cuda"):
         prepare()
+
+
+def test_a_block_with_offsets_gives_the_same_tick_at_another_address() -> None:
+    recorder = FlightRecorder(1e9, 100)
+    sets = ["mission.task.points=[{x_m=0.5,y_m=0.0,z_m=1.0,yaw_deg=10.0,hold_s=0.2}]"]
+    fly_and_evaluate(load_description("waypoints", sets=sets), [recorder])
+    layout, a = Layout(recorder), recorder.assembly
+    assert {"arena", "qpos", "ctrl"} <= {p.name for p in layout.places if p.space == OWN}
+    shared, shared_space = layout.build_shared()
+    shared_at, block = shared.ctypes.data, np.zeros(layout.block_bytes // 8 + 8, np.int64)[8:]
+
+    def decode(words: np.ndarray, space: np.ndarray) -> np.ndarray:
+        moved = np.where(space == OWN, block.ctypes.data, 0) + np.where(
+            space == SHARED, shared_at, 0
+        )
+        return np.asarray(words + moved)
+
+    shared[:] = decode(shared, shared_space)
+    inside = a.arena.ctypes.data
+    for tick in recorder.ticks[2::3]:
+        block[:] = decode(*layout.encode(tick.before[layout.own]))
+        clock = block[: Clock.dtype.itemsize // 8].view(Clock.dtype)
+        rows = a.rows.copy()
+        rows["ports"] = np.where(rows["ports"] > 0, rows["ports"] - inside + block.ctypes.data, 0)
+        for known, drawn in zip(a._blocks, tick.drawn, strict=True):
+            for r, d in known.places:
+                stride = rows["draw_stride"][r][d]
+                index = clock["fast" if known.fast else "block"][0]
+                rows["draw_base"][r][d] = drawn.ctypes.data - index * stride
+        run_rows(rows.ctypes.data, 0, a.n_control, block.ctypes.data)
+        expected = decode(*layout.encode(tick.after[layout.own]))
+        assert np.array_equal(block, expected)
+        assert np.sum(expected != decode(*layout.encode(tick.before[layout.own]))) > 200
+
+
+def test_a_kernel_runs_a_step_for_each_world() -> None:
+    head = ".visible .func (.param .b64 func_retval0) step("
+    ptx = head + "\n.param .b64 a,\n.param .b64 b,\n.param .b64 c\n)\n{ ret; }"
+    kernel = build_world_kernel(ptx, [64, None, None], {2: (32, 1000, 24)})
+    assert "add.u64 %r0, %d4, 64;" in kernel and "mov.u64 %r1, 0;" in kernel
+    assert "ld.u64 %d5, [%d4 + 32];" in kernel and "mad.lo.u64 %r2, %d5, 24, %d7;" in kernel
+    with pytest.raises(InputError, match="3 parameters for 2 ports"):
+        build_world_kernel(ptx, [64, None], {})

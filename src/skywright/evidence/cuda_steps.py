@@ -156,42 +156,38 @@ def align(kind: np.dtype[Any]) -> np.dtype[Any]:
     return kind
 
 
-def compile_cuda(mission: str, assembly: Assembly, step: Step) -> Compiled:
-    """Compile a step of a mission's vehicle for its ports."""
+def compile_ptx(assembly: Assembly, step: Step) -> str:
+    """Return a step of a vehicle as PTX: a device function `step` of the addresses of its ports.
+
+    Raises the errors of numba if it does not compile.
+    """
     cuda, ports = prepare(), list[Any]()
     for port in step.ports:
         absent = not issubclass(port.record, Draws) and assembly.resolve(step, port) is None
         ports.append(types.none if absent else from_dtype(align(port.record.dtype)))
+    ptx, _ = cuda.compile(
+        step.function, types.void(*ports), device=True, cc=ARCHITECTURE, output="ptx", abi="c",
+        abi_info={"abi_name": "step"},
+    )  # fmt: skip
+    return str(ptx)
+
+
+def compile_cuda(mission: str, assembly: Assembly, step: Step) -> Compiled:
+    """Compile a step of a mission's vehicle for its ports."""
     try:
-        ptx, _ = cuda.compile(
-            step.function, types.void(*ports), device=True, cc=ARCHITECTURE, output="ptx", abi="c",
-            abi_info={"abi_name": "step"},
-        )  # fmt: skip
-        needs = assemble(ptx)
+        ptx = compile_ptx(assembly, step)
+        needs = assemble(build_kernel(ptx))
     except InputError:
         raise
     except Exception as error:  # numba and its passes raise arbitrary exceptions
-        return Compiled(mission, step.label, step.slot, 0, 0, 0, 0, _shorten(error))
+        return Compiled(mission, step.label, step.slot, 0, 0, 0, 0, shorten(error))
     return Compiled(mission, step.label, step.slot, len(ptx), *needs, "")
 
 
-def assemble(ptx: str) -> tuple[int, int, int]:
-    """Return registers, stack and spilled bytes per thread, as reported by ptxas."""
-    kernel = build_kernel(ptx)
+def assemble(kernel: str) -> tuple[int, int, int]:
+    """Return registers, stack and spilled bytes per thread of a kernel, as reported by ptxas."""
     with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "step.ptx"
-        file.write_text(kernel, encoding="utf-8")
-        architecture = f"-arch=sm_{ARCHITECTURE[0]}{ARCHITECTURE[1]}"
-        try:
-            done = subprocess.run(
-                ["ptxas", architecture, "-v", str(file), "-o", str(Path(folder) / "step.cubin")],
-                capture_output=True, text=True, check=False,
-            )  # fmt: skip
-        except FileNotFoundError:
-            raise InputError("ptxas is not installed: it comes with the CUDA toolkit") from None
-    if done.returncode:
-        raise RuntimeError(f"ptxas: {done.stderr.strip().splitlines()[0]}")
-    said = done.stderr.split("'run'")[-1]
+        said = write_cubin(kernel, Path(folder) / "step.cubin").split("'run'")[-1]
     numbers = [
         int(found.group(1)) if (found := re.search(pattern, said)) else 0
         for pattern in (r"Used (\d+) registers", r"(\d+) bytes stack frame",
@@ -200,25 +196,49 @@ def assemble(ptx: str) -> tuple[int, int, int]:
     return numbers[0], numbers[1], numbers[2]
 
 
-def build_kernel(ptx: str) -> str:
-    """Return PTX with a kernel that calls the device function `step` once."""
+def write_cubin(kernel: str, file: Path) -> str:
+    """Assemble PTX into `file` and return what ptxas reports; RuntimeError if it refuses."""
+    architecture = f"-arch=sm_{ARCHITECTURE[0]}{ARCHITECTURE[1]}"
+    try:
+        done = subprocess.run(
+            ["ptxas", architecture, "-v", "-", "-o", str(file)], input=kernel,
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+    except FileNotFoundError:
+        raise InputError("ptxas is not installed: it comes with the CUDA toolkit") from None
+    if done.returncode:
+        raise RuntimeError(f"ptxas: {done.stderr.strip().splitlines()[0]}")
+    return done.stderr
+
+
+def count_parameters(ptx: str) -> int:
+    """Return the number of parameters of the device function `step`."""
     head = re.search(r"\.visible \.func\s*\(\.param \.b64 func_retval0\) step\((.*?)\)", ptx, re.S)
     if head is None:
         raise InputError("the PTX has no function 'step': numba-cuda writes it otherwise")
-    n = head.group(1).count(".param")
+    return head.group(1).count(".param")
+
+
+def build_kernel(ptx: str) -> str:
+    """Return PTX with a kernel that calls the device function `step` once."""
+    n = count_parameters(ptx)
     given = ",\n".join(f"  .param .u64 p{i}" for i in range(n))
-    lines = [f"\n.visible .entry run(\n{given}\n)\n{{", "  .reg .b64 %r<64>;", "  {"]
-    for i in range(n):
-        lines += [
-            f"  .param .b64 a{i};", f"  ld.param.u64 %r{i}, [p{i}];",
-            f"  st.param.b64 [a{i}], %r{i};",
-        ]  # fmt: skip
-    arguments = ", ".join(f"a{i}" for i in range(n))
-    lines += ["  .param .b64 out;", f"  call.uni (out), step, ({arguments});", "  }", "  ret;", "}"]
-    return ptx + "\n".join(lines) + "\n"
+    loads = [f"  ld.param.u64 %r{i}, [p{i}];" for i in range(n)]
+    body = "\n".join(["  .reg .b64 %r<64>;", *loads, call_ptx([f"%r{i}" for i in range(n)])])
+    return f"{ptx}\n.visible .entry run(\n{given}\n)\n{{\n{body}\n  ret;\n}}\n"
 
 
-def _shorten(error: Exception) -> str:
+def call_ptx(arguments: Sequence[str]) -> str:
+    """Return the call in PTX of the device function `step` with registers as arguments."""
+    lines = ["  {"]
+    for i, register in enumerate(arguments):
+        lines += [f"  .param .b64 a{i};", f"  st.param.b64 [a{i}], {register};"]
+    names = ", ".join(f"a{i}" for i in range(len(arguments)))
+    return "\n".join([*lines, "  .param .b64 out;", f"  call (out), step, ({names});", "  }"])
+
+
+def shorten(error: Exception) -> str:
+    """Return the last lines of a message of numba, without colours and places."""
     text = re.sub(r"\x1b\[\d*m", "", str(error))
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     told = [x for x in lines if not x.startswith(("During:", "Failed in", "File", "<", "This"))]

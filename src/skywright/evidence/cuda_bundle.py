@@ -1,0 +1,352 @@
+"""Record a flight so that its steps can run on a GPU: `benchmarks/fly_bundle.py` does that.
+
+    python -m skywright.evidence.cuda_bundle waypoints --seconds 20 --out BUNDLE
+
+Requires what `skywright.evidence.cuda_steps` requires; no device is needed. A world on the GPU is
+one block of memory: the records of the vehicle, copies of MuJoCo's arrays, and the arrays that the
+steps change. Addresses in it are stored as offsets. A bundle has:
+
+    bundle.json    the rows of the schedule with the offsets of their ports, and the layout
+    row_NN.cubin   one kernel a step, compiled for CUDA from its Python source; a thread is a world
+    flight.npz     the block at the start, and its changes by Python code between two mission ticks:
+                   rows of the plan, phases, guards; random numbers; positions over the time
+    ticks.npz      blocks before and after the control rows of single ticks, on the processor
+    plant.mjb      MuJoCo's model of the plant
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import sys
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from skywright.description.loader import load_description
+from skywright.errors import InputError, SkywrightError
+from skywright.evidence.bench.machine import describe_machine
+from skywright.evidence.cuda_record import FlightRecorder, Words, view_words
+from skywright.evidence.cuda_steps import (
+    ARCHITECTURE,
+    call_ptx,
+    compile_ptx,
+    count_parameters,
+    prepare,
+    shorten,
+    write_cubin,
+)
+from skywright.run.run import fly_and_evaluate
+from skywright.vehicle.assembly import BLOCK, FAST_BLOCK, Assembly
+from skywright.vehicle.bus import Clock, Truth
+from skywright.vehicle.component import Draws
+from skywright.vehicle.simulated import SimulatedVehicle
+
+OWN, SHARED = 1, 2
+"""An address in the block of the world, and one in the memory that all worlds read."""
+
+
+class Place(NamedTuple):
+    """An array of the vehicle, and where its copy lies: in the block of a world, or shared."""
+
+    name: str
+    array: NDArray[Any]
+    space: int  # OWN or SHARED
+    offset: int  # bytes
+
+
+class Layout:
+    """Where each array of a vehicle lies on the GPU, and how an image is written with offsets."""
+
+    def __init__(self, recorder: FlightRecorder) -> None:
+        """Arrays that never change, and have no address of one that does, are shared."""
+        self.places, block, shared, at = list[Place](), 0, 0, 0
+        self.own: Words = np.zeros(0, np.int64)  # indices of the words of an image
+        owned = _find_owned(recorder)
+        for name, array in recorder.arrays.items():
+            n = len(view_words(array))
+            if name in owned:
+                self.places.append(Place(name, array, OWN, block))
+                self.own = np.concatenate([self.own, np.arange(at, at + n)])
+                block += 8 * n
+            else:
+                self.places.append(Place(name, array, SHARED, shared))
+                shared += 8 * n
+            at += n
+        for i, table in enumerate(recorder.tables):
+            self.places.append(Place(f"table {i}", table, SHARED, shared))
+            shared += 8 * len(view_words(table))
+        self.block_bytes, self.shared_bytes = block, shared
+        filled = [p for p in self.places if p.array.nbytes]
+        filled.sort(key=lambda p: int(p.array.ctypes.data))
+        self._starts = np.array([p.array.ctypes.data for p in filled], np.int64)
+        self._ends = self._starts + [p.array.nbytes for p in filled]
+        self._spaces = np.array([p.space for p in filled], np.int8)
+        self._offsets = np.array([p.offset for p in filled], np.int64)
+
+    def encode(self, words: Words) -> tuple[Words, NDArray[np.int8]]:
+        """Return words with offsets in place of addresses, and the space of each (0: a value)."""
+        k = np.searchsorted(self._starts, words, side="right") - 1
+        inside = (k >= 0) & (words < self._ends[k])
+        out = np.where(inside, words - self._starts[k] + self._offsets[k], words)
+        return out, np.where(inside, self._spaces[k], 0).astype(np.int8)
+
+    def find(self, name: str) -> int:
+        """Return the offset (bytes) of an array."""
+        return next(p.offset for p in self.places if p.name == name)
+
+    def build_shared(self) -> tuple[Words, NDArray[np.int8]]:
+        """Return the words of the shared memory, encoded."""
+        shared = [view_words(p.array) for p in self.places if p.space == SHARED]
+        words, space = self.encode(np.concatenate([np.zeros(0, np.int64), *shared]))
+        assert not np.any(space == OWN)  # it would be another address in each world
+        return words, space
+
+
+def _find_owned(recorder: FlightRecorder) -> set[str]:
+    """Return the names of the arrays of which each world needs its own."""
+    images = [image for c in recorder.changes for image in (c.before, c.after)]
+    images += [image for t in recorder.ticks for image in (t.before, t.after)]
+    constant, at = dict[str, Words](), 0
+    for name, array in recorder.arrays.items():
+        n = len(view_words(array))
+        words = recorder.first[at : at + n]
+        if name.startswith("kept") and all(np.array_equal(words, x[at : at + n]) for x in images):
+            constant[name] = words
+        at += n
+    owned = set(recorder.arrays) - set(constant)
+    while True:
+        spans = [
+            (x.ctypes.data, x.ctypes.data + x.nbytes)
+            for name, x in recorder.arrays.items() if name in owned
+        ]  # fmt: skip
+        found = {
+            name for name, words in constant.items()
+            if any(np.any((words >= first) & (words < end)) for first, end in spans)
+        } - owned  # fmt: skip
+        if not found:
+            return owned
+        owned |= found
+
+
+def build_world_kernel(
+    ptx: str, ports: list[int | None], draws: dict[int, tuple[int, int, int]]
+) -> str:
+    """Return PTX with a kernel that calls `step` for each world; a thread is a world.
+
+    Its parameters are the address of the first block, the bytes of a block, the number of worlds,
+    `shift`, and the address of the random numbers of each of `draws`. `ports` are offsets in the
+    block, None if absent. `draws` has for a port the offset of its index in the clock, the number
+    of its rows, and the bytes of a row: world i reads the row index + i * shift.
+    """
+    n = count_parameters(ptx)
+    if n != len(ports):
+        raise InputError(f"the PTX has {n} parameters for {len(ports)} ports")
+    given = ["base", "stride", "worlds", "shift", *(f"draw{k}" for k in draws)]
+    lines = [
+        ".visible .entry run(", ",\n".join(f"  .param .u64 {name}" for name in given), ")", "{",
+        "  .reg .pred %p<2>;", "  .reg .b32 %w<4>;", "  .reg .b64 %d<8>;", "  .reg .b64 %r<64>;",
+        "  mov.u32 %w0, %ctaid.x;", "  mov.u32 %w1, %ntid.x;", "  mov.u32 %w2, %tid.x;",
+        "  mad.lo.u32 %w3, %w0, %w1, %w2;", "  cvt.u64.u32 %d0, %w3;",
+        "  ld.param.u64 %d1, [worlds];", "  setp.ge.u64 %p0, %d0, %d1;", "  @%p0 bra END;",
+        "  ld.param.u64 %d2, [base];", "  ld.param.u64 %d3, [stride];",
+        "  mad.lo.u64 %d4, %d0, %d3, %d2;", "  ld.param.u64 %d6, [shift];",
+    ]  # fmt: skip
+    for i, offset in enumerate(ports):
+        if i in draws:
+            index_at, rows, size = draws[i]
+            lines += [
+                f"  ld.u64 %d5, [%d4 + {index_at}];", "  mad.lo.u64 %d5, %d0, %d6, %d5;",
+                f"  rem.u64 %d5, %d5, {rows};", f"  ld.param.u64 %d7, [draw{i}];",
+                f"  mad.lo.u64 %r{i}, %d5, {size}, %d7;",
+            ]  # fmt: skip
+        elif offset is None:
+            lines.append(f"  mov.u64 %r{i}, 0;")
+        else:
+            lines.append(f"  add.u64 %r{i}, %d4, {offset};")
+    call = call_ptx([f"%r{i}" for i in range(n)])
+    return "\n".join([ptx, *lines, call, "END:", "  ret;", "}", ""])
+
+
+def write_rows(folder: Path, assembly: Assembly, layout: Layout) -> list[dict[str, Any]]:
+    """Compile each step into a kernel and return the rows of the schedule."""
+    prepare()
+    clock_at, base = _find_offset(assembly, Clock, ""), int(assembly.arena.ctypes.data)
+    readers = {
+        place: i for i, block in enumerate(assembly._blocks) for place in block.places
+    }  # (row, index of the draw in it)
+    out = []
+    for r, step in enumerate(assembly.steps):
+        row, ports = assembly.rows[r], list[int | None]()
+        draws: dict[int, tuple[int, int, int]] = {}
+        blocks: list[int] = []
+        for k, port in enumerate(step.ports):
+            if issubclass(port.record, Draws):
+                field = "fast" if row["fast"] else "block"
+                index_at = clock_at + int(Clock.dtype.fields[field][1])  # type: ignore[index]
+                rows = FAST_BLOCK if row["fast"] else BLOCK
+                draws[k] = (index_at, rows, port.record.dtype.itemsize)
+                blocks.append(readers[r, len(blocks)])
+                ports.append(None)
+            else:
+                found = assembly.resolve(step, port) is not None
+                ports.append(int(row["ports"][k]) - base if found else None)
+        name = f"row_{r:02d}.cubin"
+        try:
+            ptx = compile_ptx(assembly, step)
+        except Exception as error:  # numba and its passes raise arbitrary exceptions
+            raise InputError(f"{step.label} does not compile for CUDA: {shorten(error)}") from error
+        write_cubin(build_world_kernel(ptx, ports, draws), folder / name)
+        numbers = {key: int(row[key]) for key in ("every", "phase", "fast")}
+        out.append({"label": step.label, "file": name, **numbers, "draws": blocks})
+    return out
+
+
+def _find_offset(assembly: Assembly, record: Any, name: str) -> int:
+    return assembly.address(record, name) - int(assembly.arena.ctypes.data)
+
+
+def write_bundle(mission: str, sets: list[str], seconds: float, samples: int, out: Path) -> None:
+    """Fly a mission and write its bundle into an empty folder.
+
+    Raises InputError if a step does not compile, and the errors of the flight.
+    """
+    description = load_description(mission, sets=sets)
+    trial = FlightRecorder(0.0, 10**9)
+    fly_and_evaluate(description, [trial])  # for its length
+    python = [trial.assembly.steps[i].label for i in trial.assembly.list_python_rows()]
+    if python:
+        raise InputError(f"steps in plain Python do not run on a GPU: {', '.join(python)}")
+    recorder = FlightRecorder(seconds, max(trial.n // samples, 1))
+    result = fly_and_evaluate(description, [recorder])
+    a, vehicle = recorder.assembly, recorder.vehicle
+    layout = Layout(recorder)
+    rows = write_rows(out, a, layout)
+    flight = encode_flight(recorder, layout)
+    ticks = encode_ticks(recorder, layout)
+    np.savez_compressed(out / "flight.npz", allow_pickle=False, **flight)
+    np.savez_compressed(out / "ticks.npz", allow_pickle=False, **ticks)
+    mujoco.mj_saveModel(vehicle.scene.model, str(out / "plant.mjb"))
+    clock = _find_offset(a, Clock, "")
+    fields: Any = Clock.dtype.fields
+    told = {
+        "mission": mission, "sets": sets, "architecture": list(ARCHITECTURE),
+        "outcome": result.outcome, "recorded_s": min(seconds, vehicle.t),
+        "processor": {
+            "name": describe_machine()["processor"], "mj_step_us": time_step(vehicle),
+            "tick_us": 1e6 * trial.spent_s / trial.ticks_timed,
+        },
+        "dt": vehicle.dt, "n_steps": vehicle.n_steps,
+        "n_control": a.n_control, "rows": rows,
+        "clock": {name: clock + int(fields[name][1]) for name in fields},
+        "records": {
+            f"{record.__qualname__} {name}".strip(): [
+                int(view.ctypes.data - a.arena.ctypes.data), view.nbytes
+            ]
+            for (record, name), view in a.records.items()
+        },
+        "truth": _find_offset(a, Truth, ""),
+        "others": {
+            p.name: [p.offset, p.array.nbytes]
+            for p in layout.places if p.space == OWN and p.name != "arena"
+        },
+        "arrays": {
+            name: [layout.find(name), list(array.shape)]
+            for name, array in vehicle.sim.arrays.items()
+        },
+        "block_bytes": layout.block_bytes, "shared_bytes": layout.shared_bytes,
+    }  # fmt: skip
+    (out / "bundle.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+
+
+def time_step(vehicle: SimulatedVehicle, steps: int = 20000) -> float:
+    """Return the microseconds of MuJoCo's step on one core, from the plant's start at rest."""
+    model = vehicle.scene.model
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 100)
+    begin = time.perf_counter()
+    mujoco.mj_step(model, data, steps)
+    return 1e6 * (time.perf_counter() - begin) / steps
+
+
+def encode_flight(recorder: FlightRecorder, layout: Layout) -> dict[str, NDArray[Any]]:
+    """Return the start, the changes, the random numbers and the path of a flight."""
+    own = layout.own
+    start, start_space = layout.encode(recorder.changes[0].after[own])
+    shared, shared_space = layout.build_shared()
+    ticks, at, values, spaces, ends = list[int](), list[Words](), list[Words](), list[Any](), []
+    drawn, drawn_tick, drawn_block = list[NDArray[np.float64]](), list[int](), list[int]()
+    for i, change in enumerate(recorder.changes):
+        for block, rows in change.drawn:
+            if len(rows):
+                drawn.append(rows)
+                drawn_tick.append(change.tick)
+                drawn_block.append(block)
+        if i == 0:
+            continue  # the start
+        before, after = change.before[own], change.after[own]
+        differs = np.flatnonzero(before != after)
+        value, space = layout.encode(after[differs])
+        ticks.append(change.tick)
+        at.append(differs)
+        values.append(value)
+        spaces.append(space)
+        ends.append(len(differs))
+    return {
+        "start": start, "start_space": start_space, "shared": shared, "shared_space": shared_space,
+        "tick": np.array(ticks), "end": np.cumsum(ends), "at": np.concatenate(at),
+        "value": np.concatenate(values), "space": np.concatenate(spaces),
+        "drawn_tick": np.array(drawn_tick), "drawn_block": np.array(drawn_block),
+        **{f"drawn {i}": rows for i, rows in enumerate(drawn)},
+        "path": np.array(recorder.path),
+    }  # fmt: skip
+
+
+def encode_ticks(recorder: FlightRecorder, layout: Layout) -> dict[str, NDArray[Any]]:
+    """Return the blocks before and after single ticks, and their random numbers."""
+    own, ticks = layout.own, [t for t in recorder.ticks if all(map(len, t.drawn))]
+    before = [layout.encode(t.before[own]) for t in ticks]
+    after = [layout.encode(t.after[own]) for t in ticks]
+    drawn = {
+        f"drawn {i}": np.array([t.drawn[i] for t in ticks])
+        for i in range(len(recorder.assembly._blocks))
+    }
+    return {
+        "before": np.array([words for words, _ in before]),
+        "space": np.array([space for _, space in before]),
+        "changed": np.array([words for words, _ in after]) ^ [words for words, _ in before],
+        **drawn,
+    }  # fmt: skip
+
+
+def main() -> None:
+    """Fly, compile and write the bundle."""
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    p.add_argument("mission")
+    p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
+    p.add_argument("--seconds", type=float, default=20.0, help="length of the recorded flight")
+    p.add_argument("--samples", type=int, default=64, help="single ticks to compare")
+    p.add_argument("--out", type=Path, required=True, help="a new folder")
+    asked = p.parse_args()
+    try:
+        if asked.out.exists():
+            raise InputError(f"--out {asked.out} exists already: give a new folder")
+        if not (asked.seconds > 0.0 and asked.samples > 0):
+            raise InputError("--seconds and --samples must be positive")
+        asked.out.parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(dir=asked.out.parent) as folder:
+            write_bundle(asked.mission, asked.set, asked.seconds, asked.samples, Path(folder))
+            shutil.copytree(folder, asked.out)
+    except SkywrightError as error:
+        print(f"error: {error}", file=sys.stderr)
+        raise SystemExit(error.exit_code) from None
+
+
+if __name__ == "__main__":
+    main()
