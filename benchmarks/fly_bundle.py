@@ -81,11 +81,11 @@ class Bundle:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.told: dict[str, Any] = json.loads((folder / "bundle.json").read_text())
+        self.meta: dict[str, Any] = json.loads((folder / "bundle.json").read_text())
         self.flight = dict(np.load(folder / "flight.npz"))
         self.ticks = dict(np.load(folder / "ticks.npz"))
-        self.stride = -(-self.told["block_bytes"] // 128) * 128
-        self.n_words = self.told["block_bytes"] // 8
+        self.stride = -(-self.meta["block_bytes"] // 128) * 128
+        self.n_words = self.meta["block_bytes"] // 8
 
     def load_plant(self) -> Any:
         """Return the plant with the settings that MuJoCo Warp accepts."""
@@ -102,8 +102,8 @@ class Worlds:
 
     def __init__(self, bundle: Bundle, n: int, shift: int) -> None:
         """World i reads random numbers `shift` rows after those of world i - 1."""
-        told, flight = bundle.told, bundle.flight
-        self.bundle, self.n, self.stride, self.clock = bundle, n, bundle.stride, told["clock"]
+        meta, flight = bundle.meta, bundle.flight
+        self.bundle, self.n, self.stride, self.clock = bundle, n, bundle.stride, meta["clock"]
         self.blocks = cp.zeros((n, bundle.stride // 8), cp.int64)
         self.base = int(self.blocks.data.ptr)
         self.shared = cp.asarray(flight["shared"])
@@ -112,11 +112,11 @@ class Worlds:
         module = cp.RawModule(code=KERNELS)
         names = ("change", "advance", "count", "widen", "narrow")
         self.kernels = {name: module.get_function(name) for name in names}
-        n_draws = 1 + max((d for row in told["rows"] for d in row["draws"]), default=-1)
+        n_draws = 1 + max((d for row in meta["rows"] for d in row["draws"]), default=-1)
         drawn = {d: flight[f"drawn {i}"] for i, d in enumerate(flight["drawn_block"])}
         self.drawn = [cp.asarray(drawn[d]) for d in range(n_draws)]
         self.rows = []
-        for row in told["rows"]:
+        for row in meta["rows"]:
             loaded = cp.RawModule(path=str(bundle.folder / row["file"])).get_function("run")
             draws = [int(self.drawn[d].data.ptr) for d in row["draws"]]
             self.rows.append((loaded, (self.base, self.stride, n, shift, *draws)))
@@ -146,7 +146,7 @@ class Worlds:
         """Run the rows of a control tick, or those after a physics step; `due`: also those that
         do not run each tick."""
         grid = (-(-self.n // THREADS),)
-        for row, (kernel, arguments) in zip(self.bundle.told["rows"], self.rows, strict=True):
+        for row, (kernel, arguments) in zip(self.bundle.meta["rows"], self.rows, strict=True):
             if bool(row["fast"]) == fast and (due or row["every"] == 1):
                 kernel(grid, (THREADS,), tuple(map(np.uint64, arguments)))
 
@@ -168,7 +168,7 @@ class Physics:
         model = bundle.load_plant()
         data = mujoco.MjData(model)
         start = bundle.flight["start"].view(np.float64)
-        arrays = bundle.told["arrays"]
+        arrays = bundle.meta["arrays"]
         for name in ("qpos", "qvel", "act"):
             at, shape = arrays[name][0] // 8, arrays[name][1]
             getattr(data, name)[:] = start[at : at + shape[0]]
@@ -196,7 +196,7 @@ class Physics:
 
     def _copy(self, kernel: str, names: dict[str, str]) -> None:
         for ours, theirs in names.items():
-            at, shape = self.worlds.bundle.told["arrays"][ours]
+            at, shape = self.worlds.bundle.meta["arrays"][ours]
             n = int(np.prod(shape))
             if n:
                 array = getattr(self.data, theirs)
@@ -206,10 +206,10 @@ class Physics:
 
 def compare_ticks(bundle: Bundle) -> dict[str, Any]:
     """Run the control rows of the recorded single ticks and compare with the processor's."""
-    ticks, told = bundle.ticks, bundle.told
+    ticks, meta = bundle.ticks, bundle.meta
     n = len(ticks["before"])
     worlds = Worlds(bundle, n, shift=1)
-    block_at = told["clock"]["block"] // 8
+    block_at = meta["clock"]["block"] // 8
     before, space = ticks["before"].copy(), ticks["space"]
     before[:, block_at] = 0  # world i reads row i of the random numbers
     own = worlds.base + worlds.stride * np.arange(n, dtype=np.int64)[:, None]
@@ -231,7 +231,7 @@ def compare_ticks(bundle: Bundle) -> dict[str, Any]:
         off = np.where(values & ~same, np.abs(a - b) / np.maximum(scale, 1e-300), 0.0)
     worst = [
         (float(np.max(off[:, at // 8 : (at + size) // 8], initial=0.0)), name)
-        for name, (at, size) in {**told["records"], **told["others"]}.items()
+        for name, (at, size) in {**meta["records"], **meta["others"]}.items()
     ]
     differ = off[values & ~same]
     return {
@@ -251,7 +251,7 @@ class Loop:
         self.wp, self.bundle = wp, bundle
         self.worlds = Worlds(bundle, n, shift=7)
         self.stream = cp.cuda.ExternalStream(int(wp.get_stream().cuda_stream))
-        self.every = max(row["every"] for row in bundle.told["rows"])
+        self.every = max(row["every"] for row in bundle.meta["rows"])
         with self.stream:
             self.worlds.start()
             self.physics = Physics(bundle, self.worlds)
@@ -269,7 +269,7 @@ class Loop:
         if what != "physics":
             w.run_rows(fast=False, due=due)
             w.end_control()
-        for _ in range(self.bundle.told["n_steps"]):
+        for _ in range(self.bundle.meta["n_steps"]):
             if what == "both":
                 p.write()
             if what != "rows":
@@ -304,15 +304,15 @@ class Loop:
 
 def fly(bundle: Bundle, loop: Loop, seconds: float) -> dict[str, Any]:
     """Fly all worlds along the recorded flight and compare their positions with its own."""
-    f, told, w = bundle.flight, bundle.told, loop.worlds
+    f, meta, w = bundle.flight, bundle.meta, loop.worlds
     loop.restart()
     starts, ends = [0, *map(int, f["tick"])], [0, 0, *map(int, f["end"])]
     drawn = dict[int, list[tuple[int, Any]]]()
     for i, (t, d) in enumerate(zip(f["drawn_tick"], f["drawn_block"], strict=True)):
         drawn.setdefault(int(t), []).append((int(d), cp.asarray(f[f"drawn {i}"])))
-    n = min(sum(t * told["dt"] < seconds for t in starts), len(starts) - 1)
+    n = min(sum(t * meta["dt"] < seconds for t in starts), len(starts) - 1)
     cp.cuda.Device().synchronize()
-    truth, taken, begin = told["truth"] // 8, list[Any](), time.perf_counter()
+    truth, taken, begin = meta["truth"] // 8, list[Any](), time.perf_counter()
     with loop.stream:
         for k in range(n):  # the stretches between two changes
             for d, rows in drawn.get(starts[k], []):
@@ -326,27 +326,15 @@ def fly(bundle: Bundle, loop: Loop, seconds: float) -> dict[str, Any]:
     spent = time.perf_counter() - begin
     p = np.array([cp.asnumpy(x).view(np.float64) for x in taken])  # (times, worlds, 3)
     off = np.linalg.norm(p - f["path"][9::10][: len(p), None, 1:4], axis=2)
-    fired = cp.asnumpy(w.blocks[:, told["clock"]["fired"] // 8])
+    fired = cp.asnumpy(w.blocks[:, meta["clock"]["fired"] // 8])
     return {
-        "worlds": w.n, "seconds": starts[n] * told["dt"], "wall_s": spent,
+        "worlds": w.n, "seconds": starts[n] * meta["dt"], "wall_s": spent,
         "tick_s": spent / starts[n],
         "world_0_largest_m": float(np.max(off[:, 0])),
         "world_0_m": [round(float(x), 9) for x in off[:: max(len(off) // 40, 1), 0]],
         "all_largest_m": float(np.max(off)), "all_rms_m": float(np.sqrt(np.mean(off**2))),
         "not_finite": int(np.sum(~np.isfinite(off[-1]))), "guards_fired": int(np.sum(fired != 0)),
     }  # fmt: skip
-
-
-def time_processor(bundle: Bundle, steps: int = 20000) -> float:
-    """Return the microseconds of MuJoCo's step on one core of this machine, at the start."""
-    import mujoco
-
-    model = bundle.load_plant()
-    data = mujoco.MjData(model)
-    mujoco.mj_step(model, data, 100)
-    start = time.perf_counter()
-    mujoco.mj_step(model, data, steps)
-    return 1e6 * (time.perf_counter() - start) / steps
 
 
 def main() -> None:
@@ -361,8 +349,8 @@ def main() -> None:
     bundle = Bundle(asked.bundle)
     device = cp.cuda.runtime.getDeviceProperties(0)["name"].decode()
     out: dict[str, Any] = {
-        "mission": bundle.told["mission"], "device": device, "block_bytes": bundle.stride,
-        "processor": bundle.told["processor"], "recorded_s": bundle.told["recorded_s"],
+        "mission": bundle.meta["mission"], "device": device, "block_bytes": bundle.stride,
+        "processor": bundle.meta["processor"], "recorded_s": bundle.meta["recorded_s"],
     }  # fmt: skip
 
     def note(key: str, value: Any) -> None:
@@ -372,8 +360,6 @@ def main() -> None:
             asked.out.write_text(json.dumps(out, indent=1) + "\n", encoding="utf-8")
 
     note("agreement", compare_ticks(bundle))
-    if asked.worlds or asked.whole:
-        note("mj_step_us", time_processor(bundle))
     speed = []
     for n in asked.worlds:
         loop = Loop(bundle, n)

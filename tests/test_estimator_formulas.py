@@ -18,7 +18,7 @@ from skywright.core.record import View
 from skywright.vehicle.bus import Allocated, Body, Estimate
 from skywright.vehicle.estimates import EstimatorState, RotorForce
 from skywright.vehicle.estimators import _fusion, _strapdown, filter, observer, station_camera
-from skywright.vehicle.estimators._deviation import tell_deviation
+from skywright.vehicle.estimators._deviation import fill_deviation
 from skywright.vehicle.readings import Fix, ImuBatch, MocapSample, Odometry
 from skywright.vehicle.sensors.station import StationCamera as Station
 
@@ -136,12 +136,12 @@ def test_the_stated_deviation_is_that_of_the_covariance_brought_to_now() -> None
     _strapdown.integrate(me, 100, 300, G, me.p, me.v, me.R, np.zeros(3), np.zeros((3, 3)))
     P, state = np.zeros((15, 15)), make(EstimatorState)
     _strapdown.head_covariance(me, G, P)
-    tell_deviation(me, me.P, G, state)
+    fill_deviation(me, me.P, G, state)
     exact = np.sqrt(np.diag(P)[:3])
     np.testing.assert_allclose(state.p_std, exact, rtol=1e-3)
     assert state.pose_std == max(state.p_std)
     me.p_slow = [0.1, 0.2, 0.3]
-    tell_deviation(me, me.P, G, state)
+    fill_deviation(me, me.P, G, state)
     np.testing.assert_allclose(state.p_std, np.hypot(exact, me.p_slow), rtol=1e-3)
 
 

@@ -20,12 +20,10 @@ import argparse
 import json
 import shutil
 import sys
-import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,7 +44,6 @@ from skywright.run.run import fly_and_evaluate
 from skywright.vehicle.assembly import BLOCK, FAST_BLOCK, Assembly
 from skywright.vehicle.bus import Clock, Truth
 from skywright.vehicle.component import Draws
-from skywright.vehicle.simulated import SimulatedVehicle
 
 OWN, SHARED = 1, 2
 """An address in the block of the world, and one in the memory that all worlds read."""
@@ -232,14 +229,14 @@ def write_bundle(mission: str, sets: list[str], seconds: float, samples: int, ou
     ticks = encode_ticks(recorder, layout)
     np.savez_compressed(out / "flight.npz", allow_pickle=False, **flight)
     np.savez_compressed(out / "ticks.npz", allow_pickle=False, **ticks)
-    mujoco.mj_saveModel(vehicle.scene.model, str(out / "plant.mjb"))
+    vehicle.sim.write_model(out / "plant.mjb")
     clock = _find_offset(a, Clock, "")
     fields: Any = Clock.dtype.fields
-    told = {
+    meta = {
         "mission": mission, "sets": sets, "architecture": list(ARCHITECTURE),
         "outcome": result.outcome, "recorded_s": min(seconds, vehicle.t),
         "processor": {
-            "name": describe_machine()["processor"], "mj_step_us": time_step(vehicle),
+            "name": describe_machine()["processor"],
             "tick_us": 1e6 * trial.spent_s / trial.ticks_timed,
         },
         "dt": vehicle.dt, "n_steps": vehicle.n_steps,
@@ -262,17 +259,7 @@ def write_bundle(mission: str, sets: list[str], seconds: float, samples: int, ou
         },
         "block_bytes": layout.block_bytes, "shared_bytes": layout.shared_bytes,
     }  # fmt: skip
-    (out / "bundle.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
-
-
-def time_step(vehicle: SimulatedVehicle, steps: int = 20000) -> float:
-    """Return the microseconds of MuJoCo's step on one core, from the plant's start at rest."""
-    model = vehicle.scene.model
-    data = mujoco.MjData(model)
-    mujoco.mj_step(model, data, 100)
-    begin = time.perf_counter()
-    mujoco.mj_step(model, data, steps)
-    return 1e6 * (time.perf_counter() - begin) / steps
+    (out / "bundle.json").write_text(json.dumps(meta, indent=1) + "\n", encoding="utf-8")
 
 
 def encode_flight(recorder: FlightRecorder, layout: Layout) -> dict[str, NDArray[Any]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +46,10 @@ class Simulation:
     def step(self, n: int) -> None:
         """Advance by `n` time steps."""
         mujoco.mj_step(self.scene.model, self.data, n)
+
+    def write_model(self, file: Path) -> None:
+        """Write the compiled model as MuJoCo's binary file (MJB)."""
+        mujoco.mj_saveModel(self.scene.model, str(file))
 
     @property
     def arrays(self) -> dict[str, Array]:

@@ -308,11 +308,11 @@ class ServoFlight:
             shaft = shafts[d.servo]
             if shaft.error:
                 raise ServosFailed(f"servo {d.servo} ({d.name}): {describe_error(shaft.error)}")
+            self.stale += shaft.silent_s > STALE_S
             if shaft.silent_s > LOST_S:
                 raise ServosFailed(
                     f"servo {d.servo} ({d.name}) has not answered for {shaft.silent_s:.1f} s"
                 )
-            self.stale += shaft.silent_s > STALE_S
             me.angle[k] = shaft.angle
         self.cycle_max_s = max(self.cycle_max_s, self._worker.cycle_s)
         self._pace(t)

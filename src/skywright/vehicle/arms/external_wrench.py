@@ -52,8 +52,8 @@ class WrenchObserver(Component):
         bandwidth: Vec3  # rad/s, of f_rest_W along the platform's axes forward, left, up
         momentum_W: Vec3  # N s, as predicted
         momentum_s: float  # N m s, of the joint, as predicted
-        told_rate: float  # rad/s, balance_rate due to the reference, with the lag of s_rest
-        told_slow: float  # rad/s, with the lag of s_slow
+        reference_rate: float  # rad/s, balance_rate due to the reference, with the lag of s_rest
+        reference_slow: float  # rad/s, with the lag of s_slow
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
@@ -165,11 +165,11 @@ def observe_swing(v: View, rate: float, wanted: float, wanted_rate: float) -> No
     out.s_slow += dt * change
     size = math.sqrt(size)
     angle = wanted - est.q[w.swing]
-    told = (math.cos(angle) * turned[2] - math.sin(angle) * w.L_s[2]) / size * wanted_rate
+    given = (math.cos(angle) * turned[2] - math.sin(angle) * w.L_s[2]) / size * wanted_rate
     blend = find_gain(SWING_BANDWIDTH, dt) * dt  # two stages, to match the lag of s_slow
-    me.told_rate += blend * (told - me.told_rate)
-    me.told_slow += blend * (me.told_rate - me.told_slow)
-    out.balance_rate = change / (size * v.body.gravity) - me.told_slow
+    me.reference_rate += blend * (given - me.reference_rate)
+    me.reference_slow += blend * (me.reference_rate - me.reference_slow)
+    out.balance_rate = change / (size * v.body.gravity) - me.reference_slow
 
 
 @helper
@@ -193,7 +193,7 @@ def start(v: View, P: Any) -> None:
     for a in range(3):
         torque += w.L_s[a] * v.est.R_WB[2, a] * v.body.gravity
     out.s_rest, out.s_slow, out.balance_rate = torque, torque, 0.0
-    me.told_rate = me.told_slow = 0.0
+    me.reference_rate = me.reference_slow = 0.0
     me.momentum_s = -torque / find_gain(SWING_BANDWIDTH, v.dt)
     me.momentum_W[2] -= out.f_rest_W[2] / find_gain(me.bandwidth[2], v.dt)
 

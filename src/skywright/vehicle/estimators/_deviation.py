@@ -11,7 +11,7 @@ from skywright.vehicle.estimators._strapdown import BA_, N_STATE, P_, R_, V_
 
 
 @helper
-def tell_deviation(me: Any, P: Any, gravity: float, state: Any) -> None:
+def fill_deviation(me: Any, P: Any, gravity: float, state: Any) -> None:
     """Fill the standard deviations of the present position; `P` (15 or more) is at the horizon.
 
     `me` is a Strapdown. In the T seconds since the horizon the position error grows to

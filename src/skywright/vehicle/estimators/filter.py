@@ -30,7 +30,7 @@ from skywright.core.types import IMU_HISTORY
 from skywright.vehicle.bus import Allocated, Body, Clock, Estimate
 from skywright.vehicle.component import Component, Estimator, InOut, Out, helper
 from skywright.vehicle.estimates import POSITION_COLUMNS, EstimatorState, RotorForce
-from skywright.vehicle.estimators._deviation import tell_deviation
+from skywright.vehicle.estimators._deviation import fill_deviation
 from skywright.vehicle.estimators._kalman import correct, inject, place_point
 from skywright.vehicle.estimators._position_fix import (
     FixNoise,
@@ -143,7 +143,7 @@ class Filter(Estimator):
         predict_now(me, imu, body, allocated, est, rotor, clock.t, before, changed)
         state.rejected, state.restarts = float(me.refused), float(me.restarts)
         state.fix_age = clock.t - me.last_fix
-        tell_deviation(me, me.P, body.gravity, state)
+        fill_deviation(me, me.P, body.gravity, state)
 
 
 @helper

@@ -29,7 +29,7 @@ from skywright.models.localisation.drift_filter import DriftModel
 from skywright.vehicle.bus import Allocated, Body, Clock, Estimate
 from skywright.vehicle.component import Estimator, Out, helper
 from skywright.vehicle.estimates import POSITION_COLUMNS, EstimatorState, RotorForce
-from skywright.vehicle.estimators._deviation import tell_deviation
+from skywright.vehicle.estimators._deviation import fill_deviation
 from skywright.vehicle.estimators._fusion import (
     B_,
     DELAY_,
@@ -219,7 +219,7 @@ class StationCamera(Estimator):
         predict_now(me, imu, body, allocated, est, rotor, clock.t, before, changed)
         state.rejected, state.restarts = float(me.rejected_row), float(me.restarts)
         state.fix_age = clock.t - me.last_fix
-        tell_deviation(me, me.P_full, body.gravity, state)
+        fill_deviation(me, me.P_full, body.gravity, state)
 
 
 @helper
