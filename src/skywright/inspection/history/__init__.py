@@ -1,1 +1,1 @@
-"""All measurements of an asset in one file, over flights and years, and what they say together."""
+"""Database of all measurements of an asset, over flights and years, and their evaluation."""

@@ -1,13 +1,13 @@
-"""How a wall shrinks: change of thickness, rates and remaining life, each with its deviation.
+"""Wall loss: change of thickness, rates and remaining life, each with its standard deviation.
 
     LT = (t_initial - t_actual) / dt      long-term rate, from the first inspection
-    ST = (t_previous - t_actual) / dt     short-term rate, from the last but one
+    ST = (t_previous - t_actual) / dt     short-term rate, from the previous inspection
     life = (t_actual - t_required) / rate
 
 API 570, section 7.1 (and API 510, 7.1): the rate that gives the shorter life governs, and the
-interval to the next inspection is at most half of the remaining life. Deviations follow by
-propagation; the two readings of a difference are independent, and the actual one also stands in the
-numerator of the life.
+interval to the next inspection is at most half of the remaining life. The standard deviations
+follow from propagation of errors. The two readings of a difference are independent. The actual
+thickness also appears in the numerator of the life.
 """
 
 from __future__ import annotations
@@ -43,42 +43,42 @@ class Inspected(NamedTuple):
 
 
 class Rate(NamedTuple):
-    """A loss per year between two inspections; negative where the wall reads thicker."""
+    """Loss between two inspections, in total and per year; negative if the wall reads thicker."""
 
     loss_mm: float
     loss_std_mm: float
     years: float
     mm_per_year: float
     std_mm_per_year: float
-    life_years: float | None  # None: no loss, so no end
+    life_years: float | None  # None: no loss, or no required thickness
     life_std_years: float | None
     life_low_years: float | None
-    """Life at the rate's one-sided upper 95 % bound and the thickness as read; None: the bound is 0
-    or less, or no thickness is required."""
+    """Life at the one-sided upper 95 % bound of the rate, from the measured thickness. None: the
+    bound is 0 or less, or no thickness is required."""
 
     @property
     def significant(self) -> bool:
-        """Whether the loss exceeds what the deviations explain (one-sided, 95 %)."""
+        """Whether the loss exceeds its uncertainty (one-sided, 95 %)."""
         return self.loss_mm > ONE_SIDED * self.loss_std_mm
 
 
 class Location(NamedTuple):
-    """One place of a component over all its inspections."""
+    """One location of a component with all its inspections."""
 
     name: str
     component: str
-    x_m: float  # mean place in the frame of the asset
+    x_m: float  # mean position in the frame of the asset
     y_m: float
     z_m: float
     place_std_m: float | None
-    """Of one inspection's place in the asset: registration and place in the flight; the worst."""
-    inspections: list[Inspected]  # in the order of time
+    """Largest standard deviation of a reading's position: registration and position in the flight."""
+    inspections: list[Inspected]  # in chronological order
     long_term: Rate | None  # None: one inspection
     short_term: Rate | None
     required_mm: float | None
-    life_years: float | None  # the shorter of both
+    life_years: float | None  # the shorter of the two
     interval_years: float | None
-    """Half of the life, by the rates as read; None where neither shows a loss."""
+    """Half of `life_years`, from the rates as measured; None if `life_years` is None."""
     notes: tuple[str, ...]
 
     def to_json(self) -> dict[str, Any]:
@@ -97,7 +97,10 @@ class Location(NamedTuple):
 
 
 def compute_rate(first: Inspected, last: Inspected, required_mm: float | None) -> Rate:
-    """Return loss, rate and life between two inspections, with their deviations."""
+    """Return loss, rate and life between two inspections, with their standard deviations.
+
+    Raises InputError if `last` is not later than `first`.
+    """
     years = (last.time - first.time).total_seconds() / YEAR_S
     if years <= 0:
         raise InputError(f"flights {first.flight} and {last.flight} have the same time")
@@ -109,7 +112,7 @@ def compute_rate(first: Inspected, last: Inspected, required_mm: float | None) -
         margin = last.thickness_mm - required_mm
         if rate > 0:
             life = max(margin, 0.0) / rate
-            # life = m / r; the actual thickness moves m by 1 and r by -1 / years
+            # life = m / r; a unit change of the actual thickness changes m by 1 and r by -1 / years
             by_actual = 1.0 / rate + margin / (rate**2 * years)
             by_first = -margin / (rate**2 * years)
             life_std = math.hypot(by_actual * last.std_mm, by_first * first.std_mm)
@@ -121,10 +124,11 @@ def compute_rate(first: Inspected, last: Inspected, required_mm: float | None) -
 def group_places(
     readings: Sequence[StoredReading], radius: float
 ) -> list[tuple[str, list[StoredReading]]]:
-    """Return readings by location: of one name, else within `radius` (m) of one place.
+    """Return (name, readings) of each location.
 
-    A reading without a name belongs to the nearest location of its component within `radius`, and
-    begins a new one where there is none. Readings of a flight stay together in the order of time.
+    Readings of the same name form one location of their component. A reading without a name joins
+    the nearest unnamed location of its component within `radius` (m), or starts a new location if
+    there is none. The readings of a location keep their order.
     """
     groups: list[tuple[str, list[StoredReading]]] = []
     centres: list[Array] = []
@@ -151,8 +155,9 @@ def group_places(
 def merge_flight(members: Sequence[StoredReading]) -> Inspected:
     """Return the mean of a flight's readings at one location.
 
-    Its deviation is the largest of theirs, or their scatter where that is larger: readings of one
-    flight share calibration and velocity, so more of them do not make the mean surer.
+    Its standard deviation is the largest stated one, or the scatter of the readings if that is
+    larger. It does not decrease with the number of readings, because readings of one flight share
+    calibration and velocity.
     """
     values = [m.reading.value for m in members if m.reading.value is not None]
     n = len(values)
@@ -171,10 +176,11 @@ def merge_flight(members: Sequence[StoredReading]) -> Inspected:
 def build_history(
     readings: Sequence[StoredReading], required: dict[str, float | None], radius: float = 0.05
 ) -> list[Location]:
-    """Return the history of every location of accepted thickness readings.
+    """Return the history of every location with accepted thickness readings.
 
-    `required` is the required thickness (mm) by component. Raises InputError for readings in
-    another unit than mm, or without u95: no deviation of a rate follows from them.
+    `required` maps each component to its required thickness (mm). `radius` (m) groups readings
+    without a name. Raises InputError if a reading has another unit than mm, or if it has no u95,
+    because the standard deviation of the rate is then unknown.
     """
     usable = [r for r in readings if r.reading.accepted and r.reading.quantity == "thickness"]
     for r in usable:

@@ -1,8 +1,8 @@
-"""The file of all measurements: opened, migrated, written by several at once, never half.
+"""SQLite file of all measurements: opening, migration, and atomic writes by several programs.
 
-Each entry is a transaction of its own, committed as soon as it is finished and synced to the disk,
-so a crash loses none. The file is in write-ahead mode: two flights may write while others read. A
-file of an older version is brought to the present one when it is opened, whole or not at all.
+Each entry is one transaction, which is committed and synced to the disk as soon as it is finished.
+A crash therefore loses no finished entry. The file uses write-ahead logging: two flights can write
+while others read. Opening a file of an older version migrates it in one transaction.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from skywright.errors import InputError
 from skywright.inspection.history.schema import APPLICATION_ID, STEPS, VERSION
 
 T = TypeVar("T")
-BUSY_S = 10.0  # s, that a writer waits for another
+BUSY_S = 10.0  # s, longest wait for another writer
 
 
 class DatabaseFile:
-    """An open file. Every method raises InputError on what goes wrong with the file."""
+    """An open database file. Every method raises InputError if SQLite reports an error."""
 
     def __init__(self, path: Path, *, create: bool = False) -> None:
-        """Open `path`, or with `create` make it; a file of an older version is migrated.
+        """Open `path`, or create it if `create` is set; migrate a file of an older version.
 
-        Raises InputError for a file that is none of ours, damaged, of a newer version, locked by
-        another program, or that cannot be written.
+        Raises InputError if the file does not exist, is not a database of inspection records, is
+        damaged, has a newer version, is locked by another program, or cannot be written.
         """
         self.path = path
         if not create and not path.is_file():
@@ -53,7 +53,7 @@ class DatabaseFile:
             self._log_ahead()
         db.execute("PRAGMA synchronous = FULL")
         db.execute("PRAGMA foreign_keys = ON")
-        # one transaction, so that another program that makes the file is seen whole or not at all
+        # one transaction: a file that another program is creating is seen complete or empty
         db.execute("BEGIN IMMEDIATE" if create else "BEGIN")
         owner, version = self._read_mark()
         empty = int(db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]) == 0
@@ -71,10 +71,11 @@ class DatabaseFile:
             self._migrate()
 
     def _log_ahead(self) -> None:
-        """Switch to a write-ahead log; where the file system has none: a rollback log.
+        """Switch to write-ahead logging; a file system without it keeps the rollback journal.
 
-        SQLite waits for other programs in all it does but this: another one that switches, or
-        closes the file as its last user, makes it fail at once.
+        SQLite waits for other programs in every operation except this one. It fails at once if
+        another program switches the mode, or closes the file as its last user. Therefore the
+        switch is repeated for up to BUSY_S.
         """
         until = time.monotonic() + BUSY_S
         while True:
@@ -94,13 +95,13 @@ class DatabaseFile:
         )
 
     def _migrate(self) -> None:
-        """Bring the file to the present version in one transaction."""
+        """Migrate the file to the current version in one transaction."""
         self._db.execute("BEGIN IMMEDIATE")
-        self._apply(self._read_mark()[1])  # another program may have done it meanwhile
+        self._apply(self._read_mark()[1])  # another program may have migrated it meanwhile
         self._db.execute("COMMIT")
 
     def _apply(self, version: int) -> None:
-        """Take the steps from a version to the present one."""
+        """Execute the migration steps from `version` to the current one."""
         if version >= VERSION:
             return
         for step in STEPS[version:]:
@@ -114,9 +115,9 @@ class DatabaseFile:
         self._db.close()
 
     def write(self, *statements: tuple[str, Sequence[object]]) -> int:
-        """Execute statements in one transaction; returns the row of the last one.
+        """Execute statements in one transaction; return the row id of the last one.
 
-        `:last` in the values of a statement stands for the row of the one before.
+        `:last` in the values of a statement stands for the row id of the previous statement.
         """
 
         def work() -> int:
@@ -135,9 +136,9 @@ class DatabaseFile:
         return self._try(lambda: self._db.execute(sql, values).fetchall(), "read")
 
     def keep(self, table: str, keys: Mapping[str, object], more: Mapping[str, object]) -> int:
-        """Return the row of an entry by its `keys`; it is made, or given what `more` says newly.
+        """Insert or update the entry with these `keys`; return its row id.
 
-        A value of None in `more` leaves what is stored.
+        `more` gives the other columns. A value of None in `more` keeps the stored value.
         """
         given = {k: v for k, v in more.items() if v is not None}
         names = [*keys, *given]
@@ -156,7 +157,7 @@ class DatabaseFile:
         return self._try(work, "written")
 
     def _try(self, action: Callable[[], T], what: str) -> T:
-        """Do it; an error of SQLite becomes an InputError that says what to do about it."""
+        """Return the result of `action`; turn an error of SQLite into an InputError."""
         try:
             return action()
         except sqlite3.Error as error:
@@ -177,11 +178,11 @@ class DatabaseFile:
                 self._end_transaction()
 
     def _end_transaction(self) -> None:
-        """Undo what was begun and not committed."""
+        """Roll back a transaction that is still open."""
         try:
             if self._db.in_transaction:
                 self._db.rollback()
-        except sqlite3.ProgrammingError:  # it is closed
+        except sqlite3.ProgrammingError:  # the connection is closed
             pass
 
 
@@ -191,9 +192,10 @@ def stamp(t: datetime) -> str:
 
 
 def parse_stamp(text: str, what: str) -> datetime:
-    """Return a time; a date alone is its midnight, a time without a zone is in UTC.
+    """Parse an ISO 8601 time; return it in UTC.
 
-    Raises InputError for anything else; `what` names it.
+    A date alone means midnight. A time without a zone is in UTC. Raises InputError, which begins
+    with `what`, if `text` is not a time.
     """
     try:
         t = datetime.fromisoformat(text.strip())

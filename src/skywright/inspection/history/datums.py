@@ -1,4 +1,4 @@
-"""Datum points in the database: read from a table, stored, and what follows for each flight."""
+"""Datum points: reading from a table, storage in the database, and registration of flights."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from skywright.inspection.history.registration import Registration, register_fli
 
 COLUMNS = ("name", "x_m", "y_m", "z_m", "u95_m")
 LARGEST_M = 1e8
-"""Of a coordinate: beyond all frames of the earth."""
+"""m, largest valid coordinate; exceeds the coordinates in every frame of the earth."""
 
 
 def load_datums(path: Path) -> list[Datum]:
-    """Read a CSV file with the columns name, x_m, y_m, z_m, u95_m.
+    """Read datum points from a CSV file with the columns name, x_m, y_m, z_m, u95_m.
 
-    Raises InputError that names file, row and column.
+    Raises InputError, with file, line and column, if the table is not valid.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
@@ -57,13 +57,13 @@ def _read_datum(path: Path, number: int, row: dict[str, str | None]) -> Datum:
 
 
 class DatumFile(DatabaseFile):
-    """The part of the database that knows where the frames of flights lie."""
+    """The part of the database that stores datum points and registers flights by them."""
 
     def add_datums(self, asset: str, flight: str | None, datums: Iterable[Datum]) -> None:
-        """Store datum points of an asset (flight None), or as a flight measured them, all or none.
+        """Store the datum points of an asset (`flight` None), or those measured by a flight.
 
-        A point that is stored is replaced. Raises InputError for a name that occurs twice, and for
-        points by which a flight cannot be registered: nothing is stored then.
+        A stored point of the same name is replaced. Raises InputError, and stores nothing, if a
+        name occurs twice, or if a flight cannot be registered by these points.
         """
         points = list(datums)
         names = [d.name for d in points]
@@ -91,7 +91,7 @@ class DatumFile(DatabaseFile):
         )  # fmt: skip
 
     def list_datums(self, asset: str, flight: str | None = None) -> dict[str, Datum]:
-        """Return the datum points of an asset, or as a flight measured them, by name."""
+        """Return the datum points of an asset, or those measured by `flight`, by name."""
         rows = self.read(
             "SELECT name, x_m, y_m, z_m, u95_m FROM datums"
             " WHERE asset = ? AND coalesce(flight, '') = ? ORDER BY name", (asset, flight or ""),
@@ -99,7 +99,10 @@ class DatumFile(DatabaseFile):
         return {row[0]: Datum(*row) for row in rows}
 
     def find_registration(self, flight: str) -> Registration | None:
-        """Return where a flight's frame lies by its datum points; None without common ones."""
+        """Return the registration of a flight; None if it shares no datum points with its asset.
+
+        Raises InputError if there is no such flight, or if its points do not fit.
+        """
         rows = self.read(
             "SELECT structure, registration_std_m FROM flights WHERE id = ?", (flight,)
         )
@@ -110,9 +113,10 @@ class DatumFile(DatabaseFile):
         return register_flight(self.list_datums(asset), measured, prior) if measured else None
 
     def carry_readings(self, found: list[StoredReading]) -> list[StoredReading]:
-        """Return readings in the frame of the asset where datum points register their flight.
+        """Return readings in the frame of the asset if datum points register their flight.
 
-        Then `registration_std_m` is what the registration leaves at the place.
+        Their `registration_std_m` is then the standard deviation of the registration at their
+        position. Other readings are returned unchanged.
         """
         find, out = lru_cache(maxsize=None)(self.find_registration), []
         for r in found:
@@ -126,7 +130,7 @@ class DatumFile(DatabaseFile):
         return out
 
     def carry_indications(self, found: list[StoredIndication]) -> list[StoredIndication]:
-        """Do the same for indications."""
+        """Transform indications in the same way as `carry_readings`."""
         find, out = lru_cache(maxsize=None)(self.find_registration), []
         for i in found:
             known = find(i.flight)

@@ -1,4 +1,4 @@
-"""What the database holds, one record a kind of entry. Places lie in the frame of the asset."""
+"""Records of the database, one class per kind of entry. Positions are in the frame of the asset."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ if TYPE_CHECKING:
 DISPOSITIONS = ("open", "accept", "monitor", "repair", "false call")
 STAGES = ("before", "after")
 COVERAGE = 2.0
-"""u95 over the standard deviation."""
+"""Coverage factor: ratio of u95 to the standard deviation."""
 
 
 class Reading(NamedTuple):
-    """One reading of an instrument at a place, accepted or refused with the reason."""
+    """One reading of an instrument at a position, accepted or refused with the reason."""
 
     quantity: str  # "thickness", "coating", "force"
-    value: float | None  # None: nothing could be read
+    value: float | None  # None: no value could be read
     unit: str
     u95: float | None  # expanded uncertainty, 95 %, of the value
-    x_m: float  # place in the frame of the asset
+    x_m: float  # position in the frame of the asset
     y_m: float
     z_m: float
-    place_u95_m: float | None = None  # within the flight; the registration comes on top
+    place_u95_m: float | None = None  # within the flight, without the registration error
     accepted: bool = True
-    reason: str = ""  # of the acceptance or refusal
-    spot: str = ""  # name of the location, where it has one
+    reason: str = ""  # for accepting or refusing it
+    spot: str = ""  # name of the location, if it has one
     data: str = ""  # file and path of the A-scan or the signal
 
 
 class Indication(NamedTuple):
-    """One indication of a flaw. Sizes that are not known are None."""
+    """One indication of a flaw. Unknown sizes are None."""
 
     kind: str  # "crack", "pit", "weld"
     x_m: float
@@ -48,7 +48,7 @@ class Indication(NamedTuple):
 
 
 class Datum(NamedTuple):
-    """A mark on the asset, where the asset or a flight has it."""
+    """A mark on the asset, with its position in the frame of the asset or of a flight."""
 
     name: str
     x_m: float
@@ -58,7 +58,7 @@ class Datum(NamedTuple):
 
     @property
     def place(self) -> tuple[float, float, float]:
-        """Its place (m)."""
+        """Position (m)."""
         return self.x_m, self.y_m, self.z_m
 
 
@@ -76,16 +76,16 @@ class Calibrated(NamedTuple):
 
 
 class Missed(NamedTuple):
-    """A part that was asked for and not inspected; two opposite corners or ends on the surface."""
+    """A requested part that was not inspected: two opposite corners or ends on the surface."""
 
     reason: str
     start: tuple[float, float]  # m, along the surface's first coordinate and across it
     end: tuple[float, float]
-    extent_m: float = 0.0  # its largest; 0: a spot
+    extent_m: float = 0.0  # largest extent; 0: a spot
 
 
 class Coverage(NamedTuple):
-    """How much of what was asked for a flight inspected."""
+    """The requested and the inspected amount of surface or spots of a flight."""
 
     unit: str  # "m2" of surface, or "spots"
     asked: float
@@ -94,7 +94,7 @@ class Coverage(NamedTuple):
 
 
 class Procedure(NamedTuple):
-    """A procedure: what was agreed before, under which name and revision."""
+    """An inspection procedure that was agreed before the flight, with its name and revision."""
 
     name: str
     revision: str
@@ -102,7 +102,7 @@ class Procedure(NamedTuple):
 
 
 class Entries(NamedTuple):
-    """What one flight adds, with the time of each in seconds after its start."""
+    """Entries that one flight adds. Times are in seconds after its start."""
 
     component: str = ""
     readings: tuple[tuple[float, Reading], ...] = ()
@@ -110,15 +110,15 @@ class Entries(NamedTuple):
     calibrations: tuple[tuple[float, Calibrated], ...] = ()
     coverage: Coverage | None = None
     material: str = ""  # of the component; "": not stated
-    nominal_mm: float | None = None  # wall of the component as drawn
+    nominal_mm: float | None = None  # nominal wall thickness of the component
     registration_std_m: float | None = None
-    """Of the flight's frame in that of the asset, where the flight saw a datum."""
+    """Registration error of the flight's frame in that of the asset, if the flight saw a datum."""
     scans: tuple[tuple[str, UltrasonicScan | EddyScan], ...] = ()
-    """Signals by the name of their file (.nde) in the run's directory; `data` names them."""
+    """(file name, signal) of each .nde file in the run's directory; `data` refers to the name."""
 
 
 class StoredFlight(NamedTuple):
-    """A flight as it is stored."""
+    """A stored flight."""
 
     id: str
     started_utc: str
@@ -162,7 +162,7 @@ class StoredIndication(NamedTuple):
 
 
 class StoredComponent(NamedTuple):
-    """A component with the walls that its life depends on."""
+    """A component with its nominal and required wall thickness."""
 
     id: int
     asset: str
@@ -173,7 +173,7 @@ class StoredComponent(NamedTuple):
 
 
 class StoredProcedure(NamedTuple):
-    """A procedure in one revision."""
+    """One revision of a procedure."""
 
     id: int
     name: str

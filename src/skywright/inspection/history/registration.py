@@ -1,16 +1,16 @@
-"""Registration of a flight: its frame in that of the asset, from datum points that both know.
+"""Registration of a flight: pose of its frame in the frame of the asset, from datum points.
 
-A datum point is a mark on the asset (a punch mark, a bolt, the corner of a plate). Its place in the
-frame of the asset is known with u95; a flight measures the same mark in its own frame. With p the
-place in the frame of the flight and p' that in the frame of the asset,
+A datum point is a mark on the asset (a punch mark, a bolt, the corner of a plate). Its position in
+the frame of the asset is known with u95. A flight measures the same mark in its own frame. With p
+the position in the frame of the flight and p' the position in the frame of the asset,
 
-    p' = m + t + exp([w]x) (p - m)        (turned by w about the middle m of the datum points)
+    p' = m + t + exp([w]x) (p - m)        (rotation by w about the mean m of the datum points)
 
-t and w are found by weighted least squares (Gauss-Newton) with a prior: the stated registration
-error of the flight for t, TURN_STD for w. So one point fixes the shift, and more of them the turn
-as well. The covariance of t and w gives the deviation of every place that is carried over, which
-grows with the distance from the datum points (Gauss-Markov; F. Gustafsson, Statistical Sensor
-Fusion, ch. 2).
+Weighted least squares (Gauss-Newton) determine t and w with a prior: the stated registration error
+of the flight for t, TURN_STD for w. One point determines the translation t; several points also
+determine the rotation w. The covariance of t and w gives the standard deviation of every
+transformed position, which grows with the distance from the datum points (Gauss-Markov; F.
+Gustafsson, Statistical Sensor Fusion, ch. 2).
 """
 
 from __future__ import annotations
@@ -27,29 +27,29 @@ from skywright.errors import InputError
 from skywright.inspection.history.entries import COVERAGE, Datum
 
 TURN_STD = math.radians(3.0)
-"""Prior of each component of the turn: what a map and a heading are off."""
+"""rad, prior standard deviation of each component of the rotation: error of map and heading."""
 SHIFT_STD = 0.1
-"""m, prior of the shift where the flight states no registration error."""
+"""m, prior standard deviation of the translation if the flight states no registration error."""
 OUTLIER = 3.5
-"""Deviations of a datum point from where the others have it, from which it is named."""
+"""Residual of a datum point, in standard deviations, above which the notes name it."""
 LARGEST_TURN = math.radians(15.0)
-"""Of a flight's frame; a larger one means that names or frames are mixed up."""
+"""rad, largest valid rotation. A larger one means that names or frames are mixed up."""
 MISFIT = 0.1
-"""Largest rms difference that is left, as a fraction of the extent of the points, likewise."""
+"""Largest valid rms residual, relative to the rms extent of the points, for the same reason."""
 STEPS = 6
-"""Of Gauss and Newton; three suffice for the largest turn."""
+"""Gauss-Newton iterations; three suffice for LARGEST_TURN."""
 
 
 class Registration(NamedTuple):
-    """Where a flight's frame lies in that of its asset."""
+    """Pose of a flight's frame in the frame of its asset."""
 
-    shift: Array  # (3,) m, at the middle
-    turn: Array  # (3,) rad
-    middle: Array  # (3,) m, of the datum points in the flight's frame
+    shift: Array  # (3,) m, translation t
+    turn: Array  # (3,) rad, rotation vector w
+    middle: Array  # (3,) m, mean of the datum points in the flight's frame
     covariance: Array  # (6, 6) of shift and turn
     points: int
     residual_m: float  # rms over the datum points
-    notes: tuple[str, ...]  # datum points that do not fit, and what is not determined
+    notes: tuple[str, ...]  # on datum points that do not fit, and on an undetermined turn
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON."""
@@ -62,9 +62,9 @@ class Registration(NamedTuple):
         }  # fmt: skip
 
     def carry(self, p: Array) -> tuple[Array, float]:
-        """Return a place (3,) m in the frame of the asset, and its standard deviation (m).
+        """Return a position (3,) m in the frame of the asset, and its standard deviation (m).
 
-        The deviation is the largest of all directions, that of the place in its flight left out.
+        It is the largest over all directions, and excludes the error of `p` in the flight's frame.
         """
         lever = _turn(self.turn) @ (np.asarray(p, float) - self.middle)
         J = np.hstack([np.eye(3), -_cross(lever)])
@@ -76,10 +76,10 @@ class Registration(NamedTuple):
 def register_flight(
     asset: Mapping[str, Datum], flight: Mapping[str, Datum], prior_std_m: float | None = None
 ) -> Registration | None:
-    """Register a flight by the datum points of its asset; None where they share none.
+    """Return the registration of a flight by its asset's datum points; None if they share none.
 
-    `prior_std_m` is the registration error that the flight states. Raises InputError for points
-    that do not fit: turned by more than LARGEST_TURN, or MISFIT off.
+    `prior_std_m` is the registration error that the flight states. Raises InputError if the points
+    do not fit: the rotation exceeds LARGEST_TURN, or the residual exceeds MISFIT.
     """
     names = [name for name in asset if name in flight]
     if not names:
@@ -125,7 +125,7 @@ def _list_notes(names: list[str], off: Array, std: Array, J: Array, covariance: 
     notes = []
     for k, name in enumerate(names):
         rows = J[3 * k : 3 * k + 3]
-        # what is left of a point that the fit itself follows
+        # covariance of the residual of a point that is part of the fit
         expected = std[k] ** 2 * np.eye(3) - rows @ covariance @ rows.T
         size = math.sqrt(max(float(np.trace(expected)) / 3.0, 0.01 * std[k] ** 2))
         if float(np.max(np.abs(off[k]))) > OUTLIER * size:
@@ -150,7 +150,7 @@ def _turn(w: Array) -> Array:
 
 
 def _find_turn(R: Array) -> Array:
-    """Return w (3,) rad of a rotation."""
+    """Return w (3,) rad of a rotation matrix R (3, 3)."""
     w = np.empty(3)
     log_so3(np.ascontiguousarray(R), w)
     return w

@@ -1,6 +1,6 @@
-"""Tables of the database, by version, and the way from each version to the next.
+"""Tables of the database by version, and the migration from each version to the next.
 
-A statement of an earlier version is never changed: files in that version exist.
+Statements of earlier versions must not change, because files of these versions exist.
 """
 
 APPLICATION_ID = 0x534B5957  # "SKYW"
@@ -20,7 +20,7 @@ VERSION_1 = (
     ) STRICT""",
     "CREATE INDEX measurements_place ON measurements (x_m, y_m)",
 )
-"""Contact measurements alone."""
+"""Contact measurements only."""
 
 TO_VERSION_2 = (
     """CREATE TABLE assets (
@@ -75,7 +75,7 @@ TO_VERSION_2 = (
         id INTEGER PRIMARY KEY, indication INTEGER NOT NULL REFERENCES indications(id),
         time_utc TEXT NOT NULL, who TEXT NOT NULL, disposition TEXT NOT NULL, note TEXT NOT NULL
     ) STRICT""",
-    # what version 1 holds: the force of a contact is a reading, the rest of it a contact
+    # data of version 1: the force becomes a reading, the other columns a row of contacts
     "INSERT INTO assets (name) SELECT DISTINCT structure FROM flights",
     """INSERT INTO readings (id, flight, time_utc, spot, quantity, value, unit, u95, x_m, y_m, z_m,
         place_u95_m, accepted, reason, data)
@@ -95,7 +95,7 @@ TO_VERSION_3 = (
     ) STRICT""",
     "CREATE INDEX coverages_flight ON coverages (flight)",
 )
-"""How much of what was asked for was inspected, and what was missed."""
+"""Requested and inspected amount, and the parts that were missed."""
 
 TO_VERSION_4 = (
     """CREATE TABLE datums (
@@ -103,11 +103,11 @@ TO_VERSION_4 = (
         flight TEXT REFERENCES flights(id), name TEXT NOT NULL,
         x_m REAL NOT NULL, y_m REAL NOT NULL, z_m REAL NOT NULL, u95_m REAL NOT NULL
     ) STRICT""",
-    # one place of a name for the asset, and one for each flight
+    # a name occurs once for the asset, and once for each flight
     "CREATE UNIQUE INDEX datums_name ON datums (asset, coalesce(flight, ''), name)",
 )
-"""Datum points, by which flights are registered in the frame of the asset."""
+"""Datum points, which register flights in the frame of the asset."""
 
 STEPS = (VERSION_1, TO_VERSION_2, TO_VERSION_3, TO_VERSION_4)
-"""From an empty file to version 1, to version 2, ..."""
+"""Migration steps: from an empty file to version 1, from version 1 to version 2, ..."""
 VERSION = len(STEPS)

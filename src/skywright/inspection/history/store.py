@@ -1,4 +1,4 @@
-"""Entries of the database: added, and found again over flights and years."""
+"""Database of inspections: add entries and query them over flights and years."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class InspectionStore(DatumFile):
     """All measurements of assets in one file."""
 
     def add_asset(self, name: str, description: str | None = None, frame: str | None = None) -> str:
-        """Store an asset, or what is newly said of it; `frame` says where places count from."""
+        """Store or update an asset; return its name. `frame` describes the frame of positions."""
         self.keep("assets", {"name": name}, {"description": description, "frame": frame})
         return name
 
@@ -48,7 +48,10 @@ class InspectionStore(DatumFile):
         nominal_mm: float | None = None,
         required_mm: float | None = None,
     ) -> int:
-        """Store a component of an asset, or what is newly said of it; returns its row."""
+        """Store or update a component of an asset; return its row id.
+
+        Raises InputError if a thickness is not finite or not above 0.
+        """
         for key, value in (("nominal_mm", nominal_mm), ("required_mm", required_mm)):
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise InputError(f"component {name!r}: {key} {value:g}; valid: above 0")
@@ -57,9 +60,10 @@ class InspectionStore(DatumFile):
         return self.keep("components", {"asset": asset, "name": name}, more)
 
     def add_procedure(self, name: str, revision: str, text: str) -> int:
-        """Store a procedure; returns its row. Raises InputError where the revision says otherwise.
+        """Store a procedure; return its row id.
 
-        What was flown by a revision stays readable: another text needs another revision.
+        Raises InputError if the revision is stored with another text. A changed text requires a new
+        revision, so that the procedure of every flight stays readable.
         """
         digest = hashlib.sha256(text.encode()).hexdigest()
         known = self.read(
@@ -86,7 +90,7 @@ class InspectionStore(DatumFile):
         procedure: int | None = None,
         registration_std_m: float | None = None,
     ) -> tuple[str, datetime]:
-        """Store a flight that begins now, or began; returns its id and time.
+        """Store a flight that starts now, or at `started`; return its id and start time.
 
         `registration_std_m` is the standard deviation of the flight's frame in that of the asset.
         """
@@ -101,11 +105,14 @@ class InspectionStore(DatumFile):
         return key, now
 
     def set_registration(self, flight: str, std_m: float) -> None:
-        """State how well the frame of a stored flight is known in that of the asset."""
+        """Set the standard deviation (m) of a stored flight's frame in the frame of the asset."""
         self.write(("UPDATE flights SET registration_std_m = ? WHERE id = ?", (std_m, flight)))
 
     def add_calibration(self, flight: str | None, t: datetime, c: Calibrated) -> int:
-        """Store a calibration of an instrument; returns its row."""
+        """Store a calibration of an instrument; return its row id.
+
+        Raises InputError if its stage is unknown.
+        """
         if c.stage not in STAGES:
             raise InputError(f"calibration: stage {c.stage!r}; valid: {', '.join(STAGES)}")
         keys = {"method": c.method, "model": c.model, "serial": c.serial}
@@ -126,9 +133,9 @@ class InspectionStore(DatumFile):
         component: int | None = None,
         calibration: int | None = None,
     ) -> int:
-        """Store one reading and sync it to the disk; returns its row.
+        """Store one reading and sync it to the disk; return its row id.
 
-        Raises InputError for an accepted reading without a value, or numbers that are not finite.
+        Raises InputError like `add_readings`.
         """
         return self.add_readings(flight, [(t, r)], component=component, calibration=calibration)
 
@@ -140,7 +147,11 @@ class InspectionStore(DatumFile):
         component: int | None = None,
         calibration: int | None = None,
     ) -> int:
-        """Store readings, all of them or none; returns the row of the last."""
+        """Store readings, all or none; return the row id of the last (0 if there are none).
+
+        Raises InputError if a number is not finite, a u95 is below 0, an accepted reading has no
+        value, or a refused one has no reason.
+        """
         for _, r in readings:
             _check_numbers("reading", r._asdict())
             if r.accepted and r.value is None:
@@ -168,7 +179,10 @@ class InspectionStore(DatumFile):
         component: int | None = None,
         calibration: int | None = None,
     ) -> int:
-        """Store one indication, which is open; returns its row."""
+        """Store one indication, which is open; return its row id.
+
+        Raises InputError if a number is not finite, or if a u95 is below 0.
+        """
         _check_numbers("indication", i._asdict())
         return self.write((
             "INSERT INTO indications (flight, component, calibration, time_utc, kind, x_m, y_m,"
@@ -178,9 +192,9 @@ class InspectionStore(DatumFile):
         ))  # fmt: skip
 
     def add_coverage(self, flight: str, c: Coverage, *, component: int | None = None) -> int:
-        """Store how much a flight inspected; returns its row.
+        """Store the coverage of a flight; return its row id.
 
-        Raises InputError for numbers that are not finite or below 0, or more than was asked for.
+        Raises InputError if a number is not finite, or `inspected` is below 0 or above `asked`.
         """
         _check_numbers("coverage", {"asked": c.asked, "inspected": c.inspected})
         if not 0.0 <= c.inspected <= c.asked:
@@ -194,7 +208,10 @@ class InspectionStore(DatumFile):
         ))  # fmt: skip
 
     def decide(self, indication: int, disposition: str, who: str, note: str = "") -> None:
-        """Add a disposition; earlier ones stay. Raises InputError for an unknown one."""
+        """Add a disposition of an indication; earlier ones are kept.
+
+        Raises InputError if the disposition or the indication is unknown.
+        """
         if disposition not in DISPOSITIONS:
             raise InputError(f"disposition {disposition!r}; valid: {', '.join(DISPOSITIONS)}")
         if not self.read("SELECT 1 FROM indications WHERE id = ?", (indication,)):
@@ -206,7 +223,7 @@ class InspectionStore(DatumFile):
         ))  # fmt: skip
 
     def list_flights(self, asset: str | None = None) -> list[StoredFlight]:
-        """Return the flights in the order of their start."""
+        """Return the flights, of one asset or of all, in the order of their start."""
         where, values = ("WHERE structure = ?", (asset,)) if asset else ("", ())
         rows = self.read(
             "SELECT id, started_utc, structure, mission, robot, seed, run, simulated, procedure,"
@@ -224,7 +241,7 @@ class InspectionStore(DatumFile):
         return [StoredComponent(*row) for row in rows]
 
     def get_procedure(self, procedure: int) -> StoredProcedure:
-        """Return a procedure by its row."""
+        """Return a procedure by its row id. Raises InputError if there is none."""
         rows = self.read(
             "SELECT id, name, revision, text, sha256 FROM procedures WHERE id = ?", (procedure,)
         )
@@ -233,7 +250,7 @@ class InspectionStore(DatumFile):
         return StoredProcedure(*rows[0])
 
     def list_calibrations(self, flight: str | None = None) -> list[StoredCalibration]:
-        """Return the calibrations, of one flight or of all, in the order of their time."""
+        """Return the calibrations, of one flight or of all, in chronological order."""
         where, values = ("WHERE flight = ?", (flight,)) if flight else ("", ())
         rows = self.read(
             "SELECT c.id, flight, time_utc, method, model, serial, stage, block, settings, passed,"
@@ -266,9 +283,9 @@ class InspectionStore(DatumFile):
         quantity: str | None = None,
         flight: str | None = None,
     ) -> list[StoredReading]:
-        """Return readings in the order of their time, accepted and refused ones.
+        """Return accepted and refused readings in chronological order.
 
-        Places are in the frame of the asset where datum points register their flight.
+        Positions are in the frame of the asset if datum points register the flight.
         """
         where, values = _join(
             ("f.structure", asset), ("c.name", component), ("r.quantity", quantity),
@@ -293,9 +310,9 @@ class InspectionStore(DatumFile):
         component: str | None = None,
         flight: str | None = None,
     ) -> list[StoredIndication]:
-        """Return indications in the order of their time, with their last disposition.
+        """Return indications in chronological order, with their last disposition.
 
-        Places are in the frame of the asset, as those of readings.
+        Positions are in the frame of the asset if datum points register the flight.
         """
         where, values = _join(("f.structure", asset), ("c.name", component), ("i.flight", flight))
         columns = ", ".join(f"i.{name}" for name in Indication._fields)
