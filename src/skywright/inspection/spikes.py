@@ -56,7 +56,7 @@ def _stand_out(x: Array) -> Mask:
     middle = np.median(near, axis=2)
     off = np.linalg.norm(x - middle, axis=1)
     apart = np.linalg.norm(near - middle[:, :, None], axis=1)
-    # both samples next to a narrow peak are high too; at least one next to a spike is not
+    # both neighbours of a narrow peak are high too; at least one neighbour of a spike is not
     spread = np.maximum(
         np.sort(apart, axis=1)[:, SIDE], np.minimum(apart[:, SIDE - 1], apart[:, SIDE])
     )
@@ -88,7 +88,7 @@ def reject_spikes(
     """Return the mask (n,) of spikes to leave out of a scan, and a note.
 
     `t` (n,) s, `w` (n,), `p` (n, 3) m. `lifted` (n,) flags the samples that lift-off explains.
-    These are no spikes: a probe that hops for one sample is in the air. If there are too few
+    These are not spikes: a probe that hops for one sample is in the air. If there are too few
     samples within a footprint, no spike is left out.
     """
     spikes = find_spikes(w) & ~lifted

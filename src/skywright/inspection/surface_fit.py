@@ -1,7 +1,7 @@
 """Fit a cylinder to measured contact points, with its uncertainty.
 
 A contact scan covers only a sector. Over 40 deg of a 0.4 m pipe the surface bends by 12 mm, so
-noise of 0.3 mm moves the radius by several millimetres. The standard deviations show it.
+noise of 0.3 mm moves the radius by several millimetres. The standard deviations show this.
 """
 
 import math

@@ -37,8 +37,8 @@ class Rules(NamedTuple):
     least_fsh: float = 0.2  # least height of the first echo
     threshold_fsh: float = 0.06  # least height of an echo
     spacing_m: float = 1e-4  # largest difference of the first two echo spacings
-    other_db: float = 15.0  # over the noise: least height of an echo of another wall
-    other_fsh: float = 0.02  # least height of the same echo, before the wall's second
+    other_db: float = 15.0  # least height, over the noise, of an echo of another wall
+    other_fsh: float = 0.02  # least height of that echo; it arrives before the wall's second
     shape: float = 0.9  # least correlation of the two echoes
     steady_m: float = 5e-5  # largest range of the readings that must agree
     steady_count: int = 5  # least number of these readings
@@ -308,7 +308,7 @@ class ThicknessGauge:
 def _read_single(setup: GaugeSetup, ascan: Array, time: float) -> float:
     """Return the thickness (m) from the echo at `time` (s), by correlation with the set-up's echo.
 
-    The V path of a dual probe is corrected.
+    The result is corrected for the V path of a dual probe.
     """
     delay = _measure_between((setup.echo, setup.first), (ascan, time), setup.pulse)
     way = 0.5 * setup.velocity * (setup.first + delay - setup.zero)

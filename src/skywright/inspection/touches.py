@@ -1,4 +1,4 @@
-"""Estimate the pose of a surface from touches: Bayesian least squares with the map as prior.
+"""Estimate pose and size of a surface from touches: Bayesian least squares with the map as prior.
 
 A touch gives the centre of the tip's sphere, one tip radius from the surface. Parameters that
 touches cannot determine keep the map's value: the position of a cylinder along its axis, its
@@ -6,8 +6,8 @@ rotation about the axis, and the position of a plane along itself. Over a short 
 determine the radius, and it stays near the map's value without a special rule.
 
 One touch may be false (a gust, a cable, a bracket). If all touches together contradict the map and
-the stated deviations (chi-square at 0.999), the touch whose removal reduces the cost most is left
-out.
+the stated deviations (chi-square at 0.999), the fit leaves out the touch whose removal reduces the
+cost most.
 """
 
 import math
@@ -112,7 +112,7 @@ def fit_plane_touches(
 
 
 def compute_normal_std(found: FoundCylinder, phi: float, s: float = 0.0) -> float:
-    """Return the standard deviation (m) of the surface along its normal, at (s, phi) of the map."""
+    """Return the standard deviation (m) of a cylinder along its normal at the map's (s, phi)."""
     c, b = -math.cos(phi), math.sin(phi)
     # outward motion: position along the normal, radius, and rotations times the lever s
     gradient = np.array([s * b, -s * c, c, b, 1.0])

@@ -51,7 +51,7 @@ class WeldResult(NamedTuple):
     t: Array  # s
     s: Array  # m, along the axis
     c: Array  # m, around the axis
-    gap: Array  # m, measured, from tip to surface
+    gap: Array  # m, measured distance from tip to surface
     lift_off: Array  # instrument units
     weld: Array  # instrument units
     contact: Mask
@@ -76,7 +76,7 @@ class WeldResult(NamedTuple):
 
 
 def detect_contact(ec: NDArray[Any], calibration: Calibration) -> tuple[Array, Array, Mask]:
-    """Return (lift_off, weld, contact), (n,) each; contact: |lift_off| < threshold (Tognon 2018)."""
+    """Return (n,) lift_off, weld and contact; contact: |lift_off| < threshold (Tognon 2018)."""
     lift_off, weld = compute_components(ec, calibration)
     return lift_off, weld, np.abs(lift_off) < calibration.lift_off_threshold
 
@@ -205,8 +205,8 @@ def find_crossings(
     `base` (n,) flags contact on base metal. Each stretch is located along the path. If it lies on a
     line of `lines` and crosses it, it is located again along the normal of that line. Crossings and
     points are the same, unless the path runs along the weld: such a stretch is one crossing but
-    several points. The uncertainty of these points, and of one-sided stretches, is that of the
-    weld's width.
+    several points. The standard deviation of these points, and of one-sided stretches, is at
+    least HALF_WIDTH.
     """
     crossings: list[Crossing] = []
     points: list[Crossing] = []

@@ -29,7 +29,7 @@ from skywright.inspection.weld_line import LAG_PRIOR
 from skywright.recordings.text_table import parse_span
 
 LEAST_SEARCHED = 0.1
-"""Least share of the contact samples that must lie outside a calibration span that is given."""
+"""Least share of the contact samples that must lie outside a given calibration span."""
 
 FILE_LAG = 0.1
 """s, standard deviation of the lag between signal and position in a file, caused by the clocks and
@@ -116,7 +116,7 @@ def describe_welds(result: WeldResult) -> dict[str, Any]:
 
 
 def _tell_lag(result: WeldResult, lag_std: float) -> list[str]:
-    """Return notes on a lag between signal and position: its value, or that it is unobservable."""
+    """Return notes on a lag between signal and position: its value, or that it is unknown."""
     if not result.lines or lag_std <= LAG_PRIOR:
         return []
     line = result.lines[0]

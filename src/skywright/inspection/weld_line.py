@@ -30,10 +30,10 @@ LAG_PRIOR = 0.03
 LAG_STEPS = (0, -2, 2, -4, 4, -6, 6)
 """Lags that the consensus tries if `lag_std` is above LAG_PRIOR, in multiples of `lag_std`."""
 LAG_LOSS = 2.0
-"""Points subtracted there per second of lag: a lag also explains two welds that each lack a
-crossing."""
+"""Points subtracted in the consensus per second of lag: a lag also explains two welds that each
+lack a crossing."""
 SCALE_PRIOR_COUNT = 4.0
-"""Number of residuals that the crossings' own standard deviations weigh in the residual scale."""
+"""Weight, in residuals, of the crossings' own standard deviations in the scale of the residuals."""
 SEAM = 0.1
 """A line whose angle has a cosine below this counts as a seam along the axis."""
 HALF_WIDTH = 0.005
@@ -45,7 +45,7 @@ HUBER = 2.0
 INLIER = 0.006
 """m, lower bound of the distance at which a crossing no longer belongs to a line."""
 WIDEST = 0.02
-"""m, upper bound of that distance, however uncertain the crossing is."""
+"""m, upper bound of that distance: a crossing beyond it is not on the line, even if uncertain."""
 
 
 class WeldLine(NamedTuple):
@@ -72,7 +72,7 @@ class WeldLine(NamedTuple):
         return np.asarray((s - self.lean * w) * math.cos(self.angle) - u * math.sin(self.angle))
 
     def follow(self, way: Array) -> tuple[Array, Array]:
-        """Return (s, c), each (n,) m, at distances `way` (n,) m along its tangent at (s, c)."""
+        """Return (s, c), (n,) m each, at distances `way` (n,) m along the line's tangent."""
         around = way * math.cos(self.angle)
         _, w = _flatten(around, self.radius)
         climb = way * math.sin(self.angle) * np.sinc(around / self.radius / math.pi)
@@ -194,7 +194,7 @@ def estimate_weld_line(
 
 
 def _refer(fit: _Fit, way: Array, c0: float, radius: float) -> WeldLine:
-    """Return the line, its reference where offset and angle are uncorrelated, within `way`."""
+    """Return the line with its reference, within `way`, where offset and angle are uncorrelated."""
     cov, cos, sin = fit.cov, math.cos(fit.angle), math.sin(fit.angle)
     slide = float(np.clip(-cov[0, 1] / cov[1, 1], np.min(way), np.max(way)))
     point = fit.middle + fit.offset * fit.n + slide * fit.t

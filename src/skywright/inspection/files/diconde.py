@@ -1,4 +1,4 @@
-"""Write results as DICONDE-style files: DICOM with attributes renamed for parts (ASTM E2339).
+"""Write results as DICONDE-style files: DICOM, attributes renamed for components (ASTM E2339).
 
 One file contains the readings and indications of one component and flight as a UT or ET result. The
 tags are those of the DICOM dictionary, including group 0014. The files are called DICONDE-style

@@ -58,7 +58,7 @@ class EddyScan(NamedTuple):
 
     impedance: ComplexArray  # (channel, cycle), instrument units
     position: Array  # (cycle, 2) u, v m, of the probe's centre
-    offsets: Array  # (channel, 2) m, of each coil from it
+    offsets: Array  # (channel, 2) m, of each coil from that centre
     frequency_hz: float
     drive_v: float
     rate_hz: float
@@ -69,7 +69,7 @@ class EddyScan(NamedTuple):
 
 
 def write_nde(path: Path, scan: UltrasonicScan | EddyScan) -> None:
-    """Write a scan, complete or not at all. Raises InputError if a number is invalid."""
+    """Write a scan, complete or not at all. Raises InputError if numbers or shapes are invalid."""
     h5py = _import_h5py()
     _check(scan)
     ultrasonic = isinstance(scan, UltrasonicScan)
