@@ -16,9 +16,10 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import cupy as cp
 import numpy as np
@@ -76,16 +77,34 @@ FROM_PHYSICS = {
 TO_PHYSICS = {"ctrl": "ctrl", "xfrc": "xfrc_applied"}
 
 
+def refuse(says: str) -> NoReturn:
+    """End with exit code 2."""
+    print(f"error: {says}", file=sys.stderr)
+    raise SystemExit(2)
+
+
 class Bundle:
     """The files of a bundle."""
 
     def __init__(self, folder: Path) -> None:
+        """Exit with code 2 if files are missing, or were compiled for another GPU."""
+        missing = [n for n in ("bundle.json", "flight.npz", "ticks.npz", "plant.mjb")
+                   if not (folder / n).is_file()]  # fmt: skip
+        if missing:
+            refuse(f"{folder}: lacks {', '.join(missing)}; it is written by cuda_bundle")
         self.folder = folder
         self.meta: dict[str, Any] = json.loads((folder / "bundle.json").read_text())
         self.flight = dict(np.load(folder / "flight.npz"))
         self.ticks = dict(np.load(folder / "ticks.npz"))
         self.stride = -(-self.meta["block_bytes"] // 128) * 128
         self.n_words = self.meta["block_bytes"] // 8
+        capability, built = cp.cuda.Device().compute_capability, self.meta["architecture"]
+        here = int(capability[:-1]), int(capability[-1])
+        if here[0] != built[0] or here[1] < built[1]:
+            refuse(
+                f"{folder}: was compiled for compute capability {built[0]}.{built[1]}, this GPU "
+                f"has {here[0]}.{here[1]}: change ARCHITECTURE in cuda_steps.py, and pack it again"
+            )
 
     def load_plant(self) -> Any:
         """Return the plant with the settings that MuJoCo Warp accepts."""
@@ -346,6 +365,8 @@ def main() -> None:
     p.add_argument("--whole", type=int, default=1024, help="worlds of the whole flight, 0: none")
     p.add_argument("--out", type=Path)
     asked = p.parse_args()
+    if asked.seconds <= 0.0 or asked.whole < 0 or any(n < 1 for n in asked.worlds):
+        refuse("--seconds and --worlds must be positive, --whole 0 or positive")
     bundle = Bundle(asked.bundle)
     device = cp.cuda.runtime.getDeviceProperties(0)["name"].decode()
     out: dict[str, Any] = {

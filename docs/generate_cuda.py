@@ -66,7 +66,13 @@ def build_flights() -> str:
                 f"| `{f['mission']}` | {s['worlds']} | {' | '.join(times)} | "
                 f"{rate / 1e6:.4f} million | {cores:.{1 if cores < 1 else 0}f} |"
             )
+    least, most = (
+        f(x["speed"][1]["tick_s"] / x["speed"][0]["tick_s"] for x in flights) for f in (min, max)
+    )
     lines += [
+        "",
+        f"With one world the time is that of starting the kernels, one after the other. "
+        f"{first['speed'][1]['worlds']} worlds take {least:.1f} to {most:.1f} times as long.",
         "",
         "| mission | words that single ticks write | equal in all bits | largest difference | "
         "median of the others | flight | world 0 from the recorded flight (mm) | "

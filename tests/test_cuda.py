@@ -14,6 +14,7 @@ import pytest
 from skywright.core.record import Mat3, Record, Vec3
 from skywright.description.loader import load_description
 from skywright.errors import InputError
+from skywright.evidence import cuda_bundle
 from skywright.evidence.cuda_bundle import OWN, SHARED, Layout, build_world_kernel
 from skywright.evidence.cuda_record import FlightRecorder
 from skywright.evidence.cuda_steps import align, build_kernel, prepare
@@ -89,6 +90,29 @@ def test_without_numba_cuda_one_line_says_what_to_install() -> None:
         pytest.fail("numba-cuda is no dependency: the environment of the tests is another")
     with pytest.raises(InputError, match="pip install numba-cuda"):
         prepare()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["waypoints"], "pip install numba-cuda"),
+        (["waypoints", "--seconds", "0"], "must be positive"),
+        (["waypoints", "--samples", "-1"], "must be positive"),
+        (["waypoints", "--out", "."], "exists already"),
+    ],
+)
+def test_a_bundle_that_cannot_be_written_is_refused_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+    arguments: list[str], says: str,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    given = arguments if "--out" in arguments else [*arguments, "--out", "new/bundle"]
+    monkeypatch.setattr("sys.argv", ["cuda_bundle", *given])
+    with pytest.raises(SystemExit) as ended:
+        cuda_bundle.main()
+    error = capsys.readouterr().err
+    assert ended.value.code == 2 and says in error and error.count("\n") == 1
+    assert not (tmp_path / "new" / "bundle").exists()
 
 
 def test_a_block_with_offsets_gives_the_same_tick_at_another_address() -> None:

@@ -34,6 +34,7 @@ from skywright.evidence.cuda_record import FlightRecorder, Words, view_words
 from skywright.evidence.cuda_steps import (
     ARCHITECTURE,
     call_ptx,
+    check_installed,
     compile_ptx,
     count_parameters,
     prepare,
@@ -196,10 +197,10 @@ def write_rows(folder: Path, assembly: Assembly, layout: Layout) -> list[dict[st
                 ports.append(int(row["ports"][k]) - base if found else None)
         name = f"row_{r:02d}.cubin"
         try:
-            ptx = compile_ptx(assembly, step)
+            kernel = build_world_kernel(compile_ptx(assembly, step), ports, draws)
+            write_cubin(kernel, folder / name)
         except Exception as error:  # numba and its passes raise arbitrary exceptions
             raise InputError(f"{step.label} does not compile for CUDA: {shorten(error)}") from error
-        write_cubin(build_world_kernel(ptx, ports, draws), folder / name)
         numbers = {key: int(row[key]) for key in ("every", "phase", "fast")}
         out.append({"label": step.label, "file": name, **numbers, "draws": blocks})
     return out
@@ -214,6 +215,7 @@ def write_bundle(mission: str, sets: list[str], seconds: float, samples: int, ou
 
     Raises InputError if a step does not compile, and the errors of the flight.
     """
+    check_installed()
     description = load_description(mission, sets=sets)
     trial = FlightRecorder(0.0, 10**9)
     fly_and_evaluate(description, [trial])  # for its length

@@ -13,6 +13,7 @@ import argparse
 import json
 import math
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -60,22 +61,30 @@ class Compiled(NamedTuple):
     why: str  # why it does not compile, or ""
 
 
-@cache
-def prepare() -> Any:
-    """Register the steps' helpers with numba-cuda and return it. Raises InputError without it.
-
-    Helpers become device functions of the same Python source, and `local` becomes an array on the
-    device's stack. The architecture replaces a device.
-    """
+def check_installed() -> None:
+    """Raise InputError without numba-cuda or ptxas."""
     try:
         version("numba-cuda")
-        from numba import cuda
-        from numba.cuda import cudadecl, cudaimpl, dispatcher, mathimpl, ufuncs
-    except (PackageNotFoundError, ImportError):
+    except PackageNotFoundError:
         raise InputError(
             "compiling for CUDA requires numba-cuda: pip install numba-cuda nvidia-nvvm "
             "nvidia-cuda-nvrtc"
         ) from None
+    if shutil.which("ptxas") is None:
+        raise InputError("ptxas is not installed: it comes with the CUDA toolkit")
+
+
+@cache
+def prepare() -> Any:
+    """Register the steps' helpers with numba-cuda and return it. Raises as check_installed.
+
+    Helpers become device functions of the same Python source, and `local` becomes an array on the
+    device's stack. The architecture replaces a device.
+    """
+    check_installed()
+    from numba import cuda
+    from numba.cuda import cudadecl, cudaimpl, dispatcher, mathimpl, ufuncs
+
     dispatcher.get_current_device = lambda: SimpleNamespace(compute_capability=ARCHITECTURE)
     devices: dict[Any, Any] = {}
     views = _build_views()
@@ -199,13 +208,10 @@ def assemble(kernel: str) -> tuple[int, int, int]:
 def write_cubin(kernel: str, file: Path) -> str:
     """Assemble PTX into `file` and return what ptxas reports; RuntimeError if it refuses."""
     architecture = f"-arch=sm_{ARCHITECTURE[0]}{ARCHITECTURE[1]}"
-    try:
-        done = subprocess.run(
-            ["ptxas", architecture, "-v", "-", "-o", str(file)], input=kernel,
-            capture_output=True, text=True, check=False,
-        )  # fmt: skip
-    except FileNotFoundError:
-        raise InputError("ptxas is not installed: it comes with the CUDA toolkit") from None
+    done = subprocess.run(
+        ["ptxas", architecture, "-v", "-", "-o", str(file)], input=kernel,
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
     if done.returncode:
         raise RuntimeError(f"ptxas: {done.stderr.strip().splitlines()[0]}")
     return done.stderr

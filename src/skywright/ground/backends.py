@@ -83,7 +83,7 @@ async def ask(asked: Asked, names: Iterable[str]) -> dict[str, Any]:
         told, _ = await asyncio.wait_for(process.communicate(question), PATIENCE_S)
         return dict(json.loads(told))
     except (TimeoutError, ValueError):
-        return {"wrong": "the back ends could not be judged; `skywright run` tells why"}
+        return {"wrong": "the back ends could not be judged; `skywright run` states the reason"}
     finally:
         with suppress(ProcessLookupError):
             process.kill()

@@ -1,1 +1,1 @@
-"""From a probe's signal to inspection results: eddy current, weld line, contact quality."""
+"""Compute inspection results from probe signals: eddy current, weld line, contact quality."""

@@ -1,8 +1,8 @@
-"""Is the calibration's contact point the scan's base metal? Checked and corrected on the scan.
+"""Check that the calibration's contact point is on the scan's base metal, and correct it if not.
 
-An approach that touches down on the weld takes weld metal for base metal: all the rest of the
-pipe then stands off the lift-off curve, and what is found is the weld's negative. The scan itself
-tells: base metal is what the probe reads over most of an area that is wider than any weld.
+If the approach touches down on the weld, the calibration uses weld metal as base metal. The rest of
+the pipe then deviates from the lift-off curve, and the result is the negative of the weld. The scan
+shows the error: the base metal is the majority of the readings, over an area wider than any weld.
 """
 
 import math
@@ -20,18 +20,23 @@ from skywright.inspection.calibration import (
 )
 
 MAJORITY = 0.5
-"""Least share of the contact samples that must read alike to be called base metal."""
+"""Least share of the contact samples that must agree to be identified as base metal."""
 WIDEST_WELD = 0.03
-"""m; contact that reads alike over an area wider than this is no weld."""
+"""m; an area of equal readings in contact that is wider than this is not a weld."""
 OFFSET = 0.5
-"""Share of the weld threshold by which the contact point may be off: the texture does as much."""
+"""Uncorrected offset of the contact point, as a share of the weld threshold. Texture alone causes
+as much."""
 MIN_SAMPLES = 20
 DRIFT_LENGTH = 0.08
-"""m of path over which the texture's drift is taken; several crossings' widths."""
+"""m of path, window of the running median that gives the texture's drift; several times the width
+of a crossing."""
 
 
 class Baseline(NamedTuple):
-    """A calibration centred on the scan's base metal; `sound` False: that could not be told."""
+    """A calibration centred on the scan's base metal.
+
+    `sound` is False if the base metal could not be identified.
+    """
 
     calibration: Calibration
     sound: bool
@@ -39,7 +44,9 @@ class Baseline(NamedTuple):
 
 
 def estimate_mode(x: Array) -> float:
-    """Median of the shortest interval that holds half of x (n,): outliers on one side do nothing.
+    """Return the median of the shortest interval that contains half of x (n,).
+
+    Outliers on one side do not change it.
 
     Rousseeuw and Leroy, Robust Regression and Outlier Detection (1987), ch. 4 (the shorth).
     """
@@ -50,18 +57,24 @@ def estimate_mode(x: Array) -> float:
 
 
 def compute_width(s: Array, c: Array) -> float:
-    """Width (m) of a set of places on the unrolled surface, across its longest direction."""
+    """Return the width (m) of a set of points on the unrolled surface across its longest direction.
+
+    `s` and `c` (n,) are in m. The width is the distance between the 5 % and 95 % quantiles.
+    """
     d = np.stack([s - np.mean(s), c - np.mean(c)], axis=1)
     across = d @ np.linalg.eigh(d.T @ d)[1][:, 0]
     return float(np.diff(np.quantile(across, [0.05, 0.95]))[0])
 
 
 def centre_calibration(w: ComplexArray, s: Array, c: Array, cal: Calibration) -> Baseline:
-    """Move the calibration's contact point to the base metal of a scan, where the two differ.
+    """Move the calibration's contact point to the base metal of a scan, if the two differ.
 
-    `w` (n,) the signal of the samples in contact, `s`, `c` (n,) m where they were taken. The
-    majority is base metal where it covers more than a weld could, or where a known weld axis says
-    that the contact point was on the weld; otherwise the result is not `sound`.
+    `w` (n,) is the signal of the samples in contact, `s` and `c` (n,) m are their positions. If the
+    difference exceeds the weld threshold, the majority of the samples is base metal if its area is
+    wider than a weld, or if a known weld axis shows that the contact point was on the weld. If the
+    weld axis shows that the majority is on the weld, the calibration is returned unchanged. Without
+    a majority, or if its area is no wider than a weld and the weld axis is unknown, the result is
+    not `sound`.
     """
     if w.size < MIN_SAMPLES:
         return Baseline(cal, True, None)
@@ -78,7 +91,7 @@ def centre_calibration(w: ComplexArray, s: Array, c: Array, cal: Calibration) ->
     )
     if abs(mode) > cal.weld_threshold:
         wide = compute_width(s[alike], c[alike]) > WIDEST_WELD
-        on_weld = None  # on which side of the contact point the majority lies, where that is known
+        on_weld = None  # whether the majority is on the weld; None: unknown
         if cal.weld_axis is not None:
             on_weld = float(compute_components(np.array([centred.contact]), cal)[1][0]) > 0
         if share >= MAJORITY and not wide and on_weld:
@@ -106,7 +119,10 @@ def centre_calibration(w: ComplexArray, s: Array, c: Array, cal: Calibration) ->
 
 
 def unwrap(c: Array, contact: Mask, radius: float) -> Array:
-    """Return `c` (n,) m counted on past half a turn, so that no scan is cut at the far side."""
+    """Return `c` (n,) m, shifted by whole turns to within half a turn of the mean over `contact`.
+
+    A scan across the far side of the pipe is then continuous.
+    """
     if not np.any(contact):
         return c
     middle = float(np.angle(np.mean(np.exp(1j * c[contact] / radius)))) * radius
@@ -117,8 +133,9 @@ def unwrap(c: Array, contact: Mask, radius: float) -> Array:
 def remove_drift(s: Array, c: Array, weld: Array, contact: Mask, threshold: float) -> Array:
     """Subtract the slow drift of the base metal's texture from the weld signal (n,).
 
-    A running median over DRIFT_LENGTH of path, which a crossing of about 12 mm hardly moves;
-    limited to 1.5 thresholds, so that a path along a weld keeps showing it.
+    The drift is the running median over DRIFT_LENGTH of path, which a crossing of about 12 mm
+    hardly changes. It is limited to 1.5 thresholds, because it would otherwise remove a weld that
+    the path follows.
     """
     index = np.flatnonzero(contact & np.isfinite(weld))
     if index.size < 50:

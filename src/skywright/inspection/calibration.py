@@ -1,16 +1,17 @@
-"""Calibration of an eddy-current instrument from one approach, air to contact, away from the weld.
+"""Calibrate an eddy-current instrument from one approach, air to contact, away from the weld.
 
 Tognon 2018 extracts two magnitudes from the complex signal w by principal component analysis and
-a change of basis: w_l along the lift-off direction and w_w along the weld direction; contact is
-w_l < 15 and a weld w_w > 1.4 (instrument units, from a preliminary calibration).
+a change of basis: w_l along the lift-off direction and w_w along the weld direction. The probe is
+in contact if w_l < 15 and on a weld if w_w > 1.4 (instrument units, from a preliminary
+calibration).
 
-The lift-off trajectory is not straight: in the impedance plane it bends by several per cent of
-its length, which is as much as a weld's signal. So the axis e_l is the first principal component
-and the bend a cubic p(l) about it, both from the approach:
+The lift-off trajectory is not straight. In the impedance plane it bends by several per cent of
+its length, which is as much as a weld's signal. The axis e_l is therefore the first principal
+component and the bend a cubic p(l) about it, both computed from the approach:
 
     (w - w_contact) conj(e_l) = l + j p(l) + m e_w
 
-with l the lift-off and m the weld component; e_w is the weld's direction in that frame.
+with l the lift-off and m the weld component. e_w is the weld's direction in that frame.
 """
 
 import json
@@ -32,21 +33,24 @@ ComplexArray = NDArray[np.complex128]
 LIFT_OFF_FRACTION = 0.25
 """Lift-off threshold as a share of the excursion contact -> air (the paper's 15 of about 60)."""
 WELD_FRACTION = 0.02
-"""Least weld threshold as a share of the excursion: a standstill shows little of the texture."""
+"""Least weld threshold as a share of the excursion; a probe at rest senses little texture."""
 WELD_SIGMAS = 5.0
 GAP_LIMIT = 1e-3
-"""m; the paper's largest air gap. A threshold never admits more, where the gap is known."""
+"""m; the paper's largest air gap. It limits the derived lift-off threshold if gaps are known."""
 MIN_SAMPLES = 20
 
 
 class Calibration(NamedTuple):
-    """What turns a complex signal into lift-off and weld components (instrument units)."""
+    """Parameters that convert a complex signal to lift-off and weld components.
+
+    Units are instrument units.
+    """
 
     contact: complex  # signal in contact, on base metal
     lift_off_axis: complex  # unit, contact -> air
     excursion: float  # contact -> air along the axis
     curve: tuple[float, float, float]  # p(l) = c1 l + c2 l^2 + c3 l^3, the bend of the lift-off
-    noise: float  # robust standard deviation across the axis while in contact
+    noise: float  # robust standard deviation across the lift-off curve, in contact
     lift_off_threshold: float
     weld_threshold: float
     weld_axis: complex | None = None  # unit, on the display; None: unknown, perpendicular is used
@@ -61,7 +65,7 @@ def to_complex(ec: NDArray[Any]) -> ComplexArray:
 
 
 def robust_std(x: Array) -> float:
-    """Standard deviation from the median absolute deviation (0 for no samples)."""
+    """Return the standard deviation from the median absolute deviation (0 for no samples)."""
     if x.size == 0:
         return 0.0
     return float(1.4826 * np.median(np.abs(x - np.median(x))))
@@ -73,15 +77,18 @@ def _curve_at(curve: tuple[float, float, float], lift_off: Array, excursion: flo
 
 
 def _fit_curve(along: Array, across: Array, excursion: float) -> tuple[float, float, float]:
-    """Cubic through the origin, by medians in bins so that a long dwell does not dominate."""
+    """Return the coefficients (c1, c2, c3) of a cubic through the origin.
+
+    The cubic is fitted to medians in bins, because a long dwell would otherwise dominate.
+    """
     edges = np.linspace(-0.05, 1.02, 41) * excursion
     index = np.digitize(along, edges)
     bins = [index == i for i in range(1, edges.size) if np.any(index == i)]
     x = np.array([np.median(along[b]) for b in bins])
     y = np.array([np.median(across[b]) for b in bins])
     if np.count_nonzero((x > 0.05 * excursion) & (x < 0.8 * excursion)) < 4:
-        return (0.0, 0.0, 0.0)  # too fast an approach shows no curve: a straight axis is left
-    # the threshold lies near contact: that end must fit best
+        return (0.0, 0.0, 0.0)  # the approach is too fast to show a curve: straight axis
+    # the fit must be best near contact, because the threshold is there
     weight = 1.0 / (0.2 + np.abs(x) / excursion)
     a = np.stack([x, x**2 / excursion, x**3 / excursion**2], axis=1)
     c, *_ = np.linalg.lstsq(a * weight[:, None], y * weight, rcond=None)
@@ -98,11 +105,12 @@ def build_calibration(
 ) -> Calibration:
     """Calibrate from an approach that starts in air and reaches contact, away from the weld.
 
-    Parameters: `ec` (n, 2) or complex (n,), instrument units, in time order; `gap` (n,) m, where
-    the surface is known; thresholds in instrument units (None: derived: lift-off 25 % of the
-    excursion, but no more than the curve at a gap of 1 mm; weld the larger of 5 robust standard
-    deviations in contact and 2 % of the excursion).
-    Raises InputError where the samples show no approach.
+    Parameters: `ec` (n, 2) or complex (n,), instrument units, in time order; `gap` (n,) m, or None
+    if the surface is not known; thresholds in instrument units. A threshold of None is derived.
+    Lift-off: 25 % of the excursion, at most the lift-off at a gap of 1 mm, and at least 5 robust
+    standard deviations in contact. Weld: the larger of 5 robust standard deviations in contact and
+    2 % of the excursion.
+    Raises InputError if the samples show no approach.
     """
     w = to_complex(ec)
     ok = np.isfinite(w)
@@ -126,7 +134,7 @@ def build_calibration(
     along = ((w - complex(air[0], air[1])) * np.conj(axis)).real
     if abs(along.min()) > along.max():
         axis, along = -axis, -along
-    # `along` now grows from air to contact; contact is the cluster at its far end
+    # `along` now increases from air to contact; contact is the cluster at its upper end
     far = float(np.quantile(along, 0.995))
     in_contact = along > 0.85 * far
     start = np.median(along[: max(3, w.size // 20)])
@@ -177,40 +185,46 @@ def build_calibration(
 
 
 def compute_components(ec: NDArray[Any], calibration: Calibration) -> tuple[Array, Array]:
-    """Lift-off and weld components (n,), (n,) of a signal, in instrument units.
+    """Return the lift-off and weld components (n,), (n,) of a signal, in instrument units.
 
-    The lift-off is zero in contact and positive in air. With a known weld axis the basis is
-    oblique (the change of basis [e_l, e_w]^-1) and the weld component signed; without one it is
-    the magnitude across the lift-off curve. NaN stays NaN.
+    The lift-off is zero in contact and positive in air. With a known weld axis, the basis is
+    oblique (the change of basis [e_l, e_w]^-1) and the weld component is signed. Without one, the
+    weld component is the magnitude across the lift-off curve. NaN stays NaN.
     """
     cal = calibration
     local = (to_complex(ec) - cal.contact) * np.conj(cal.lift_off_axis)
     direction = 1j if cal.weld_axis is None else cal.weld_axis * cal.lift_off_axis.conjugate()
     lift_off = local.real.copy()
     weld = local.imag.copy()
-    for _ in range(8):  # contraction: the curve's slope is a few per cent
+    for _ in range(8):  # the iteration contracts: the curve's slope is a few per cent
         weld = (local.imag - _curve_at(cal.curve, lift_off, cal.excursion)) / direction.imag
         lift_off = local.real - weld * direction.real
     return lift_off, np.abs(weld) if cal.weld_axis is None else weld
 
 
 def compute_local(ec: NDArray[Any], calibration: Calibration) -> tuple[ComplexArray, Array]:
-    """(local, across), each (n,): the signal from contact, the lift-off axis real, and how far it
-    lies across the lift-off curve (instrument units)."""
+    """Return (local, across), each (n,), in instrument units.
+
+    `local` is the complex signal relative to contact, with the lift-off axis as the real axis.
+    `across` is its signed distance from the lift-off curve.
+    """
     cal = calibration
     local = (to_complex(ec) - cal.contact) * np.conj(cal.lift_off_axis)
     return local, np.asarray(local.imag - _curve_at(cal.curve, local.real, cal.excursion))
 
 
 def is_lifted(ec: NDArray[Any], calibration: Calibration) -> Mask:
-    """Flag (n,) the samples that a distance from the surface explains: they lie on the curve."""
+    """Flag (n,) the samples on the lift-off curve: a distance from the surface explains them."""
     local, across = compute_local(ec, calibration)
     between = (local.real > 0) & (local.real < 1.1 * calibration.excursion)
     return np.asarray(between & (np.abs(across) < calibration.weld_threshold))
 
 
 def measure_lift_off(ec: NDArray[Any], calibration: Calibration) -> Array:
-    """Size (n,) of the lift-off component in instrument units; 0 in spikes, which tell nothing."""
+    """Return the magnitude (n,) of the lift-off component in instrument units.
+
+    It is 0 in spikes off the lift-off curve, because they contain no information.
+    """
     w = to_complex(ec)
     return np.where(
         find_spikes(w) & ~is_lifted(w, calibration),
@@ -220,11 +234,11 @@ def measure_lift_off(ec: NDArray[Any], calibration: Calibration) -> Array:
 
 
 def estimate_weld_axis(ec: NDArray[Any], calibration: Calibration) -> complex | None:
-    """Direction of the weld on the display from a scan, or None where no weld stands out.
+    """Return the unit direction of the weld on the display from a scan; None if no weld is visible.
 
-    Of the residual after the lift-off curve is projected out, the samples beyond the threshold
-    have one sign; their lift-off part regressed on it gives the direction. Tilt and gap, which
-    vary independently of the weld, average out.
+    The samples whose residual from the lift-off curve exceeds the weld threshold have one sign.
+    The regression of their lift-off component on the residual gives the direction. Tilt and gap
+    vary independently of the weld and average out.
     """
     cal = calibration
     local, across = compute_local(ec, cal)
@@ -241,13 +255,13 @@ def estimate_weld_axis(ec: NDArray[Any], calibration: Calibration) -> complex | 
     x = sign * (across[one_side] - rest.imag)
     y = local.real[one_side] - rest.real
     slope = float(np.sum(x * y) / np.sum(x * x))
-    slope = min(max(slope, -2.0), 2.0)  # beyond 63 deg off the perpendicular it is not a weld axis
+    slope = min(max(slope, -2.0), 2.0)  # a weld axis is within 63 deg of the perpendicular
     direction = complex(slope, sign)
     return direction / abs(direction) * cal.lift_off_axis
 
 
 def check_calibration(cal: Calibration, where: str) -> Calibration:
-    """Return `cal`, or raise InputError naming the value that makes no sense."""
+    """Return `cal` if its values are valid; raises InputError that names the invalid value."""
     values: dict[str, Any] = cal._asdict()
     for key in ("excursion", "lift_off_threshold", "weld_threshold"):
         if not (math.isfinite(values[key]) and values[key] > 0):
@@ -271,7 +285,7 @@ def check_calibration(cal: Calibration, where: str) -> Calibration:
 
 
 def save_calibration(calibration: Calibration, path: Path) -> None:
-    """Write a calibration as TOML (or JSON, by the suffix). Raises InputError if unwritable."""
+    """Write a calibration as TOML (or JSON, by the suffix); raises InputError if this fails."""
     data: dict[str, Any] = {}
     for key, value in calibration._asdict().items():
         if isinstance(value, complex):
@@ -286,7 +300,7 @@ def save_calibration(calibration: Calibration, path: Path) -> None:
 
 
 def read_table(path: Path) -> dict[str, Any]:
-    """Read a TOML or JSON file (by the suffix) whose top level is a table."""
+    """Read a TOML or JSON file (by the suffix); raises InputError if its top level is no table."""
     raw = read_text(path, LARGEST_TOML)
     data = (parse_json if path.suffix == ".json" else parse_toml)(raw, str(path))
     if not isinstance(data, dict):
@@ -313,7 +327,7 @@ def read_numbers(data: dict[str, Any], key: str, count: int, path: Path) -> list
 
 
 def load_calibration(path: Path) -> Calibration:
-    """Read what `save_calibration` wrote; raises InputError that names the key."""
+    """Read a file of `save_calibration`; raises InputError that names an invalid key."""
     data = read_table(path)
     for key in data:
         if key not in Calibration._fields:

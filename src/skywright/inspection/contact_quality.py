@@ -1,4 +1,4 @@
-"""How well the probe sat on the surface, over the unrolled surface and along the planned path."""
+"""Contact quality of the probe: limits, and a map over the unrolled surface."""
 
 import math
 from typing import NamedTuple
@@ -9,15 +9,15 @@ from skywright.core.arrays import Array, Ints
 from skywright.errors import InputError
 
 GAP_LIMIT = 1e-3
-"""m, largest air gap at which a reading counts (Tognon 2018)."""
+"""m, largest air gap of a valid reading (Tognon 2018)."""
 TILT_LIMIT = math.radians(10.0)
-"""rad, largest tilt at which a reading counts (Tognon 2018)."""
+"""rad, largest tilt of a valid reading (Tognon 2018)."""
 REACH = 0.006
-"""m: a place this near to the probe's path was inspected; the coil sees a few millimetres."""
+"""m; points this close to the probe's path count as inspected; a coil senses a few millimetres."""
 
 
 class ContactMap(NamedTuple):
-    """Worst contact per cell of the unrolled surface; NaN where the probe never was."""
+    """Worst contact per cell of the unrolled surface; NaN in cells without samples."""
 
     s_edges: Array  # (n_s + 1,) m
     c_edges: Array  # (n_c + 1,) m
@@ -30,7 +30,11 @@ class ContactMap(NamedTuple):
 def compute_contact_map(
     s: Array, c: Array, gap: Array, tilt: Array, lift_off: Array, cell: float = 0.005
 ) -> ContactMap:
-    """Bin samples (n,) (m, m, m, rad, units) into cells of size `cell` (m)."""
+    """Bin samples (n,) (m, m, m, rad, units) into cells of size `cell` (m).
+
+    Samples with NaN are left out. Raises InputError if no valid sample is left, if `cell` is not
+    above 0, or if there are more than 4 million cells.
+    """
     data = np.stack([np.asarray(x, float).ravel() for x in (s, c, gap, tilt, lift_off)])
     data = data[:, np.all(np.isfinite(data), axis=0)]
     if not cell > 0 or data.shape[1] == 0:

@@ -1,4 +1,4 @@
-"""Crossings of a path with welds, and which of them lie on one line."""
+"""Crossings of a path with welds, and the weld lines on which they lie."""
 
 import math
 from collections.abc import Sequence
@@ -17,23 +17,25 @@ from skywright.inspection.weld_line import (
 
 MOST_LINES = 10
 WIDE = 0.016
-"""m; a wider crossing is a wide weld, or several that the signal merges: a weld shows as wide as it
-is, 10 mm mostly, and half of a coil's footprint on either side."""
+"""m; a wider crossing is a wide weld, or several welds that merge in the signal. A crossing is as
+wide as its weld (usually 10 mm) plus half of a coil's footprint on each side."""
 SHOWN = 0.7
-"""Least share of the path's passes over a further line that must be crossings of it."""
+"""Least ratio of crossings near a further line to the path's passes over this line."""
 LEAST_SLANT = math.sin(math.radians(3.0))
-"""Of a path across a line: below, a distance along the line's normal tells nothing of the path."""
+"""Sine of the least angle between path and line. Below it, a distance along the line's normal does
+not describe the motion along the path."""
 FAINT = 2.0
-"""Times the detection threshold, below which crossings of a weld can be missed: of 80 crossings of
-constructed scans 66 are found at 1.6 times, 75 at 1.9, 79 at 2.1 and 80 from 2.3 times on."""
+"""Contrast (signal over detection threshold) below which crossings of a weld can be missed. Of 80
+crossings in constructed scans, 66 are found at a contrast of 1.6, 75 at 1.9, 79 at 2.1 and 80 from
+2.3 on."""
 CLEAR = 0.01
-"""m from a line's middle: beyond a weld's half-width and the coil."""
+"""m from the middle of a line, more than a weld's half-width plus the coil."""
 
 
 class Crossing(NamedTuple):
-    """One stretch of the path on the weld."""
+    """One section of the path on the weld."""
 
-    t: float  # s, of its middle
+    t: float  # s, at its middle
     s: float  # m
     c: float  # m
     p_W: tuple[float, float, float]  # m, on the surface
@@ -42,9 +44,9 @@ class Crossing(NamedTuple):
     v_c: float
     std: float  # m, of the position along the motion (across the weld)
     samples: int
-    line: int = -1  # index of its line; -1: it lies off all of them
-    one_sided: bool = False  # entered and left on one side, or cut off by the end of the contact
-    width: float = 0.0  # m, of the stretch along the motion, or across the weld once that is known
+    line: int = -1  # index of its line; -1: it lies on none
+    one_sided: bool = False  # entered and left on the same side, or cut off by loss of contact
+    width: float = 0.0  # m, along the motion, or across the weld if its normal is known
 
 
 def _columns(crossings: list[Crossing], *names: str) -> tuple[Array, ...]:
@@ -59,11 +61,12 @@ def separate_lines(
     contact: Mask,
     lag_std: float = LAG_PRIOR,
 ) -> list[WeldLine]:
-    """Return the lines that the points lie on, that of most points first.
+    """Return the lines on which the points lie, the line with most points first.
 
-    Every two points make a line. Two alone, and all beyond the first line, are a weld only where
-    the path, (n,) `s` and `c` (m) with `contact`, shows it: most of the places at which the path
-    crosses the line are points near it, also of another line (welds may cross).
+    Any two points define a line. A line of only two points, and every line after the first, is
+    accepted as a weld only if the path confirms it: the number of points near the line is at least
+    SHOWN times the number of passes of the path over the line. The path is given by `s` and `c`
+    (n,) m and `contact` (n,). Points of other lines count as well because welds may cross.
     """
     lines: list[WeldLine] = []
     left = points
@@ -89,24 +92,28 @@ def count_passes(line: WeldLine, s: Array, c: Array, contact: Mask) -> int:
 
 
 def is_near(x: Crossing, line: WeldLine) -> bool:
-    """Whether a crossing lies on a line, as well as its place is known."""
+    """Return whether a crossing lies on a line, within the uncertainty of its position."""
     off = _measure_off(x, line)
     return off < min(max(INLIER, 2.0 * x.std), WIDEST)
 
 
 def find_owner(x: Crossing, lines: list[WeldLine]) -> int:
-    """Return the index of the nearest line."""
+    """Return the index of the line nearest to a crossing."""
     return int(np.argmin([_measure_off(x, a) for a in lines]))
 
 
 def _measure_off(x: Crossing, line: WeldLine) -> float:
-    """Distance (m) of a crossing from a line, from where it was but for the line's lag."""
+    """Return the distance (m) of a crossing from a line, corrected for the lag of the line."""
     lag = line.lag
     return abs(float(line.measure_distance(x.s - lag * x.v_s, x.c - lag * x.v_c)))
 
 
 def find_normal(x: Crossing, lines: list[WeldLine]) -> tuple[float, float] | None:
-    """Return the normal (s, c) of the line that a crossing lies on and its path crosses."""
+    """Return the unit normal (s, c) of the line nearest to a crossing.
+
+    Returns None if there is no line, if the line is WIDEST or more away, or if the path does not
+    cross it.
+    """
     if not lines:
         return None
     line = lines[find_owner(x, lines)]
@@ -118,17 +125,17 @@ def find_normal(x: Crossing, lines: list[WeldLine]) -> tuple[float, float] | Non
 
 
 def assign(x: Crossing, lines: list[WeldLine]) -> Crossing:
-    """Return the crossing with the index of its line; -1 where it lies off all of them."""
+    """Return the crossing with the index of its line; -1 if it lies on none."""
     k = find_owner(x, lines)
     return x._replace(line=k if is_near(x, lines[k]) else -1)
 
 
 def measure_contrasts(crossings: Sequence[Crossing], lines: int, level: float) -> list[float]:
-    """Return the contrast of each of `lines` welds: its signal over the detection threshold.
+    """Return the contrast of each of `lines` welds: signal divided by detection threshold.
 
-    The signal is the median of its crossings' peaks; `level` (instrument units) is the least peak
-    that counts as a crossing. Without a line, all crossings are one weld. A line without crossings
-    of its own has NaN.
+    The signal is the median of the peaks of the weld's crossings. `level` (instrument units) is the
+    detection threshold, the least peak of a crossing. If `lines` is 0, all crossings count as one
+    weld. A line without crossings has NaN.
     """
     groups = [[x.peak for x in crossings if x.line == k] for k in range(lines)]
     groups = groups or [[x.peak for x in crossings]]

@@ -1,4 +1,4 @@
-"""Echoes in an A-scan: where they are, how high, and how far apart."""
+"""Find echoes in an A-scan: time, height and distance between them."""
 
 import math
 from typing import NamedTuple
@@ -13,17 +13,17 @@ from skywright.models.peaks import find_vertex
 from skywright.models.ultrasonic import compute_pulse_width
 
 SIDE = 1.5
-"""Pulse lengths to each side of an echo that its correlation looks at."""
+"""Half width of the correlation window of an echo, in pulse lengths (2 Pulse.width)."""
 
 
 class Pulse(NamedTuple):
-    """What the processing knows of probe and instrument."""
+    """Properties of probe and instrument that the processing uses."""
 
     frequency: float  # Hz
-    bandwidth: float  # -6 dB, over the frequency
-    rate: float  # Hz, samples
-    gate_start: float  # s, behind the transmitter's pulse
-    full_scale: float  # FSH at which the converter is at its end
+    bandwidth: float  # at -6 dB, divided by the frequency
+    rate: float  # Hz, of the samples
+    gate_start: float  # s, after the transmitter's pulse
+    full_scale: float  # FSH, at which the converter saturates
 
     @property
     def width(self) -> float:
@@ -32,23 +32,23 @@ class Pulse(NamedTuple):
 
     @property
     def rms_frequency(self) -> float:
-        """Rms frequency (Hz), which timing goes by."""
+        """Rms frequency (Hz), which determines the timing uncertainty."""
         return math.hypot(self.frequency, 0.5 / math.pi / self.width)
 
 
 class FoundEchoes(NamedTuple):
-    """Echoes in one A-scan, in their order."""
+    """Echoes in one A-scan, in order of time."""
 
     times: tuple[float, ...]  # s, of the envelope's peaks
     amplitudes: tuple[float, ...]  # FSH
-    noise: float  # FSH, rms of what lies between them
-    saturated: bool  # one of them is at the converter's end
+    noise: float  # FSH, robust standard deviation of the samples outside the echoes
+    saturated: bool  # a sample from the gate on reaches the converter's full scale
 
 
 def find_echoes(ascan: Array, pulse: Pulse, threshold: float, most: int = 4) -> FoundEchoes:
-    """Return the peaks of the envelope that are at least `threshold` (FSH), from the gate on.
+    """Return the first `most` peaks of the envelope (at least `threshold`, FSH) from the gate on.
 
-    Raises InputError for an A-scan that is shorter than its gate or not finite.
+    `ascan` is (n,) FSH. Raises InputError if it is shorter than its gate or not finite.
     """
     x = np.asarray(ascan, float)
     first = math.ceil(pulse.gate_start * pulse.rate)
@@ -70,7 +70,7 @@ def find_echoes(ascan: Array, pulse: Pulse, threshold: float, most: int = 4) -> 
         left[a:b] = 0.0
         taken[a:b] = True
         inside = 0 < i < x.size - 1
-        # a side of a larger echo, or the transmitter's tail, is no peak
+        # the flank of a larger echo or the transmitter's tail is not a peak
         if not inside or envelope[i] < envelope[i - 1] or envelope[i] < envelope[i + 1]:
             continue
         times.append((i + find_vertex(envelope, i)) / pulse.rate)
@@ -85,10 +85,11 @@ def find_echoes(ascan: Array, pulse: Pulse, threshold: float, most: int = 4) -> 
 
 
 def measure_delay(ascan: Array, pulse: Pulse, first: float, second: float) -> float:
-    """Return how long (s) after the echo at `first` (s) the one at `second` follows.
+    """Return the delay (s) from the echo at `first` (s) to the echo at `second` (s).
 
-    By correlation of both, to a fraction of a sample. The correlation of a pulse with itself has
-    its next maximum, one period aside, at half height: only the largest counts.
+    The delay is that of the largest correlation of the two echoes, to a fraction of a sample. The
+    autocorrelation of a pulse has its next maximum one period away, at half the height: only the
+    largest is used.
     """
     half = max(round(SIDE * 2.0 * pulse.width * pulse.rate), 4)
     a, b = round(first * pulse.rate), round(second * pulse.rate)
@@ -104,9 +105,9 @@ def measure_delay(ascan: Array, pulse: Pulse, first: float, second: float) -> fl
 def compare_shapes(ascan: Array, pulse: Pulse, first: float, delay: float, noise: float) -> float:
     """Return the correlation coefficient of the echo at `first` (s) and the one `delay` (s) later.
 
-    The energy of the noise (FSH, rms) is taken out. Echoes of one wall have one shape, and give 1;
-    two walls that differ by about half a wavelength give echoes whose parts cancel in one and add
-    in the next.
+    The energy of `noise` (FSH, rms) is subtracted from that of the echoes. Echoes of one wall have
+    the same shape and give 1. If two walls differ by about half a wavelength, parts of their echoes
+    cancel in one echo and add in the next.
     """
     half = max(round(SIDE * 2.0 * pulse.width * pulse.rate), 4)
     x = np.asarray(ascan, float)
@@ -118,16 +119,17 @@ def compare_shapes(ascan: Array, pulse: Pulse, first: float, delay: float, noise
 
 
 def compute_timing_std(pulse: Pulse, amplitude: float, noise: float) -> float:
-    """Return the deviation (s) of one echo's time in white noise: the Cramer-Rao bound.
+    """Return the standard deviation (s) of one echo's time in white noise: the Cramer-Rao bound.
 
-    sigma = 1 / (2 pi f_rms sqrt(E / s^2)), E the sum of the pulse's squares.
+    sigma = 1 / (2 pi f_rms sqrt(E / s^2)), with E the sum of the pulse's squared samples and s the
+    `noise`. `amplitude` and `noise` have the same unit.
     """
     energy = 0.5 * amplitude**2 * math.sqrt(math.pi) * pulse.width * pulse.rate
     return noise / (2 * math.pi * pulse.rms_frequency * math.sqrt(max(energy, 1e-30)))
 
 
 def _cut(x: Array, a: int, b: int) -> Array:
-    """Return x[a:b], zeros where it does not reach."""
+    """Return x[a:b], with zeros outside x."""
     out = np.zeros(b - a)
     low, high = max(a, 0), min(b, x.size)
     if low < high:

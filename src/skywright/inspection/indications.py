@@ -1,15 +1,16 @@
-"""Indications of an eddy-current flaw scan: where the display leaves its null, and what that is.
+"""Find and classify indications of an eddy-current flaw scan, where the display leaves its null.
 
-The same finder takes a file in one block or a live stream in many. It works in % of full screen of
-a set-up display (notch_setup.py), where the lift-off lies to the right and notches point upwards.
-What is slow along the path (temperature, texture) is taken out by a running median. A weld may
-fill its window where the probe stays over it; sound metal beside it would then stand out as a crack
-does. So what is taken out lies within half the threshold of the level of sound metal, which is the
-median over a way SOUND times as long.
+The same finder processes a file as one block or a live stream as many blocks. It works in % of full
+screen height of a set-up display (notch_setup.py), on which the lift-off is horizontal and notches
+point upwards. A running median removes slow changes along the path (temperature, texture). If the
+probe stays over a weld, the weld may fill the median's window; sound metal beside the weld would
+then look like a crack. The subtracted value is therefore limited to within half the threshold of
+the level of sound metal, which is the median over a path SOUND times as long.
 
-Crack and permeability turn the display alike, as both act through the surface impedance: phase does
-not separate them. Width does: a coil shows a crack about as wide as itself, a weld wider. What is
-neither is ambiguous, and so is a crack beside or in a weld.
+Cracks and changes of permeability have the same phase on the display because both act through the
+surface impedance. Phase does not separate them, but width does: a crack appears about as wide as
+the coil, a weld appears wider. An indication that is neither is ambiguous, and so is a crack beside
+or in a weld.
 """
 
 import math
@@ -28,37 +29,38 @@ from skywright.errors import InputError
 
 Nature = Literal["crack", "weld", "ambiguous"]
 COIL_WIDTH = 0.00344
-"""m, at half height over a crack, of the coil that the lengths below hold for (outer radius 2.5
-mm, models/crack_signal.py). NARROW, WIDE and BESIDE are in proportion to the width of the coil;
-LINK and WINDOW only grow with it, as small coils lie no closer."""
+"""m, width at half height of a crack's signal, for the coil for which the lengths below are valid
+(outer radius 2.5 mm, models/crack_signal.py). NARROW, WIDE and BESIDE are proportional to the width
+of the coil. LINK and WINDOW grow with it but do not shrink, because small coils are not closer
+together."""
 LINK = 0.0035
-"""m; samples above the threshold this close are one indication: a coil's width."""
+"""m; samples above the threshold within this distance form one indication (the width of a coil)."""
 NARROW = 0.0055
-"""m; an indication narrower than this is a crack: the coil's width, and its way over the crack."""
+"""m; a narrower indication is a crack (the coil's width plus its path over the crack)."""
 WIDE = 0.0075
-"""m; wider ones are a weld or a change of the metal."""
+"""m; a wider indication is a weld or a change of the metal."""
 WINDOW = 0.04
-"""m, way of the running median: more than twice of what a crack along the path takes."""
+"""m of path, window of the running median: more than twice the path over a crack along it."""
 SOUND = 10.0
-"""Times WINDOW: way over which most of what is scanned is sound metal."""
+"""Path over which most of the scanned metal is sound, in multiples of WINDOW."""
 LAG = 0.5
-"""s, over which the probe's way is measured."""
+"""s, interval over which the distance that the probe moves is measured."""
 BESIDE = 0.004
-"""m; a crack whose end is within this of a weld is ambiguous."""
+"""m; a crack with an end within this distance of a weld is ambiguous."""
 
 
 class Indication(NamedTuple):
-    """One place where the display left its null."""
+    """One place where the display leaves its null."""
 
     s: float  # m, along the axis
     c: float  # m, around it
-    height: float  # % FSH, signed: upwards as the notch
+    height: float  # % FSH, signed: positive upwards, as the notch
     length: float  # m, at the threshold
-    width: float  # m, at half height, across it
-    angle: float  # rad, of its length from the circumferential direction towards +s
+    width: float  # m, at half height, perpendicular to the length
+    angle: float  # rad, direction of the length, from circumferential towards +s
     nature: Nature
-    u95: float  # m, of its place
-    t: float  # s, of its highest sample
+    u95: float  # m, of its position
+    t: float  # s, of the highest sample
     samples: int
 
 
@@ -69,10 +71,11 @@ class FlawFinder:
         self, *, threshold: float = 15.0, window_m: float | None = None,
         coil_width_m: float = COIL_WIDTH, track_std: float = 0.001,
     ) -> None:  # fmt: skip
-        """`threshold` in % FSH; `window_m`: way of the running median; `track_std` (m): of a place.
+        """Set `threshold` (% FSH) and `window_m` (m of path), the window of the running median.
 
-        `window_m` is by default WINDOW, in proportion for a coil wider than COIL_WIDTH. Raises
-        InputError where one of them is not above 0.
+        `coil_width_m` is the coil's width at half height and `track_std` (m) the standard deviation
+        of a position. `window_m` is by default WINDOW, scaled up for a coil wider than COIL_WIDTH.
+        Raises InputError if one of them is not above 0.
         """
         if window_m is None:
             window_m = WINDOW * max(coil_width_m / COIL_WIDTH, 1.0)
@@ -88,11 +91,11 @@ class FlawFinder:
     def add(
         self, t: Iterable[float], display: NDArray[np.complex128], s: Array, c: Array
     ) -> int:  # fmt: skip
-        """Take `display` (n, k) in % FSH of k coils at `s`, `c` (n, k) m and `t` (n,) s.
+        """Add a block: `display` (n, k) in % FSH of k coils at `s`, `c` (n, k) m and `t` (n,) s.
 
-        NaN marks samples that do not count (no contact). Returns how many samples of the block are
-        above the threshold as they are: what a live display would ring for. Raises InputError for
-        arrays that do not fit together.
+        NaN marks invalid samples (no contact). Returns the number of samples of the block that
+        exceed the threshold before slow changes are removed; a live display would sound its alarm
+        for them. Raises InputError if the shapes of the arrays do not match.
         """
         times = np.asarray(list(t), float)
         z = np.atleast_2d(np.asarray(display, np.complex128))
@@ -110,7 +113,7 @@ class FlawFinder:
         return int(np.count_nonzero(np.abs(z.imag) > self.threshold))
 
     def compute_heights(self) -> tuple[Array, Array, Array, Array]:
-        """Return times (n,), vertical parts (n, k) in % FSH less what is slow, places (n, k)."""
+        """Return t (n,) s, vertical parts (n, k) % FSH without slow changes, s and c (n, k) m."""
         if not self._blocks:
             none = np.zeros((0, 1))
             return np.zeros(0), none, none, none
@@ -129,14 +132,14 @@ class FlawFinder:
         return t, up, s, c
 
     def find(self) -> list[Indication]:
-        """Return the indications of all that was added, the highest first."""
+        """Return the indications in all blocks, the highest first."""
         t, up, s, c = self.compute_heights()
         row, coil = np.nonzero(np.abs(np.nan_to_num(up)) > self.threshold)
         if not row.size:
             return []
         height, place = up[row, coil], np.column_stack([s[row, coil], c[row, coil]])
         labels = np.zeros(row.size, int)
-        for sign in (1.0, -1.0):  # a weld's flank is no part of a crack
+        for sign in (1.0, -1.0):  # a weld's flank is not part of a crack
             mine = np.flatnonzero(np.sign(height) == sign)
             labels[mine] = _link(place[mine], LINK * max(self.scale, 1.0)) + (
                 0 if sign > 0 else row.size
@@ -162,7 +165,7 @@ class FlawFinder:
         values, axes = np.linalg.eigh(spread)
         along, across = d @ axes[:, 1], d @ axes[:, 0]
         high = weight >= 0.5 * weight[peak]
-        # one coil sees a place no narrower than itself
+        # at half height; a coil shows no indication narrower than itself
         width = max(float(np.ptp(across[high])), 0.0)
         length = float(np.ptp(along))
         if len(height) < 3 or values[1] <= 0:
@@ -182,14 +185,17 @@ class FlawFinder:
 
 
 def _measure_step(t: Array, s: Array, c: Array) -> float:
-    """Way (m) between two samples, over LAG: that of neighbours is mostly the tracker's noise."""
+    """Return the distance (m) from sample to sample along the path.
+
+    It is measured over LAG, because between neighbours it is mostly the tracker's noise.
+    """
     dt = float(np.median(np.diff(t)))
     lag = min(max(round(LAG / dt), 1) if dt > 0 else 1, t.size - 1)
     return float(np.median(np.hypot(s[lag:] - s[:-lag], c[lag:] - c[:-lag]))) / lag
 
 
 def _measure_sound(values: Array, size: int) -> Array:
-    """Return the median (n,) of `values` (n,) over `size` of them."""
+    """Return the running median (n,) of `values` (n,) over windows of `size` samples."""
     n = len(values)
     if size >= n:
         return np.full(n, np.median(values))
@@ -199,7 +205,7 @@ def _measure_sound(values: Array, size: int) -> Array:
 
 
 def _link(place: Array, reach: float) -> NDArray[np.intp]:
-    """Label (n,) places that hang together in steps of `reach` (m)."""
+    """Label (n,) places (n, 2) m; places connected by steps up to `reach` (m) share a label."""
     n = len(place)
     pairs = cKDTree(place).query_pairs(reach, output_type="ndarray") if n else np.zeros((0, 2), int)
     graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))

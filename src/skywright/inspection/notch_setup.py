@@ -1,8 +1,9 @@
-"""The set-up of an eddy-current inspection on a notch block, and the check that it still holds.
+"""Set up an eddy-current inspection on a notch block, and check later that the set-up is valid.
 
-As in weld inspection (EN 1711, ISO 17643; recalled): null on sound metal, turn the lift-off
-horizontal, set the gain so that the 1 mm notch reaches 80 % of full screen height, upwards. The
-same is looked at after the inspection. What lies between two checks counts only if both hold.
+The procedure follows weld inspection (EN 1711, ISO 17643; cited from memory): null on sound metal,
+rotate the lift-off to the horizontal, and set the gain such that the 1 mm notch reaches 80 % of
+full screen height, upwards. The check after the inspection measures the same quantities. Readings
+between two checks are valid only if both checks pass.
 """
 
 import cmath
@@ -21,21 +22,21 @@ from skywright.models.crack_signal import Metal
 TARGET = 80.0
 """% of full screen height that the reference notch reaches."""
 LIFT_ANGLE = 5.0
-"""deg, that the lift-off may lie off the horizontal (one firm's procedure)."""
+"""deg, largest angle of the lift-off from the horizontal (one firm's procedure)."""
 PHASE_CHANGE = 5.0
-"""deg, that the notch may turn between two checks (likewise)."""
+"""deg, largest rotation of the notch signal between two checks (the same firm's procedure)."""
 GAIN_CHANGE = 10.0
-"""% of TARGET, that the notch may change between two checks (own rule)."""
+"""% of TARGET, largest change of the notch signal between two checks (own rule)."""
 LEAST_SNR = 10.0
-"""Height of the notch over the noise, from which a set-up is possible."""
+"""Least ratio of notch signal to noise for a set-up."""
 LEAST_ANGLE = 20.0
-"""deg, between lift-off and notch, below which no rotation parts them."""
+"""deg, least angle between lift-off and notch; below it, no rotation separates them."""
 SAME_MATERIAL = 0.02
-"""Largest relative difference of conductivity and permeability of block and part."""
+"""Largest relative difference in conductivity and permeability between block and part."""
 
 
 class NotchSetup(NamedTuple):
-    """Null, rotation and gain of a display: `show` turns a signal into % of full screen height."""
+    """Null, rotation and gain of a display; `show` converts a signal to % of full screen height."""
 
     null: complex  # display units, on sound metal
     factor: complex  # % FSH per unit, rotation included
@@ -45,12 +46,12 @@ class NotchSetup(NamedTuple):
     lift_off: float  # % FSH along the horizontal, at the end of the lift
 
     def show(self, z: NDArray[Any]) -> NDArray[np.complex128]:
-        """Return a signal (n,) or (n, k) in % FSH: lift-off to the right, notches upwards."""
+        """Return a signal (n,) or (n, k) in % FSH: lift-off horizontal, notches upwards."""
         return np.asarray((np.asarray(z, np.complex128) - self.null) * self.factor)
 
 
 class SetupCheck(NamedTuple):
-    """What a second visit of the block shows; `reasons` is empty where the set-up holds."""
+    """Result of a second visit to the block; `reasons` is empty if the set-up is still valid."""
 
     height: float  # % FSH of the reference notch
     phase_change: float  # deg, of the notch
@@ -59,12 +60,12 @@ class SetupCheck(NamedTuple):
 
     @property
     def holds(self) -> bool:
-        """Whether nothing drifted beyond its limit."""
+        """Whether no quantity drifted beyond its limit."""
         return not self.reasons
 
 
 def check_block(block: Metal, part: Metal) -> None:
-    """Raise InputError where block and part are not of the same material."""
+    """Raise InputError if block and part are of different material."""
     names = ("conductivity_s_per_m", "relative_permeability")
     for name, a, b in zip(names, block, part, strict=True):
         if abs(a - b) > SAME_MATERIAL * abs(b):
@@ -75,9 +76,10 @@ def check_block(block: Metal, part: Metal) -> None:
 
 
 def set_up(scan: BlockScan) -> NotchSetup:
-    """Null, turn and scale the display by a visit of the block.
+    """Null, rotate and scale the display from a visit to the block.
 
-    Raises InputError where the notch does not stand out of the noise, or lies along the lift-off.
+    Raises InputError if the notch signal is below LEAST_SNR times the noise, or if it is within
+    LEAST_ANGLE of the line of the lift-off.
     """
     sound = _check(scan.sound, "sound metal")
     null = complex(np.median(sound.real), np.median(sound.imag))
@@ -96,7 +98,8 @@ def set_up(scan: BlockScan) -> NotchSetup:
             f"set-up: the notch lies {abs(angle):.0f} deg from the lift-off; valid: "
             f"{LEAST_ANGLE:g} to {180 - LEAST_ANGLE:g}; choose another frequency"
         )
-    # the notch points upwards: where it would point down, the lift-off points left
+    # the notch points upwards: if it would point down, the display is turned by 180 deg and the
+    # lift-off points left
     turn = lift.conjugate() / abs(lift) * (1.0 if angle > 0 else -1.0)
     factor = turn * TARGET / (notch * turn).imag
     end = complex(np.median((scan.lift[-5:] - null).real), np.median((scan.lift[-5:] - null).imag))
@@ -107,10 +110,11 @@ def set_up(scan: BlockScan) -> NotchSetup:
 
 
 def check_setup(setup: NotchSetup, scan: BlockScan) -> SetupCheck:
-    """Compare a later visit of the block with the set-up.
+    """Compare a later visit to the block with the set-up.
 
-    The probe is nulled anew, as inspectors do: a null that moved is no drift of the sensitivity.
-    Raises InputError for a visit of another notch, or without samples.
+    The probe is nulled again, as inspectors do, because a shift of the null is not a drift of the
+    sensitivity. Raises InputError if the visit is to another notch, or if a part of it has fewer
+    than 5 samples or samples that are not finite.
     """
     if abs(scan.notch_depth - setup.notch_depth) > 1e-9:
         raise InputError(
@@ -122,7 +126,7 @@ def check_setup(setup: NotchSetup, scan: BlockScan) -> SetupCheck:
     notch = _find_peak(_check(scan.notch, "notch") - null) * setup.factor
     lift = _find_direction(_check(scan.lift, "lift-off") - null) * setup.factor
     lift_angle = math.degrees(math.atan(lift.imag / lift.real)) if lift.real else 90.0
-    # where it was set up the notch stood at its angle from a horizontal lift-off
+    # at the set-up, the notch was at `notch_angle` from the horizontal lift-off
     was = setup.notch_angle
     now = math.degrees(cmath.phase(notch))
     change = min(abs(now - was), abs(now - (180.0 - was)))
@@ -144,9 +148,10 @@ def check_setup(setup: NotchSetup, scan: BlockScan) -> SetupCheck:
 def estimate_coating(setup: NotchSetup, z: NDArray[Any], shims: Array, lifted: Array) -> Array:
     """Return the thickness (n,) m of the coating under the probe from its lift-off.
 
-    `shims` (k,) m and the signals `lifted` (k,) over them calibrate |signal - null|, which grows
-    with the distance; what lies beyond the thickest shim is NaN. A permeability that is 2 % off
-    moves the result by 4 to 6 um. Raises InputError for shims that do not grow.
+    `shims` (k,) m and the signals `lifted` (k,) on them calibrate |signal - null|, which grows with
+    the distance. Signals beyond the thickest shim give NaN. An error of 2 % in the permeability
+    changes the result by 4 to 6 um. Raises InputError if there are fewer than two shims, or if
+    shims or signals do not increase.
     """
     size = np.abs(np.asarray(lifted, np.complex128) - setup.null)
     if len(shims) < 2 or np.any(np.diff(shims) <= 0) or np.any(np.diff(size) <= 0):
@@ -160,7 +165,11 @@ def estimate_coating(setup: NotchSetup, z: NDArray[Any], shims: Array, lifted: A
 
 
 def _find_direction(lift: NDArray[np.complex128]) -> complex:
-    """Direction in which the lift-off leaves contact: its first quarter, as it bends after that."""
+    """Return the direction of the lift-off near contact, as a complex number of any length.
+
+    It is computed from the samples of the first half below half of the largest signal, because the
+    lift-off bends after that, or from all samples if these are fewer than 3.
+    """
     size = np.abs(lift)
     near = lift[(size < 0.5 * np.max(size)) & (np.arange(lift.size) < lift.size // 2)]
     near = near if near.size >= 3 else lift
@@ -168,7 +177,7 @@ def _find_direction(lift: NDArray[np.complex128]) -> complex:
 
 
 def _find_peak(notch: NDArray[np.complex128]) -> complex:
-    """Signal where the notch reads most: the mean of the five largest samples."""
+    """Return the peak signal of the notch, the mean of the five largest samples."""
     order = np.argsort(np.abs(notch))[-5:]
     return complex(np.mean(notch[order]))
 

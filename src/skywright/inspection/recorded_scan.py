@@ -1,4 +1,4 @@
-"""The scan in a run's recording, as an instrument's file would hold it."""
+"""Read the scan from a run's recording in the form of an instrument's file."""
 
 import re
 from pathlib import Path
@@ -11,20 +11,21 @@ from skywright.recordings.columns import has_columns
 from skywright.recordings.recording import read_recording
 
 CALIBRATING, SCANNING = ("touch", "settle"), "scan"
-"""Phases of the kind "scan": from air to contact, and sliding."""
+"""Phases of a mission of kind "scan": from air to contact, and sliding on the surface."""
 SIGNALS = ("t", "ec", "meas_p_WT")
 
 
 def is_recording(path: Path) -> bool:
-    """Whether a path is a run's directory or recording."""
+    """Return whether a path is a run's directory or recording."""
     return path.is_dir() or path.suffix == ".mcap"
 
 
 def load_recorded_scan(path: Path) -> tuple[Scan, tuple[float, float]]:
-    """Return what instrument and motion capture gave, and the time span (s) of the calibration.
+    """Return the data of instrument and motion capture, and the time span (s) of the calibration.
 
-    Both cover the last touch before the first scan, and all scanning after it. `path` is a run's
-    directory or its recording. Raises InputError where it holds no scan.
+    The data cover the last touch before the first scan phase, and all touch and scan phases after
+    it. The calibration is that last touch. `path` is a run's directory or its recording. Raises
+    InputError if it contains no scan.
     """
     file = path / "recording.mcap" if path.is_dir() else path
     recording = read_recording(file)

@@ -1,8 +1,8 @@
-"""Reads an instrument's scan file: delimited text with a header, whatever the logger made of it.
+"""Read an instrument's scan file: delimited text with a header, in the variants that loggers write.
 
-Columns t_s, re, im, x_m, y_m, z_m in any order; the unit is the suffix and others are converted
-(t_ms, x_mm ...). Optional orientation of the probe: qw, qx, qy, qz (of the tip frame, z along the
-probe) or ax, ay, az (the probe's axis). What had to be dropped or repaired is noted in words.
+Columns are t_s, re, im, x_m, y_m, z_m in any order. The suffix is the unit; other units are
+converted (t_ms, x_mm ...). Optional orientation of the probe: qw, qx, qy, qz (of the tip frame, z
+along the probe) or ax, ay, az (the probe's axis). Notes list what was dropped or repaired.
 """
 
 import re
@@ -27,22 +27,22 @@ MAX_BYTES = 500_000_000
 MIN_ROWS = 30
 MAX_DROPPED = 0.5
 GAP_TIME = 0.5
-"""s; a longer pause in the recording is noted."""
+"""s; a longer pause in the recording gives a note."""
 _LIMITS = {"t": 1e11, "re": 1e12, "im": 1e12, "x": 1e5, "y": 1e5, "z": 1e5}
 
 
 class Scan(NamedTuple):
-    """A cleaned scan, in time order, no NaN (the axis may be NaN in rows)."""
+    """A cleaned scan in order of time without NaN (rows of the axis may be NaN)."""
 
     t: Array  # (n,) s, strictly increasing
     ec: Array  # (n, 2) instrument units
     p_WT: Array  # (n, 3) m
-    axis_W: Array | None  # (n, 3) unit, the probe's axis out of the robot
+    axis_W: Array | None  # (n, 3) unit, the probe's axis, pointing out of the robot
     notes: tuple[str, ...]
 
 
 def _quantity(name: str) -> tuple[str, float] | None:
-    """(quantity, factor to SI) of a column name, or None where it is not ours."""
+    """Return (quantity, factor to SI) of a column name, or None if the name is unknown."""
     stem, _, unit = name.partition("_")
     if name in SIGNAL or name in QUATERNION or name in AXIS:
         return name, 1.0
@@ -54,10 +54,10 @@ def _quantity(name: str) -> tuple[str, float] | None:
 
 
 def parse_columns(text: str) -> dict[str, str]:
-    """Return {name in a file's header: our name} of "t=Time[ms],x=X[mm],re=Real".
+    """Return {plain name in the file's header: standard name} for "t=Time[ms],x=X[mm],re=Real".
 
-    Names are compared without case and spaces; the header may hold the unit in brackets as well.
-    Raises InputError for a quantity or a unit that is not known.
+    Names are compared without case, spaces, and units in brackets, which the header may contain.
+    Raises InputError if a quantity or unit is unknown, or if a quantity is given twice.
     """
     quantities, found = (*_LIMITS, *QUATERNION, *AXIS), dict[str, str]()
     for part in text.split(","):
@@ -82,12 +82,15 @@ def parse_columns(text: str) -> dict[str, str]:
 
 
 def _plain(name: str) -> str:
-    """A column's name without case, spaces and a unit in brackets."""
+    """Return a column's name in lower case, without spaces and units in brackets."""
     return re.sub(r"\[.*?\]|\(.*?\)|\s", "", name.lower())
 
 
 def _rename(names: list[str], given: Mapping[str, str]) -> list[str]:
-    """Our names of those that are `given`; what else gives the same quantity is not read."""
+    """Replace names by the standard names in `given`; returns the list of names.
+
+    Other columns of the same quantities are put in parentheses, so that they are not read.
+    """
     taken = {_quantity(ours) and ours.partition("_")[0] for ours in given.values()}
     return [
         given.get(_plain(n)) or (f"({n})" if n.partition("_")[0] in taken else n) for n in names
@@ -97,7 +100,10 @@ def _rename(names: list[str], given: Mapping[str, str]) -> list[str]:
 def _read_header(
     path: Path, line: str, given: Mapping[str, str]
 ) -> tuple[str, dict[str, tuple[int, float]], int, list[str]]:
-    """(delimiter, {quantity: (column, factor)}, columns, notes)."""
+    """Return (delimiter, {quantity: (column, factor)}, number of columns, notes).
+
+    Raises InputError if a column is missing, or if two columns give the same quantity.
+    """
     best: tuple[int, str] = (-1, ",")
     for delimiter in (",", ";", "\t", " "):
         names = _rename([cell.lower() for cell in split_row(line, delimiter)], given)
@@ -140,7 +146,11 @@ def _read_header(
 def _read_rows(
     path: Path, lines: list[str], delimiter: str, width: int, used: list[int], notes: list[str]
 ) -> Array:
-    """(rows, columns) of numbers, NaN where a cell is none."""
+    """Return the numbers (rows, columns), NaN for a cell that is not a number; appends to `notes`.
+
+    Raises InputError if more than half of the rows have a wrong number of cells, or if numbers
+    contain both , and . (decimal commas are read if the delimiter is not a comma).
+    """
     rows, ragged = [], 0
     for line in lines:
         cells = split_row(line, delimiter)
@@ -187,11 +197,12 @@ def _build_axis(table: Array, columns: dict[str, tuple[int, float]]) -> Array | 
 
 
 def load_scan(path: Path, columns: str | None = None) -> Scan:
-    """Read and clean a scan file; `columns` as `parse_columns` takes it.
+    """Read and clean a scan file; `columns` has the format of `parse_columns`.
 
-    Dropped with a note: rows with NaN or text, ragged rows, duplicate times (the first stays);
-    sorted with a note: unordered times. Raises InputError, in one line, for a file that has no
-    header, lacks a column, or loses more than half of its rows.
+    Rows with NaN or text, ragged rows and rows with a duplicate time (the first is kept) are
+    dropped with a note. Unordered times are sorted with a note. Raises InputError, in one line, if
+    the file has no header, lacks a column, loses more than half of its rows, or has fewer than
+    MIN_ROWS usable rows.
     """
     path = Path(path)
     text = decode(read_bytes(path, MAX_BYTES, "split the file"))

@@ -1,9 +1,9 @@
-"""Spikes of electrical interference in a probe's signal, told from what a probe can measure.
+"""Detect spikes of electrical interference in a probe's signal.
 
-A coil averages over its FOOTPRINT, so a sample of a real signal resembles its neighbours as long as
-several are taken within one footprint. A spike differs from the neighbours on both sides: the
-median of three on either side is the expected value (a Hampel filter, Hampel, J. Am. Stat. Assoc.
-69, 383 (1974)), which a passing ramp, an edge or another spike nearby does not move.
+A coil averages over its FOOTPRINT. A sample of a real signal therefore resembles its neighbours if
+several samples are taken within one footprint. A spike differs from its neighbours on both sides.
+The expected value is the median of three samples on either side (a Hampel filter, Hampel, J. Am.
+Stat. Assoc. 69, 383 (1974)). A ramp, an edge or another spike nearby does not change that median.
 """
 
 from pathlib import Path
@@ -17,27 +17,27 @@ from skywright.core.arrays import Array, Mask
 from skywright.errors import InputError
 
 FOOTPRINT = 0.0035
-"""m, over which a coil averages."""
+"""m; length over which a coil averages."""
 LEAST_SAMPLES = 4.0
-"""Samples a footprint from which a single deviating one is a spike: an edge of the signal takes
-two of them."""
+"""Least number of samples per footprint at which a single deviating sample is a spike: an edge of
+the signal covers two samples."""
 SIDE = 3
-"""Samples on either side; a median of six bears two spikes among them."""
+"""Samples on either side; the median of six samples tolerates two spikes among them."""
 LASTING = 0.5
-"""s; what a probe reads in air or in contact lasts longer than a burst of interference."""
+"""s; a reading in air or in contact lasts longer than this, a burst of interference does not."""
 MOST = 0.1
-"""Share of spikes in a signal above which what is left is not trusted."""
+"""Largest share of spikes in a signal; above it the remaining samples are not trusted."""
 SIGMAS = 6.0
-"""Least deviation of a spike, in standard deviations of what samples deviate from neighbours."""
+"""Least deviation of a spike, in standard deviations of the samples from their neighbours."""
 SPREAD = 3.0
-"""Least deviation of a spike, in deviations of the neighbours among themselves."""
+"""Least deviation of a spike, in multiples of the spread among its neighbours."""
 
 
 def find_spikes(x: NDArray[Any]) -> Mask:
-    """Flag (n,) the one or two successive samples of `x` that stand out of their neighbours.
+    """Flag (n,) spikes: one or two successive samples of `x` that differ from their neighbours.
 
-    `x` is (n,) complex or (n, k), of a signal or of positions. What is found is taken away and the
-    rest looked at again, as spikes may lie close together.
+    `x` is (n,) complex or (n, k): a signal or positions. The search removes the spikes found and
+    repeats on the remaining samples, because spikes may be close together.
     """
     x = np.stack([x.real, x.imag], axis=1) if np.iscomplexobj(x) else x
     left = np.arange(len(x))
@@ -56,7 +56,7 @@ def _stand_out(x: Array) -> Mask:
     middle = np.median(near, axis=2)
     off = np.linalg.norm(x - middle, axis=1)
     apart = np.linalg.norm(near - middle[:, :, None], axis=1)
-    # of a narrow peak both of the next samples are high as well, of a spike one is not
+    # both neighbours of a narrow peak are high too; at least one neighbour of a spike is not
     spread = np.maximum(
         np.sort(apart, axis=1)[:, SIDE], np.minimum(apart[:, SIDE - 1], apart[:, SIDE])
     )
@@ -67,9 +67,10 @@ def _stand_out(x: Array) -> Mask:
 
 
 def count_per_footprint(t: Array, p: Array) -> float:
-    """Return how many samples are taken while the probe moves by its footprint, at its fastest.
+    """Return the number of samples while the probe moves by its footprint, at high speed.
 
-    `t` (n,) s, `p` (n, 3) m; the speed is that over half a second, as a tracker's noise is faster.
+    `t` (n,) s, `p` (n, 3) m. The speed is the 90 % quantile of the mean speeds over 0.5 s, an
+    interval longer than the tracker's noise.
     """
     step = float(np.median(np.diff(t))) if t.size > 1 else 0.0
     lag = max(int(0.5 / step), 1) if step > 0 else 1
@@ -84,11 +85,11 @@ def count_per_footprint(t: Array, p: Array) -> float:
 def reject_spikes(
     t: Array, w: NDArray[np.complex128], p: Array, lifted: Mask
 ) -> tuple[Mask, str | None]:
-    """Return the spikes (n,) to leave out of a scan, and a note.
+    """Return the mask (n,) of spikes to leave out of a scan, and a note.
 
-    `t` (n,) s, `w` (n,), `p` (n, 3) m; `lifted` (n,) flags the samples that lift-off explains,
-    which are none: a probe that hops for one sample is in the air indeed. Where too few samples
-    are taken within a footprint, none is left out.
+    `t` (n,) s, `w` (n,), `p` (n, 3) m. `lifted` (n,) flags the samples that lift-off explains.
+    These are not spikes: a probe that hops for one sample is in the air. If there are too few
+    samples within a footprint, no spike is left out.
     """
     spikes = find_spikes(w) & ~lifted
     if not spikes.any():
@@ -108,10 +109,10 @@ def reject_spikes(
 
 
 def check_interference(path: Path, t: Array, w: NDArray[np.complex128]) -> None:
-    """Raise InputError where spikes are too many, or too long, to be left out of a file's signal.
+    """Raise InputError if spikes are too many, or too long, to be left out of a file's signal.
 
-    `t` (n,) s, `w` (n,). Longer ones are told by their size: three times what the signal keeps for
-    LASTING. Those that are smaller cannot be told from a weld.
+    `t` (n,) s, `w` (n,). Longer bursts are detected by size: more than three times the largest
+    value that the signal keeps for LASTING. Smaller bursts cannot be distinguished from a weld.
     """
     spikes = find_spikes(w)
     rest = np.abs(w[~spikes] - np.median(w[~spikes].real) - 1j * np.median(w[~spikes].imag))

@@ -1,7 +1,7 @@
-"""A cylinder through measured contact points, with its uncertainty, and the unrolling of points.
+"""Fit a cylinder to measured contact points, with its uncertainty.
 
-A contact scan sees only a sector: over 40 deg of a 0.4 m pipe the surface bends by 12 mm, so noise
-of 0.3 mm moves the radius by several millimetres. The standard deviations say so.
+A contact scan covers only a sector. Over 40 deg of a 0.4 m pipe the surface bends by 12 mm, so
+noise of 0.3 mm moves the radius by several millimetres. The standard deviations show this.
 """
 
 import math
@@ -21,21 +21,21 @@ MIN_FIT_POINTS = 12
 
 
 class SurfaceFit(NamedTuple):
-    """A cylinder and how well it is known (zero where it was given)."""
+    """A cylinder and its standard deviations (zero if the cylinder was given)."""
 
     cylinder: Cylinder
     std_radius: float  # m
-    std_axis_point: float  # m, of the axis across itself, at the middle of the points
-    std_axis: float  # rad, of the axis' direction
-    rms: float  # m, of the points' distance to the cylinder
+    std_axis_point: float  # m, of the axis perpendicular to itself, at the middle of the points
+    std_axis: float  # rad, of the direction of the axis
+    rms: float  # m, of the distances of the points from the cylinder
     fitted: bool
 
 
 def build_surface(axis_point: Array, axis: Array, radius: float, p: Array) -> Cylinder:
-    """A cylinder whose c = 0 faces the middle of the points `p` (n, 3) in W.
+    """Return a cylinder whose line c = 0 faces the middle of the points `p` (n, 3) m in W.
 
-    The axis points to where its largest component is positive; s = 0 lies at `axis_point`. So
-    the unrolled picture has the scan in its middle and no seam through it.
+    The sign of the axis makes its largest component positive. s = 0 is at `axis_point`. The
+    unrolled picture then has the scan in its middle, and no seam cuts the scan.
     """
     y = np.asarray(axis, float) / np.linalg.norm(axis)
     if y[np.argmax(np.abs(y))] < 0:
@@ -45,7 +45,7 @@ def build_surface(axis_point: Array, axis: Array, radius: float, p: Array) -> Cy
     length = np.linalg.norm(radial, axis=1)
     radial = radial[length > 1e-12] / length[length > 1e-12, None]
     middle = radial.mean(axis=0) if radial.size else np.zeros(3)
-    if np.linalg.norm(middle) < 0.05:  # all around: any fixed direction will do
+    if np.linalg.norm(middle) < 0.05:  # points all around: any fixed direction is valid
         middle = np.eye(3)[np.argmin(np.abs(y))]
         middle = middle - (middle @ y) * y
     x = -middle / np.linalg.norm(middle)
@@ -55,7 +55,7 @@ def build_surface(axis_point: Array, axis: Array, radius: float, p: Array) -> Cy
 
 
 def _fit_circle(u: Array, v: Array) -> tuple[float, float, float]:
-    """Algebraic circle fit (Kasa, IEEE Trans. Instrum. Meas. 25, 8 (1976)): centre and radius."""
+    """Return centre and radius of a circle fit (Kasa, IEEE Trans. Instrum. Meas. 25, 8 (1976))."""
     a = np.stack([u, v, np.ones_like(u)], axis=1)
     sol, *_ = np.linalg.lstsq(a, u * u + v * v, rcond=None)
     cu, cv = sol[0] / 2, sol[1] / 2
@@ -70,7 +70,7 @@ def _plane_basis(axis: Array) -> tuple[Array, Array]:
 
 
 def _start_candidates(p: Array, count: int = 3) -> list[tuple[float, Array, Array, float]]:
-    """Best starts over a hemisphere of axis directions, (cost, axis, point, radius)."""
+    """Return the best starts (cost, axis, point, radius) over a hemisphere of axis directions."""
     n = 150
     i = np.arange(n) + 0.5
     z, azimuth = i / n, math.pi * (1 + math.sqrt(5)) * i
@@ -88,7 +88,7 @@ def _start_candidates(p: Array, count: int = 3) -> list[tuple[float, Array, Arra
 
 
 def _effective_share(residual: Array) -> float:
-    """Share of independent samples in a correlated residual, from its autocorrelation time."""
+    """Return the share of independent samples in a residual, from its autocorrelation time."""
     x = residual - residual.mean()
     power = float(x @ x)
     if power == 0 or x.size < 10:
@@ -103,10 +103,11 @@ def _effective_share(residual: Array) -> float:
 
 
 def fit_cylinder(p: Array) -> SurfaceFit:
-    """Least-squares cylinder through contact points (n, 3) in W, in time order.
+    """Fit a cylinder to contact points (n, 3) m in W, in time order, by least squares.
 
-    Robust (soft L1), geometric distance, several starts. Standard deviations count correlated
-    residuals once. Raises InputError where the points do not determine a cylinder.
+    The fit is robust (soft L1), minimizes the geometric distance and uses several starts. The
+    standard deviations account for the correlation of the residuals. Raises InputError if the
+    points do not determine a cylinder.
     """
     p = np.asarray(p, float)
     if len(p) < MIN_FIT_POINTS:
@@ -185,7 +186,7 @@ def fit_cylinder(p: Array) -> SurfaceFit:
 
 
 def load_surface(path: Path, p: Array) -> SurfaceFit:
-    """Read a surface file (TOML or JSON: axis_point_m, axis, radius_m), c = 0 facing `p`."""
+    """Read a surface file (TOML or JSON: axis_point_m, axis, radius_m); c = 0 faces `p`."""
     data = read_table(path)
     valid = ("axis_point_m", "axis", "radius_m")
     for key in data:

@@ -1,9 +1,10 @@
-"""Wall thickness from A-scans: the gauge's set-up on a two-step block, its readings, its rules.
+"""Measure wall thickness from A-scans: set-up on a two-step block, readings, acceptance rules.
 
-The same gauge works on a file and on a live stream: `add` takes blocks of A-scans. A reading is by
-default from echo to echo, which leaves out film and paint; from one echo it is a reading of the
-time since the set-up's zero, as with a dual probe on bare metal. Each reading is accepted or has a
-reason. The rules are our own; they follow common practice (GE DMS Go+ manual, sections 1 to 7).
+The same gauge works on a file and on a live stream: `add` takes blocks of A-scans. By default a
+reading uses the time between two echoes, which excludes film and paint. In the mode "single" it
+uses the time of one echo since the set-up's zero, as a dual probe does on bare metal. Each reading
+is accepted or has a reason for its rejection. The rules are our own; they follow common practice
+(GE DMS Go+ manual, sections 1 to 7).
 """
 
 import math
@@ -26,48 +27,48 @@ from skywright.inspection.echoes import (
 
 Mode = Literal["echo-to-echo", "single"]
 K95 = 1.96
-"""Deviations of a 95 % interval."""
+"""Half width of a 95 % interval in standard deviations."""
 
 
 class Rules(NamedTuple):
-    """When a reading is accepted."""
+    """Conditions for accepting a reading."""
 
-    snr_db: float = 12.0  # of each echo that it uses, over the noise
-    least_fsh: float = 0.2  # height of the first echo
-    threshold_fsh: float = 0.06  # height from which a peak is an echo
-    spacing_m: float = 1e-4  # that the first two spacings may differ by
-    other_db: float = 15.0  # over the noise: an echo before the wall's second, of another wall
-    other_fsh: float = 0.02  # and its least height
+    snr_db: float = 12.0  # least height of each echo used, over the noise
+    least_fsh: float = 0.2  # least height of the first echo
+    threshold_fsh: float = 0.06  # least height of an echo
+    spacing_m: float = 1e-4  # largest difference of the first two echo spacings
+    other_db: float = 15.0  # least height, over the noise, of an echo of another wall
+    other_fsh: float = 0.02  # least height of that echo; it arrives before the wall's second
     shape: float = 0.9  # least correlation of the two echoes
-    steady_m: float = 5e-5  # range of the readings that agree
-    steady_count: int = 5
-    steady_s: float = 0.3  # that they take at least
-    doubling: float = 0.05  # this near to twice its neighbours, as a fraction, it counts as double
+    steady_m: float = 5e-5  # largest range of the readings that must agree
+    steady_count: int = 5  # least number of these readings
+    steady_s: float = 0.3  # their least duration
+    doubling: float = 0.05  # relative tolerance for a reading of twice its neighbours
     least_fraction: float = 0.2  # of the nominal wall
     most_fraction: float = 1.2
 
 
 class GaugeSetup(NamedTuple):
-    """What a two-step block told: velocity and zero, and how well the velocity is known."""
+    """The result of the set-up on a two-step block: velocity, zero and a reference echo."""
 
     pulse: Pulse
     velocity: float  # m/s
-    zero: float  # s, of an echo at no thickness
-    separation: float  # m, of the halves of a dual probe; 0: single element
+    zero: float  # s, time of an echo at zero thickness
+    separation: float  # m, between the halves of a dual probe; 0: single element
     steps: tuple[float, float]  # m
     height: float  # FSH, first echo of the thinner step
-    echo: Array  # (n,) FSH, A-scan of the thinner step: what an echo looks like
-    first: float  # s, of its first echo
+    echo: Array  # (n,) FSH, A-scan of the thinner step: the reference echo
+    first: float  # s, time of its first echo
 
 
 class Reading(NamedTuple):
-    """One A-scan's thickness; NaN where there is none. `reason` is "" of an accepted one."""
+    """The thickness from one A-scan, NaN if there is none; `reason` is "" if it is accepted."""
 
     t: float  # s
     thickness: float  # m
     u95: float  # m, half width of the 95 % interval
     height: float  # FSH of the first echo
-    snr_db: float  # of the weakest echo used
+    snr_db: float  # of the weakest echo used, over the noise
     reason: str
 
     @property
@@ -77,9 +78,9 @@ class Reading(NamedTuple):
 
 
 class GaugeCheck(NamedTuple):
-    """A later visit of the block; `reasons` is empty where the set-up holds."""
+    """The result of a later check on the block; `reasons` is empty if the set-up is still valid."""
 
-    errors: tuple[float, float]  # m, of the two steps
+    errors: tuple[float, float]  # m, on the two steps
     reasons: tuple[str, ...]
 
 
@@ -87,11 +88,11 @@ def set_up_gauge(
     ascans: tuple[Array, Array], steps: tuple[float, float], pulse: Pulse, *,
     expected: float = 5920.0, tolerance: float = 0.02, separation: float = 0.0,
 ) -> GaugeSetup:  # fmt: skip
-    """Find velocity and zero from one A-scan (n,) on each step (m) of a block, thin and thick.
+    """Return velocity and zero from one A-scan (n,) on each step (m) of a block, thin and thick.
 
-    `expected` (m/s) is the velocity of the part's material and `tolerance` how far, as a fraction,
-    the block's may be from it. Raises InputError where a step shows no echo, and for a block of
-    another material.
+    `expected` (m/s) is the velocity of the part's material. `tolerance` is the largest relative
+    difference of the block's velocity from it. Raises InputError if the steps are not positive and
+    increasing, if a step shows no echo, or if the block is of another material.
     """
     thin, thick = steps
     if not 0 < thin < thick:
@@ -125,7 +126,11 @@ def set_up_gauge(
 def check_gauge(
     setup: GaugeSetup, ascans: tuple[Array, Array], *, limit: float = 5e-5, height: float = 0.25
 ) -> GaugeCheck:
-    """Read the block's steps again: errors up to `limit` (m) and `height` (fraction) hold."""
+    """Read the block's steps again and return their errors.
+
+    `reasons` lists each error above `limit` (m), each step without an echo, and a relative change
+    of the thinner step's first echo above `height`.
+    """
     errors, reasons = [], []
     for ascan, step in zip(ascans, setup.steps, strict=True):
         found = find_echoes(ascan, setup.pulse, Rules().threshold_fsh)
@@ -148,15 +153,16 @@ def check_gauge(
 
 
 class ThicknessGauge:
-    """Turns A-scans into readings; it remembers those that must agree, and the neighbours."""
+    """Converts A-scans to readings; stores the readings that must agree and the earlier sites."""
 
     def __init__(
         self, setup: GaugeSetup, nominal: float, *, mode: Mode = "echo-to-echo",
         velocity_fraction: float = 0.003, rules: Rules | None = None,
     ) -> None:  # fmt: skip
-        """`nominal` (m) of the wall; `velocity_fraction`: deviation of the part from the block.
+        """Store set-up and rules; `nominal` (m) is the wall's nominal thickness.
 
-        Raises InputError for a wall that the block's steps do not bracket, or that lies in the dead
+        `velocity_fraction` is the relative standard deviation of the velocity, part against block.
+        Raises InputError if the wall is outside the range of the block's steps or lies in the dead
         zone.
         """
         self.setup, self.nominal, self.mode = setup, nominal, mode
@@ -176,25 +182,25 @@ class ThicknessGauge:
         self._sites: list[float] = []
 
     def add(self, t: Iterable[float], ascans: Array) -> list[Reading]:
-        """Read A-scans (k, n) FSH, taken at `t` (k,) s in increasing order."""
+        """Return the k readings of A-scans (k, n) FSH, taken at `t` (k,) s in increasing order."""
         return [
             self._judge(float(at), ascan)
             for at, ascan in zip(t, np.atleast_2d(ascans), strict=True)
         ]
 
     def leave_site(self) -> None:
-        """Forget the readings that must agree: the probe goes to another place."""
+        """Clear the readings that must agree, and store their median: the probe leaves the site."""
         good = [r.thickness for r in self._last if not r.reason]
         if good:
             self._sites.append(float(np.median(good)))
         self._last.clear()
 
     def restart(self) -> None:
-        """Forget the readings that must agree: the probe touches the same place anew."""
+        """Clear the readings that must agree: the probe touches the same site again."""
         self._last.clear()
 
     def _judge(self, t: float, ascan: Array) -> Reading:
-        """Apply the rules, each reading's own first, then those of several."""
+        """Read one A-scan and apply the rules: those of a single reading, then those of several."""
         reading = self._read(t, ascan)
         if reading.reason:
             self._last.clear()
@@ -221,7 +227,7 @@ class ThicknessGauge:
         return reading
 
     def _read(self, t: float, ascan: Array) -> Reading:
-        """Read one A-scan without its neighbours."""
+        """Read one A-scan and apply the rules of a single reading."""
         rules, setup = self.rules, self.setup
         found = find_echoes(ascan, setup.pulse, rules.threshold_fsh)
         first = found.amplitudes[0] if found.times else 0.0
@@ -272,10 +278,10 @@ class ThicknessGauge:
         return Reading(t, thickness, K95 * std, first, snr, "")
 
     def _find_other(self, ascan: Array, found: FoundEchoes, thickness: float) -> float:
-        """Return the thickness (m) of a second wall under the face, 0 where there is none.
+        """Return the thickness (m) of a second wall under the face, 0 if there is none.
 
-        Its first echo lies before the second one of the wall that is read. Noise of a normal
-        distribution reaches `other_db` = 15 dB in one of 1e6 A-scans.
+        The first echo of the second wall arrives before the second echo of the wall that is read.
+        Normally distributed noise reaches `other_db` = 15 dB in one of 1e6 A-scans.
         """
         setup, first = self.setup, found.times[0]
         strong = max(found.noise * 10 ** (self.rules.other_db / 20), self.rules.other_fsh)
@@ -286,7 +292,7 @@ class ThicknessGauge:
         return 0.0
 
     def _measure(self, ascan: Array, found: FoundEchoes) -> tuple[float, float]:
-        """Return the thickness, and how far the next spacing differs from it (m)."""
+        """Return the thickness (m) and its difference (m) from the next echo spacing, 0 if none."""
         setup, pulse = self.setup, self.setup.pulse
         if self.mode == "single":
             return _read_single(setup, ascan, found.times[0]), 0.0
@@ -300,9 +306,9 @@ class ThicknessGauge:
 
 
 def _read_single(setup: GaugeSetup, ascan: Array, time: float) -> float:
-    """Thickness (m) from the echo at `time` (s), by correlation with that of the set-up.
+    """Return the thickness (m) from the echo at `time` (s), by correlation with the set-up's echo.
 
-    The V path of a dual probe is taken out.
+    The result is corrected for the V path of a dual probe.
     """
     delay = _measure_between((setup.echo, setup.first), (ascan, time), setup.pulse)
     way = 0.5 * setup.velocity * (setup.first + delay - setup.zero)
@@ -312,7 +318,7 @@ def _read_single(setup: GaugeSetup, ascan: Array, time: float) -> float:
 def _measure_between(
     one: tuple[Array, float], two: tuple[Array, float], pulse: Pulse
 ) -> float:  # fmt: skip
-    """Time (s) between the first echoes of two A-scans, by correlation of one joined signal."""
+    """Return the time (s) between the first echoes of two A-scans, correlated as one signal."""
     (a, ta), (b, tb) = one, two
     joined = np.concatenate([a, b])
     shift = a.size / pulse.rate

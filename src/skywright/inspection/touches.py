@@ -1,12 +1,13 @@
-"""Where a surface is, from touches: Bayesian least squares on what the map says of it.
+"""Estimate pose and size of a surface from touches: Bayesian least squares with the map as prior.
 
-A touch tells where the middle of the tip's sphere was: a tip's radius off the surface. The map is
-the prior. What touches cannot show stays as the map has it: a cylinder's place along its axis and
-its turn about it, a plane's place along itself. Over a short arc the radius hardly shows either, so
-it stays near the map's value without a rule of its own.
+A touch gives the centre of the tip's sphere, one tip radius from the surface. Parameters that
+touches cannot determine keep the map's value: the position of a cylinder along its axis, its
+rotation about the axis, and the position of a plane along itself. Over a short arc touches hardly
+determine the radius, and it stays near the map's value without a special rule.
 
-One touch may be false (a gust, a cable, a bracket): when all together contradict map and stated
-deviations (chi-square at 0.999), the one whose absence explains most is left out.
+One touch may be false (a gust, a cable, a bracket). If all touches together contradict the map and
+the stated deviations (chi-square at 0.999), the fit leaves out the touch whose removal reduces the
+cost most.
 """
 
 import math
@@ -23,32 +24,32 @@ from skywright.description.world.surface import Cylinder
 from skywright.errors import InputError
 
 CONFIDENCE = 0.999
-"""Share of surveys without a false touch that pass as such."""
+"""Probability that a survey without a false touch passes the chi-square test."""
 LEAST = 1e-6
-"""m, rad: least deviation of a prior; a map error of zero is known that well."""
+"""m, rad; least standard deviation of a prior, also for a map error of zero."""
 
 
 class MapError(NamedTuple):
-    """How far a surface may be from its map, either way, evenly spread: the bounds."""
+    """Bounds of the map's error; the error is uniformly distributed within +- each bound."""
 
-    place: float  # m, each axis
+    place: float  # m, along each axis
     turn: float  # rad, about each axis
     size: float  # m, radius
 
 
 class TouchFit(NamedTuple):
-    """A surface through touches, and how well it is known."""
+    """A surface fitted to touches, and its uncertainty."""
 
-    x: Array  # (k,) the estimate: differences from the map
+    x: Array  # (k,) estimated differences from the map
     covariance: Array  # (k, k)
-    residuals: Array  # (n,) m, of all touches; positive: off the surface
+    residuals: Array  # (n,) m, of all touches; positive: outside the surface
     used: Mask  # (n,)
-    consistent: bool  # whether map, touches and deviations agree, at most one touch left out
+    consistent: bool  # whether map, touches and deviations agree with at most one touch left out
 
 
 class FoundCylinder(NamedTuple):
-    """A cylinder as touches show it; x is (turn about x_P, about z_P, place along x_P, z_P, radius)
-    in the map's frame.
+    """A cylinder fitted to touches; x is (rotation about x_P, about z_P, position along x_P, along
+    z_P, radius) in the map's frame.
     """
 
     cylinder: Cylinder
@@ -56,7 +57,7 @@ class FoundCylinder(NamedTuple):
 
 
 class FoundPlane(NamedTuple):
-    """A plane as touches show it; x is (turn about x_S, about y_S, place along z_S)."""
+    """A plane fitted to touches; x is (rotation about x_S, about y_S, position along z_S)."""
 
     p_WS: Array  # (3,) m
     R_WS: Array  # (3, 3)
@@ -66,10 +67,10 @@ class FoundPlane(NamedTuple):
 def fit_cylinder_touches(
     known: Cylinder, error: MapError, centres: Array, tip_radius: float, std: float
 ) -> FoundCylinder:
-    """Fit a cylinder to the middles `centres` (n, 3) m, in W, of the tip's sphere at its touches.
+    """Fit a cylinder to the centres `centres` (n, 3) m, in W, of the tip's sphere at its touches.
 
-    `known` is the map; `std` (m) is the deviation of a touch across the surface. Raises InputError
-    where a number is not finite.
+    `known` is the map. `std` (m) is the standard deviation of a touch normal to the surface. Raises
+    InputError if a centre is not finite.
     """
     local = (_check(centres) - known.p_WP) @ known.R_WP
     prior = _spread([error.turn, error.turn, error.place, error.place, error.size])
@@ -93,9 +94,10 @@ def fit_cylinder_touches(
 def fit_plane_touches(
     p_WS: Array, R_WS: Array, error: MapError, centres: Array, tip_radius: float, std: float
 ) -> FoundPlane:
-    """Fit a plane, by the map through `p_WS` (3,) m with outward normal z of `R_WS` (3, 3).
+    """Fit a plane to touches.
 
-    See `fit_cylinder_touches`.
+    The map's plane contains `p_WS` (3,) m; its outward normal is z of `R_WS` (3, 3). The other
+    parameters are those of `fit_cylinder_touches`.
     """
     local = (_check(centres) - p_WS) @ R_WS
     prior = _spread([error.turn, error.turn, error.place])
@@ -110,15 +112,15 @@ def fit_plane_touches(
 
 
 def compute_normal_std(found: FoundCylinder, phi: float, s: float = 0.0) -> float:
-    """Return the deviation (m) of the surface across itself at (s, phi) of the map's frame."""
+    """Return the standard deviation (m) of a cylinder along its normal at the map's (s, phi)."""
     c, b = -math.cos(phi), math.sin(phi)
-    # moving outward: place along the normal, radius, and turns times the lever along the axis
+    # outward motion: position along the normal, radius, and rotations times the lever s
     gradient = np.array([s * b, -s * c, c, b, 1.0])
     return math.sqrt(float(gradient @ found.fit.covariance @ gradient))
 
 
 def _fit(off: Callable[[Array], Array], prior: Array, n: int, std: float) -> TouchFit:
-    """Fit all touches, or all but the one that contradicts the others."""
+    """Fit all touches, or all except the one that contradicts the others."""
     used = np.ones(n, bool)
     x, covariance, cost = _solve(off, prior, used, std)
     consistent = cost <= chdtri(max(n, 1), 1.0 - CONFIDENCE)
@@ -135,7 +137,7 @@ def _fit(off: Callable[[Array], Array], prior: Array, n: int, std: float) -> Tou
 def _solve(
     off: Callable[[Array], Array], prior: Array, used: Mask, std: float
 ) -> tuple[Array, Array, float]:
-    """Return estimate, covariance (J' J)^-1 and the sum of squares, prior included."""
+    """Return estimate, covariance (J' J)^-1 and sum of squares; the prior is included."""
 
     def residual(z: Array) -> Array:
         return np.concatenate([off(prior * z)[used] / std, z])
@@ -147,7 +149,7 @@ def _solve(
 
 
 def _spread(bounds: list[float]) -> Array:
-    """Standard deviations of even distributions within +- the bounds."""
+    """Return the standard deviations of uniform distributions within +- the bounds."""
     return np.maximum(np.array(bounds) / math.sqrt(3.0), LEAST)
 
 

@@ -1,4 +1,4 @@
-"""From a scan to a weld: contact, weld signal, crossings, line. Simulated and real data alike."""
+"""Find welds in a simulated or measured scan: contact, weld signal, crossings, lines."""
 
 import math
 from itertools import pairwise
@@ -32,57 +32,57 @@ from skywright.inspection.spikes import reject_spikes
 from skywright.inspection.weld_line import HALF_WIDTH, LAG_PRIOR, WeldLine
 
 MERGE_DISTANCE = 0.004
-"""m; two flagged stretches closer than this, without leaving contact for long, are one crossing."""
+"""m; two flagged stretches closer than this, and within MERGE_TIME, are one crossing."""
 MERGE_TIME = 2.0
-"""s; and no further apart than this."""
+"""s; largest time between two such stretches, and between samples of one stretch."""
 MIN_LENGTH = 0.0015
-"""m; a flagged stretch shorter than this is noise: the coil itself averages over 3.5 mm."""
+"""m; a flagged stretch shorter than this is noise, because the coil averages over 3.5 mm."""
 SIGNIFICANCE = 5.0
-"""Least height of a crossing above the base metal, in standard deviations of its texture."""
+"""Least height of a crossing above the base metal, in standard deviations of the texture."""
 FILLED = 0.5
-"""Least share of a crossing's samples in contact that are on the weld."""
+"""Least share of samples on the weld among a crossing's samples in contact."""
 LONG_LENGTH = 0.035
-"""m; a longer stretch runs along the weld and is cut into pieces of this length."""
+"""m; a longer stretch runs along the weld and is divided into pieces of about this length."""
 
 
 class WeldResult(NamedTuple):
-    """A processed scan; arrays are (n,), one value a sample, NaN where the sample was invalid."""
+    """A processed scan; arrays are (n,), one value per sample, NaN if the sample is invalid."""
 
     t: Array  # s
     s: Array  # m, along the axis
-    c: Array  # m, around it
-    gap: Array  # m, measured tip to surface
+    c: Array  # m, around the axis
+    gap: Array  # m, measured distance from tip to surface
     lift_off: Array  # instrument units
     weld: Array  # instrument units
     contact: Mask
     on_weld: Mask
     contact_fraction: float
     crossings: tuple[Crossing, ...]
-    lines: tuple[WeldLine, ...]  # the one with most crossings first
-    calibration: Calibration  # with the weld axis that was used
+    lines: tuple[WeldLine, ...]  # the line with most crossings first
+    calibration: Calibration  # includes the weld axis that was used
     surface: Cylinder
     notes: tuple[str, ...]
     level: float  # instrument units, least peak of a crossing
-    contrasts: tuple[float, ...]  # of each line, or of all crossings: median peak over `level`
+    contrasts: tuple[float, ...]  # median peak over `level`, by line; all crossings if no line
 
     @property
     def line(self) -> WeldLine | None:
-        """The line with most crossings."""
+        """The line with most crossings, None if there is none."""
         return self.lines[0] if self.lines else None
 
     def list_crossings(self, line: int) -> list[Crossing]:
-        """Return the crossings of a line, by its index."""
+        """Return the crossings of the line with the index `line`."""
         return [x for x in self.crossings if x.line == line]
 
 
 def detect_contact(ec: NDArray[Any], calibration: Calibration) -> tuple[Array, Array, Mask]:
-    """(lift_off, weld, contact), each (n,): contact where |lift_off| < threshold (Tognon 2018)."""
+    """Return (n,) lift_off, weld and contact; contact: |lift_off| < threshold (Tognon 2018)."""
     lift_off, weld = compute_components(ec, calibration)
     return lift_off, weld, np.abs(lift_off) < calibration.lift_off_threshold
 
 
 def _runs(flag: Mask, t: Array, s: Array, c: Array) -> list[tuple[int, int]]:
-    """Stretches [start, stop) of set flags; a gap in the recording ends one."""
+    """Return the stretches [start, stop) of set flags; a gap in the recording ends a stretch."""
     jump = np.zeros(flag.size + 1, bool)
     jump[1:-1] = (np.diff(t) > MERGE_TIME) | (np.hypot(np.diff(s), np.diff(c)) > 0.01)
     runs = []
@@ -98,7 +98,7 @@ def _merge_runs(runs: list[tuple[int, int]], t: Array, s: Array, c: Array) -> li
     for start, stop in runs:
         if merged:
             first, last = merged[-1][0], merged[-1][1]
-            # means of a few samples: one measured position is too noisy to compare
+            # means of a few samples, because one measured position is too noisy to compare
             a, b = slice(max(first, last - 5), last), slice(start, min(stop, start + 5))
             apart = math.hypot(
                 float(np.mean(s[a])) - float(np.mean(s[b])),
@@ -120,10 +120,11 @@ def _locate(
     surface: Cylinder,
     normal: tuple[float, float] | None = None,
 ) -> Crossing | None:
-    """Centroid of one stretch above half its peak, weighted along the path, not in time.
+    """Return the crossing at the centroid of one stretch, None if the stretch is too short.
 
-    The place along the motion counts, or along the weld's `normal` (s, c) once that is known:
-    then a path that wanders while it crosses at a slant does no harm.
+    The centroid is that of the signal above half the peak, weighted by path length, not by time.
+    It is taken along the direction of motion, or along the weld's `normal` (s, c) if given. With a
+    normal, a path that wanders during an oblique crossing does not shift the centroid.
     """
     count = t.size
     peak = float(np.quantile(weld, 0.95)) if count > 20 else float(np.max(weld))
@@ -132,7 +133,7 @@ def _locate(
     duration = float(t[-1] - t[0])
     if count < 3 or duration <= 0:
         return None
-    # velocity by regression: differences of measured positions are mostly noise
+    # velocity by regression, because differences of measured positions are mostly noise
     tau = t - t.mean()
     v = tau @ d / float(tau @ tau)
     direction = np.linalg.eigh(d.T @ d)[1][:, -1] if normal is None else np.array(normal)
@@ -150,13 +151,13 @@ def _locate(
     if not total > 0:
         height, total = np.ones(count), float(count)
     centre = float(height @ xs) / total
-    # position across the motion and time at that place, from neighbours of the place
+    # position across the motion, and time, from the samples near the centroid
     near = np.abs(x - centre) <= max(0.15 * length, float(np.sort(np.abs(x - centre))[2]))
     across = d @ np.array([-direction[1], direction[0]])
     offset = float(np.mean(across[near]))
     s_c = middle_s + centre * direction[0] - offset * direction[1]
     c_c = middle_c + centre * direction[1] + offset * direction[0]
-    # a slope of the noise over the stretch moves the centroid; so does the positions' own noise
+    # a slope of the noise over the stretch moves the centroid; the position noise does too
     position_noise = robust_std(x - float(direction @ v) * tau)
     slope = 0.25 * length * noise / max(peak, 1e-12)
     std = math.sqrt(slope**2 + min(2 * position_noise, 0.02) ** 2 / count + (5e-5) ** 2)
@@ -178,9 +179,9 @@ def _locate(
 def _is_crossed(x: Array, before: bool, after: bool) -> bool:
     """Whether a stretch leads from one side of the weld to the other.
 
-    `x` (n,) m along the weld's normal, or along the stretch; `before`, `after`: base metal was
-    seen next to its start and its end. A path that turns on the weld, or ends there, shows one
-    flank only: the middle of what it saw is not the weld's.
+    `x` (n,) m is the position along the weld's normal, or along the stretch. `before` and `after`:
+    whether base metal was measured next to the start and the end. A path that turns or ends on the
+    weld measures one flank only, and the middle of its stretch is not the middle of the weld.
     """
     count = min(max(x.size // 20, 3), x.size)
     net = abs(float(np.mean(x[-count:])) - float(np.mean(x[:count])))
@@ -199,12 +200,13 @@ def find_crossings(
     base: Mask,
     lines: list[WeldLine],
 ) -> tuple[list[Crossing], list[Crossing]]:
-    """(crossings, points for the lines) of a scan; `base` (n,) flags contact off the weld.
+    """Return (crossings, points for the lines) of a scan.
 
-    Each stretch is located along the path, then along the normal of the line of `lines` that it
-    lies on.
-    They are the same, except where the path runs along the weld: such a stretch is one crossing
-    but several points, each as uncertain as the weld is wide. So is a one-sided stretch.
+    `base` (n,) flags contact on base metal. Each stretch is located along the path. If it lies on a
+    line of `lines` and crosses it, it is located again along the normal of that line. Crossings and
+    points are the same, unless the path runs along the weld: such a stretch is one crossing but
+    several points. The standard deviation of these points, and of one-sided stretches, is at
+    least HALF_WIDTH.
     """
     crossings: list[Crossing] = []
     points: list[Crossing] = []
@@ -218,7 +220,7 @@ def find_crossings(
         span = slice(start, stop)
         stretch = (t[span], s[span], c[span], weld[span], noise, surface)
         found = _locate(*stretch)
-        # a stretch merged of scattered samples is interference: a weld shows in all
+        # a stretch merged from scattered samples is interference: on a weld all samples are high
         filled = np.sum(on_weld[span]) >= FILLED * np.sum(on_weld[span] | base[span])
         if found is None or not filled:
             continue
@@ -228,7 +230,7 @@ def find_crossings(
         d = np.stack([s[span], c[span]], axis=1)
         d -= d.mean(axis=0)
         x = d @ (np.linalg.eigh(d.T @ d)[1][:, -1] if normal is None else np.array(normal))
-        # a few samples: the probe may chatter where the weld begins
+        # a few samples, because the probe may chatter at the edge of the weld
         before = is_base(slice(max(start - 5, 0), start), start)
         after = is_base(slice(stop, stop + 5), stop - 1)
         if not _is_crossed(x, before, after):
@@ -244,7 +246,7 @@ def find_crossings(
         for index in np.array_split(np.arange(start, stop), pieces):
             piece = _locate(t[index], s[index], c[index], weld[index], noise, surface)
             if piece is not None:
-                # pieces of a path along one flank are all off to the same side
+                # pieces of a path along one flank share the sign of their error
                 shared = math.sqrt(pieces) if found.one_sided else 1.0
                 points.append(piece._replace(std=HALF_WIDTH * shared, one_sided=found.one_sided))
     return crossings, points
@@ -260,15 +262,15 @@ def process_scan(
     exclude: tuple[float, float] | None = None,
     lag_std: float = LAG_PRIOR,
 ) -> WeldResult:
-    """Find contact, crossings and the weld line of a scan.
+    """Find contact, crossings and the weld lines of a scan.
 
     Parameters: `t` (n,) s, increasing; `ec` (n, 2) or complex (n,), instrument units; `p_WT`
-    (n, 3) m, measured tip in W; `surface` as built or fitted; `exclude` a time span (s) whose
-    contact is not looked at for welds (the calibration); `lag_std` (s) how well the lag between
-    signal and position is known. Samples with NaN are left out.
-    Where the calibration knows no weld axis, it is estimated from this scan; a calibration that
-    was taken on the weld is moved to this scan's base metal, or no line is reported.
-    Raises InputError for arrays that do not fit together.
+    (n, 3) m, measured tip in W; `surface` as built or fitted; `exclude` a time span (s) that is not
+    searched for welds (the calibration); `lag_std` (s) the standard deviation of the lag between
+    signal and position. Samples with NaN are left out.
+    If the calibration has no weld axis, the axis is estimated from this scan. A calibration taken
+    on the weld is moved to this scan's base metal; if that is impossible, no line is reported.
+    Raises InputError if the arrays do not fit together or times decrease.
     """
     t = np.asarray(t, float).ravel()
     w = to_complex(ec)
@@ -319,8 +321,8 @@ def process_scan(
     weld = remove_drift(s, c, weld, contact & searched, calibration.weld_threshold)
     on_weld = contact & searched & (weld > calibration.weld_threshold) & sound
 
-    # the texture of the steel moves the same way as the weld, only less: what is found must
-    # stand out of the base metal that this scan saw
+    # the texture of the steel moves the signal in the same direction as the weld, but less: a
+    # crossing must exceed the texture of this scan's base metal
     quiet = contact & (np.abs(weld) < calibration.weld_threshold)
     noise = robust_std(weld[quiet])
     base = float(np.median(weld[quiet])) if quiet.any() else 0.0
@@ -329,7 +331,7 @@ def process_scan(
     data = (t[index], s[index], c[index], weld[index] - base, on_weld[index], noise, surface)
     path = (s[index], c[index], contact[index] & searched[index])
     lines: list[WeldLine] = []
-    for _ in range(3):  # a line's normal refines its crossings, which refine the line
+    for _ in range(3):  # a line's normal refines its crossings, and these refine the line
         found, points = find_crossings(*data, off_weld[index], lines)
         crossings = [x for x in found if x.peak >= SIGNIFICANCE * noise]
         points = [x for x in points if x.peak >= SIGNIFICANCE * noise]

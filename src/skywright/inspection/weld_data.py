@@ -1,4 +1,4 @@
-"""The weld map of a scan file: what `skywright weld DATA.csv` does, without the picture."""
+"""Compute the weld map of a scan file, as `skywright weld DATA.csv` does, without the picture."""
 
 import math
 from pathlib import Path
@@ -29,11 +29,11 @@ from skywright.inspection.weld_line import LAG_PRIOR
 from skywright.recordings.text_table import parse_span
 
 LEAST_SEARCHED = 0.1
-"""Least share of the contact samples that a calibration span must leave to be searched."""
+"""Least share of the contact samples that must lie outside a given calibration span."""
 
 FILE_LAG = 0.1
-"""s, standard deviation of the lag between signal and position in a file: two devices' clocks and
-filters. In a run it is that of `weld_line.LAG_PRIOR`."""
+"""s, standard deviation of the lag between signal and position in a file, caused by the clocks and
+filters of two devices. For a run, `weld_line.LAG_PRIOR` is used."""
 
 
 class WeldReport(NamedTuple):
@@ -44,14 +44,14 @@ class WeldReport(NamedTuple):
     result: WeldResult
     fit: SurfaceFit
     calibration_span: tuple[float, float] | None  # s
-    tilt: Array | None  # (n,) rad, probe to the inward normal
+    tilt: Array | None  # (n,) rad, from the inward normal to the probe
     notes: tuple[str, ...]
 
     def to_json(self) -> dict[str, Any]:
-        """The object that `skywright weld --json` prints (plain numbers, no NaN).
+        """Return the object that `skywright weld --json` prints (plain numbers, no NaN).
 
-        `angle_deg` is measured from the circumferential direction; positive: along the printed
-        axis while turning right-handed about it.
+        `angle_deg` is measured from the circumferential direction. It is positive if the line
+        advances along the printed axis while it turns right-handed about that axis.
         """
         found, surface = describe_welds(self.result), self.result.surface
         fit = self.fit
@@ -82,8 +82,8 @@ class WeldReport(NamedTuple):
 def describe_welds(result: WeldResult) -> dict[str, Any]:
     """Return lines and crossings as plain numbers, in W.
 
-    `points_m` of a line are five places on it from its first to its last crossing; the deviations
-    are those at `point_m`, across the line and of its direction.
+    `points_m` of a line are five points on it from its first to its last crossing. The standard
+    deviations apply at `point_m`: across the line, and of its direction.
     """
     surface, lines = result.surface, []
     for k, line in enumerate(result.lines):
@@ -116,7 +116,7 @@ def describe_welds(result: WeldResult) -> dict[str, Any]:
 
 
 def _tell_lag(result: WeldResult, lag_std: float) -> list[str]:
-    """Notes on a lag between signal and position that was found, or that cannot be."""
+    """Return notes on a lag between signal and position: its value, or that it is unknown."""
     if not result.lines or lag_std <= LAG_PRIOR:
         return []
     line = result.lines[0]
@@ -141,9 +141,9 @@ def _round(x: Array, digits: int) -> list[float]:
 
 
 def find_approach(scan: Scan) -> tuple[float, float]:
-    """Time span (s) of the first approach, air to contact, by the signal alone.
+    """Return the time span (s) of the first approach, air to contact, from the signal alone.
 
-    Raises InputError where the file does not start in air.
+    Raises InputError if the file does not start with an approach from air.
     """
     w = to_complex(scan.ec)
     sound = ~find_spikes(w)
@@ -152,7 +152,7 @@ def find_approach(scan: Scan) -> tuple[float, float]:
     far = np.abs(w - np.median(w[: max(5, w.size // 200)])) / (scale or 1.0)
     reach = float(np.quantile(far, 0.9))
     touched = np.flatnonzero(far > 0.85 * reach)
-    # contact is the signal that lasts, not a passing spike
+    # contact lasts, a spike does not
     for index in touched:
         if np.mean(far[index : index + 20] > 0.8 * reach) > 0.9:
             touch = float(t[index])
@@ -196,9 +196,9 @@ def _calibrate(
 
 
 def _check_span(scan: Scan, span: tuple[float, float], contact: Mask, given: bool) -> str | None:
-    """A note where the calibration span holds most of the contact, which is then not searched.
+    """Return a note if most contact samples are in the calibration span, which is not searched.
 
-    Raises InputError where it was `given` and leaves next to nothing.
+    Raises InputError if the span is `given` and less than LEAST_SEARCHED of them are outside.
     """
     total = int(contact.sum())
     inside = int((contact & (scan.t >= span[0]) & (scan.t <= span[1])).sum())
@@ -217,7 +217,7 @@ def _check_span(scan: Scan, span: tuple[float, float], contact: Mask, given: boo
 
 
 def _drop_jumps(scan: Scan) -> Scan:
-    """Drop, with a note, the rows in which the tracker's position is elsewhere for an instant."""
+    """Drop the rows in which the tracker's position jumps and returns, with a note."""
     jumps = find_spikes(scan.p_WT)
     if not jumps.any():
         return scan
@@ -245,10 +245,10 @@ def process_file(
 ) -> WeldReport:
     """Process a scan file: calibrate, find the surface, contact, crossings and the weld lines.
 
-    `path` may be a run's directory or recording; then the touch before the scan calibrates.
-    `columns` tells the file's own names and units: "t=Time[ms],x=X[mm],re=Real".
-    Without `calibrate` and `calibration_file` the first approach in the file is used, and noted.
-    Raises InputError, in one line, for whatever is wrong with the input.
+    `path` may also be a run's directory or recording. Without `calibrate` and `calibration_file`
+    the calibration uses the touch before the scan of a run, or the first approach in a file, with
+    a note. `columns` gives the file's names and units: "t=Time[ms],x=X[mm],re=Real".
+    Raises InputError, in one line, if the input is invalid.
     """
     path = Path(path)
     for name, value in (("lift-off", lift_off_threshold), ("weld", weld_threshold)):

@@ -1,13 +1,13 @@
-"""A weld line through crossings on the unrolled surface, with an honest uncertainty.
+"""Estimate a weld line through crossings on the unrolled surface, with its uncertainty.
 
-A weld is where a plane cuts the pipe: s = s0 + tan(angle) u + lean w with u = R sin phi and
-w = R (1 - cos phi), phi counted from the middle of the crossings. Over u it is straight but for its
-lean, a parameter with a prior; a seam along the axis has none.
-Total least squares in normal form, so that a seam along the axis is no special case; consensus of
-all pairs against false crossings (Fischler and Bolles, Commun. ACM 24, 381 (1981)); Huber weights;
-a signal that lags the position shifts crossings along the direction of motion, so the lag is a
-third parameter with a prior: passes in opposite directions determine it, passes in one direction
-leave it to widen the uncertainty.
+A weld is the intersection of a plane and the pipe: s = s0 + tan(angle) u + lean w with
+u = R sin phi and w = R (1 - cos phi). phi is measured from the middle of the crossings. Over u the
+weld is straight except for its lean, a parameter with a prior. A seam along the axis has no lean.
+The method is total least squares in normal form, in which a seam along the axis is no special case.
+A consensus of all pairs rejects false crossings (Fischler and Bolles, Commun. ACM 24, 381 (1981));
+the fit uses Huber weights. A signal that lags the position shifts crossings along the direction of
+motion. The lag is therefore a further parameter with a prior. Passes in opposite directions
+determine it; with passes in one direction it increases the uncertainty.
 """
 
 import math
@@ -24,34 +24,35 @@ from skywright.description.world.surface import build_weld_curve
 LEAN_PRIOR = math.tan(math.radians(10.0))
 """Standard deviation of the lean."""
 LEANS = tuple(LEAN_PRIOR * k for k in (0.0, -0.7, 0.7, -1.4, 1.4, -2.1, 2.1))
-"""What the consensus tries."""
+"""Values of the lean that the consensus tries."""
 LAG_PRIOR = 0.03
 """s, standard deviation of the unknown lag between probe signal and position."""
 LAG_STEPS = (0, -2, 2, -4, 4, -6, 6)
-"""What the consensus tries of a lag whose standard deviation is larger, in such."""
+"""Lags that the consensus tries if `lag_std` is above LAG_PRIOR, in multiples of `lag_std`."""
 LAG_LOSS = 2.0
-"""Points that a lag of 1 s loses there: a lag explains two welds that each miss a crossing, too."""
+"""Points subtracted in the consensus per second of lag: a lag also explains two welds that each
+lack a crossing."""
 SCALE_PRIOR_COUNT = 4.0
-"""How many residuals the crossings' own standard deviations count for, against what is seen."""
+"""Weight, in residuals, of the crossings' own standard deviations in the scale of the residuals."""
 SEAM = 0.1
-"""Cosine of the angle below which a line counts as a seam along the axis."""
+"""A line whose angle has a cosine below this counts as a seam along the axis."""
 HALF_WIDTH = 0.005
-"""m; least standard deviation of a place on a weld that was not crossed from side to side."""
+"""m; least standard deviation of a point on a weld that was not crossed from side to side."""
 SLANT = 0.01
-"""Points that a line at 45 deg to the pipe's axis loses in the consensus: it settles ties."""
+"""Points subtracted in the consensus for a line at 45 deg to the pipe's axis; it breaks ties."""
 ALONG = math.cos(math.radians(10.0))
 HUBER = 2.0
 INLIER = 0.006
-"""m, least distance at which a crossing is called off the line."""
+"""m, lower bound of the distance at which a crossing no longer belongs to a line."""
 WIDEST = 0.02
-"""m, largest such distance: however uncertain, a place further away says nothing of this line."""
+"""m, upper bound of that distance: a crossing beyond it is not on the line, even if uncertain."""
 
 
 class WeldLine(NamedTuple):
-    """The line through (s, c) whose direction there is `angle` from the circumferential direction.
+    """A line through (s, c), at `angle` from the circumferential direction at that point.
 
-    `std_offset` is that of the line across itself at (s, c), the middle of its crossings, where
-    offset and angle are uncorrelated.
+    `std_offset` is the standard deviation of the line normal to itself at (s, c). This is the
+    middle of its crossings, where offset and angle are uncorrelated.
     """
 
     s: float  # m
@@ -59,19 +60,19 @@ class WeldLine(NamedTuple):
     angle: float  # rad, in (-pi/2, pi/2]; positive: s grows with c
     std_offset: float  # m
     std_angle: float  # rad
-    lag: float  # s, by which the signal follows the position
+    lag: float  # s, of the signal behind the position
     std_lag: float  # s
     inliers: tuple[int, ...]  # indices of the crossings on the line
     lean: float = 0.0
     radius: float = math.inf  # m, of the pipe
 
     def measure_distance(self, s: Array | float, c: Array | float) -> Array:
-        """Return the signed distance (m) of points from the line across itself."""
+        """Return the signed distance (m) of points from the line, normal to it."""
         (u, w), s = _flatten(np.asarray(c) - self.c, self.radius), np.asarray(s) - self.s
         return np.asarray((s - self.lean * w) * math.cos(self.angle) - u * math.sin(self.angle))
 
     def follow(self, way: Array) -> tuple[Array, Array]:
-        """Return (s, c), each (n,) m, at distances `way` (n,) m along the line that touches it."""
+        """Return (s, c), (n,) m each, at distances `way` (n,) m along the line's tangent."""
         around = way * math.cos(self.angle)
         _, w = _flatten(around, self.radius)
         climb = way * math.sin(self.angle) * np.sinc(around / self.radius / math.pi)
@@ -79,7 +80,7 @@ class WeldLine(NamedTuple):
 
 
 def _flatten(c: Array, radius: float) -> tuple[Array, Array]:
-    """Return u and w (m) of distances `c` (m) around the pipe; a plane's are c and zero."""
+    """Return u and w (m) for distances `c` (m) around the pipe; c and zero for a plane."""
     if not math.isfinite(radius):
         return np.asarray(c), np.zeros(np.shape(c))
     return radius * np.sin(c / radius), radius * (1.0 - np.cos(c / radius))
@@ -87,7 +88,7 @@ def _flatten(c: Array, radius: float) -> tuple[Array, Array]:
 
 class _Fit(NamedTuple):
     middle: Array  # (2,) m, u and s
-    offset: float  # m, of the line across itself from there
+    offset: float  # m, of the line from `middle`, normal to itself
     angle: float  # rad
     lag: float  # s
     lean: float
@@ -102,7 +103,7 @@ class _Fit(NamedTuple):
         return np.array([-math.sin(self.angle), math.cos(self.angle)])
 
     def measure(self, q: Array, bow: Array, v: Array) -> Array:
-        """Distances (m) of crossings from it."""
+        """Return the signed distances (m) of crossings from the line."""
         n = self.n
         out = (q - self.middle) @ n - self.offset - self.lag * (v @ n) - self.lean * bow * n[1]
         return np.asarray(out)
@@ -118,10 +119,11 @@ def _get_limit(std: Array) -> Array:
 
 
 def _consensus(q: Array, w: Array, v: Array, std: Array, lag_std: float) -> NDArray[np.bool_]:
-    """Boolean (n,): the largest set of points that one line through two of them explains.
+    """Flag (n,) the largest set of points that one line through two of them explains.
 
-    Of equally large ones that along or across the pipe's axis counts, as welds are girths or seams
-    mostly, and none through two crossings of one pass: a path does not cross what it follows.
+    Of sets of equal size, the one along or across the pipe's axis is chosen, because most welds are
+    girths or seams. A line through two crossings of one pass is excluded, because a path does not
+    cross a line that it follows.
     """
     n = len(q)
     limit = _get_limit(std)
@@ -158,11 +160,11 @@ def estimate_weld_line(
     radius: float = math.inf,
     lag_std: float = LAG_PRIOR,
 ) -> WeldLine | None:
-    """Line through crossings at (s, c) m, passed at velocity (v_s, v_c) m/s.
+    """Return the line through crossings at (s, c) m, crossed at velocity (v_s, v_c) m/s.
 
-    `std` (n,) m is each crossing's own standard deviation along its motion, `radius` (m) the
-    pipe's, infinite for a plane, `lag_std` (s) how well the lag is known. None where fewer than two
-    crossings stand apart (an angle needs two).
+    `std` (n,) m is each crossing's own standard deviation along its motion, `radius` (m) that of
+    the pipe (infinite for a plane), and `lag_std` (s) the standard deviation of the lag. Returns
+    None if fewer than two crossings are far enough apart, because an angle requires two.
     """
     s, c = np.asarray(s, float), np.asarray(c, float)
     c0 = float(np.median(c)) if len(c) else 0.0
@@ -174,7 +176,7 @@ def estimate_weld_line(
         return None
     inlier = _consensus(q, bow, v, std, lag_std)
     fit = None
-    for _ in range(3):  # what a lag or a lean explains comes back
+    for _ in range(3):  # crossings that the lag or lean explains become inliers again
         if np.count_nonzero(inlier) < 2:
             return None
         fit = _solve(q[inlier], bow[inlier], v[inlier], std[inlier], lag_std)
@@ -192,19 +194,19 @@ def estimate_weld_line(
 
 
 def _refer(fit: _Fit, way: Array, c0: float, radius: float) -> WeldLine:
-    """Return the line with its reference where offset and angle are uncorrelated, within `way`."""
+    """Return the line with its reference, within `way`, where offset and angle are uncorrelated."""
     cov, cos, sin = fit.cov, math.cos(fit.angle), math.sin(fit.angle)
     slide = float(np.clip(-cov[0, 1] / cov[1, 1], np.min(way), np.max(way)))
     point = fit.middle + fit.offset * fit.n + slide * fit.t
-    turn = 0.0  # about the pipe, from c0
+    turn = 0.0  # rad about the pipe, from c0
     if math.isfinite(radius):
         turn = math.asin(min(max(float(point[0]) / radius, -1.0), 1.0))
     around = radius * turn if math.isfinite(radius) else float(point[0])
     bow = float(_flatten(np.asarray(around), radius)[1])
-    # s0 + A u + B w, counted from there
+    # slope and lean of s0 + A u + B w at that point
     climb = sin * math.cos(turn) + fit.lean * cos * math.sin(turn)
     angle = math.atan2(climb, cos)
-    lean = fit.lean  # a seam along the axis has none to turn
+    lean = fit.lean  # a seam along the axis has no lean to rotate
     if turn and abs(cos) > SEAM:
         lean = fit.lean * math.cos(turn) - sin / cos * math.sin(turn)
     across = np.array([1.0, slide, 0.0, bow * cos])
@@ -237,7 +239,7 @@ def _solve(q: Array, bow: Array, v: Array, std: Array, lag_std: float) -> _Fit |
     for _ in range(30):
         t = np.array([math.cos(angle), math.sin(angle)])
         n = np.array([-t[1], t[0]])
-        rise = bow * n[1]  # of one unit of lean, across the line
+        rise = bow * n[1]  # normal to the line, per unit of lean
         residual = d @ n - offset - lag * (v @ n) - lean * rise
         jac = np.stack([np.ones(len(q)), d @ t - lag * (v @ t), v @ n, rise], axis=1)
         scale = math.sqrt(
@@ -265,10 +267,10 @@ def _solve(q: Array, bow: Array, v: Array, std: Array, lag_std: float) -> _Fit |
 
 
 def compute_line_error(line: WeldLine, weld: Weld, radius: float) -> tuple[float, float]:
-    """(offset, angle) errors (m, rad) of an estimated line against the true weld of a pipe.
+    """Return the (offset, angle) errors (m, rad) of an estimated line against a pipe's true weld.
 
-    Both are taken at the line's reference point, the middle of its crossings: elsewhere the
-    angle's error would mix in.
+    Both are taken at the line's reference point, the middle of its crossings. Elsewhere the offset
+    would include the angle's error.
     """
     true = build_weld_curve(weld, radius)
     offset = float(true.measure_distance(line.s, line.c))

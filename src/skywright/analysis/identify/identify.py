@@ -163,7 +163,7 @@ def identify(
     notes.append("used: " + _tell_parts(parts))
     r2 = fit.prediction.r_squared(fit.prediction.predicted)[3:]
     notes += [
-        f"R² about {axis} is {r:.2g} on held-out parts: what that axis tells is not used"
+        f"R² about {axis} is {r:.2g} on held-out parts: the result of this axis is not used"
         for axis, r, unused in zip("xyz", r2, fit.unused, strict=True)
         if unused
     ]

@@ -94,7 +94,7 @@ def estimate_station_pose(
         raise InputError(f"{n} common points; the station's frame requires at least {LEAST_POINTS}")
     used = np.ones(n, dtype=bool)
     notes: list[str] = []
-    free = 4 if level else 6
+    free, ambiguous = 4 if level else 6, False
     while True:
         fit = _adjust(known[used], measured[used], std, level)
         R, p, cov, centre = fit
@@ -113,12 +113,13 @@ def estimate_station_pose(
                 f"point {names[worst]!r} is inconsistent, but with {int(used.sum())} "
                 "points the wrong one cannot be identified: measure more points"
             )
+            ambiguous = True
             break
         used[worst] = False
         notes.append(
             f"point {names[worst]!r} left out: {1e3 * float(np.linalg.norm(r[worst])):.0f} mm off"
         )
-    if redundancy > 0 and total > limit and not any("cannot be told" in x for x in notes):
+    if redundancy > 0 and total > limit and not ambiguous:
         notes.append(
             f"the residuals exceed {1000.0 * std:.1f} mm per coordinate (chi squared "
             f"{total:.1f}, at most {limit:.1f})"

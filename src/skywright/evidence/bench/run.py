@@ -63,5 +63,5 @@ def _measure_process(name: str, session: Session) -> Row:
         factors.append(found["timing"]["real_time_factor"])
     return build_row(
         f"{name}process_real_time_factor", factors, limit=case.limit, sense=">=",
-        note=f"{case.note}, report excluded, as `skywright run` tells it",
+        note=f"{case.note}, report excluded, as `skywright run` reports it",
     )  # fmt: skip

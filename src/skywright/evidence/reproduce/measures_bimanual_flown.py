@@ -42,7 +42,7 @@ def measure_press(records: Records) -> Measured:
         "far_torque_off_n": far_torque["rms_error_n"],
         "worse": far["rms_error_n"] / near["rms_error_n"],
     }  # fmt: skip
-    caption = "Platform clamped; one of these closes the loop, a force sensor in the box tells."
+    caption = "Platform clamped; one of these closes the loop. Reference: force sensor in the box."
     return Measured(values, ClaimFigure([bars, errors], caption))
 
 

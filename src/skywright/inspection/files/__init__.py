@@ -1,1 +1,1 @@
-"""Files of others: .nde, tables, JSON in a local frame, DICONDE-style results."""
+"""Exchange file formats: .nde, tables, JSON in a local frame, DICONDE-style results."""

@@ -1,8 +1,8 @@
-"""Results as DICONDE-style files: DICOM with the attributes renamed for components (ASTM E2339).
+"""Write results as DICONDE-style files: DICOM, attributes renamed for components (ASTM E2339).
 
-One file holds the readings or the indications of one component and flight as UT or ET result. The
-tags are those of the DICOM dictionary, group 0014 included; nothing checks conformance to E2663
-(UT) or E2934 (ET), so the files are called DICONDE-style. pydicom is an extra.
+One file contains the readings and indications of one component and flight as a UT or ET result. The
+tags are those of the DICOM dictionary, including group 0014. The files are called DICONDE-style
+because nothing checks conformance to E2663 (UT) or E2934 (ET). pydicom is an extra.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ IMPLEMENTATION = "1.2.826.0.1.3680043.10.1700"
 
 
 class Result(NamedTuple):
-    """What one file holds."""
+    """The contents of one file."""
 
     asset: str
     component: StoredComponent
@@ -37,7 +37,11 @@ class Result(NamedTuple):
 
 
 def write_diconde(result: Result, path: Path) -> None:
-    """Write a result. Raises InputError without pydicom, or where nothing was found or read."""
+    """Write a result.
+
+    Raises InputError if pydicom is missing, if the result has no readings, indications or
+    calibrations, or if the file cannot be written.
+    """
     try:
         from pydicom.dataset import Dataset, FileMetaDataset
         from pydicom.uid import UID, ExplicitVRLittleEndian, generate_uid
@@ -62,7 +66,7 @@ def write_diconde(result: Result, path: Path) -> None:
     d.SOPClassUID, d.SOPInstanceUID = meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID
     d.StudyInstanceUID, d.SeriesInstanceUID = generate_uid(), generate_uid()
     d.Modality = "ES" if eddy else "US"
-    # E2339: the patient is the component
+    # E2339: the component takes the place of the patient
     d.PatientName = f"{result.component.name}^{result.asset}"[:64]
     d.PatientID = f"{result.asset}/{result.component.name}"[:64]
     d.PatientBirthDate, d.PatientSex = "", "O"
@@ -91,7 +95,7 @@ def write_diconde(result: Result, path: Path) -> None:
 
 
 def _write_number(value: float) -> str:
-    """A DS of at most 16 characters."""
+    """Return a number as a DICOM DS of at most 16 characters."""
     return f"{value:.8g}"[:16]
 
 
@@ -117,7 +121,7 @@ def _add_equipment(d: Any, calibrations: Sequence[StoredCalibration]) -> None:
 
 
 def _build_evaluation(result: Result, dataset: Any) -> Any:
-    """One evaluator, with an item of the indication sequence for each reading and indication."""
+    """Return an evaluator whose indication sequence has an item per reading and indication."""
     evaluator = dataset()
     items: list[Any] = []
     evaluator.EvaluatorNumber = 1

@@ -1,12 +1,12 @@
-"""Scans in the open format .nde, version 4.3: HDF5 with a set-up in JSON.
+"""Write and read scans in the open format .nde, version 4.3: HDF5 with a set-up in JSON.
 
     /Properties (JSON)    /Public/Setup (JSON)
     /Public/Groups/0/Datasets/0-AScanAmplitude  int16 [U, V, time]
     /Public/Groups/0/Datasets/1-CScanTime       float64 [U, V] s
     /Public/Groups/0/Datasets/0-Impedance       (r, i) [channel, cycle]
 
-The published schemas check what is written (tests). Coordinates u and v lie on the surface: u
-along, v across. h5py is an extra.
+Tests check the written files against the published schemas. Coordinates u and v lie on the
+surface: u along, v across. h5py is an extra.
 """
 
 from __future__ import annotations
@@ -27,21 +27,21 @@ from skywright.inspection.calibration import ComplexArray
 
 VERSION = "4.3.0"
 FULL = 32767
-"""int16 of full screen height."""
+"""The int16 value of full screen height."""
 SIMULATED = "SIMULATED: computed from models, not measured"
 GROUP = "/Public/Groups/0/Datasets/"
 ENCODERS = "/Public/DataMappings/0/Datasets/"
 
 
 class UltrasonicScan(NamedTuple):
-    """A-scans on a grid of places."""
+    """A-scans on a grid of points."""
 
     ascan: Array  # (u, v, time) share of full screen, -1 to 1
-    time: Array | None  # (u, v) s, time of flight that was gated; NaN: none
+    time: Array | None  # (u, v) s, gated time of flight; NaN: none
     sample_rate_hz: float
-    start_s: float  # of the A-scan, after the transmitted pulse
-    u: tuple[float, float]  # m, first place and distance of neighbours, along
-    v: tuple[float, float]  # m, likewise across
+    start_s: float  # start of the A-scan, after the transmitted pulse
+    u: tuple[float, float]  # m, first point and spacing, along
+    v: tuple[float, float]  # m, first point and spacing, across
     velocity_mps: float
     frequency_hz: float
     diameter_m: float  # of the probe's element
@@ -54,11 +54,11 @@ class UltrasonicScan(NamedTuple):
 
 
 class EddyScan(NamedTuple):
-    """Impedance of one or more coils over the cycles of acquisition."""
+    """Impedance of one or more coils over the acquisition cycles."""
 
     impedance: ComplexArray  # (channel, cycle), instrument units
     position: Array  # (cycle, 2) u, v m, of the probe's centre
-    offsets: Array  # (channel, 2) m, of each coil from it
+    offsets: Array  # (channel, 2) m, of each coil from that centre
     frequency_hz: float
     drive_v: float
     rate_hz: float
@@ -69,7 +69,7 @@ class EddyScan(NamedTuple):
 
 
 def write_nde(path: Path, scan: UltrasonicScan | EddyScan) -> None:
-    """Write a scan whole or not at all. Raises InputError for numbers that a file cannot hold."""
+    """Write a scan, complete or not at all. Raises InputError if numbers or shapes are invalid."""
     h5py = _import_h5py()
     _check(scan)
     ultrasonic = isinstance(scan, UltrasonicScan)
@@ -101,8 +101,8 @@ def write_nde(path: Path, scan: UltrasonicScan | EddyScan) -> None:
 
 
 def read_nde(path: Path) -> UltrasonicScan | EddyScan:
-    """Read the first group of a file. Raises InputError, in one line, for half a file, another
-    format or version, and data that do not fit their set-up.
+    """Read the first group of a file. Raises InputError, in one line, if the file is incomplete, of
+    another format or version, or if its data do not match its set-up.
     """
     h5py = _import_h5py()
     if not path.is_file():
@@ -339,7 +339,7 @@ def _build_eddy(scan: EddyScan) -> dict[str, Any]:
 
 
 def _read_unit(setup: dict[str, Any]) -> tuple[tuple[str, str], float, float]:
-    """(model and serial, acquisition rate, thickness)."""
+    """Return ((model, serial), acquisition rate in Hz, thickness in m)."""
     unit = setup["acquisitionUnits"][0]
     plate = setup["specimens"][0].get("plateGeometry", {})
     model = (str(unit["model"]), str(unit.get("serialNumber", "")))
@@ -347,7 +347,7 @@ def _read_unit(setup: dict[str, Any]) -> tuple[tuple[str, str], float, float]:
 
 
 def _scale(raw: Array, value: dict[str, float]) -> Array:
-    """Values of a dataset in its unit."""
+    """Return the values of a dataset in its unit."""
     share = (raw.astype(float) - value["min"]) / (value["max"] - value["min"])
     return np.asarray(value["unitMin"] + share * (value["unitMax"] - value["unitMin"]))
 
@@ -387,7 +387,7 @@ def _read_eddy(setup: dict[str, Any], raw: Any, places: list[Array], simulated: 
     process = setup["groups"][0]["processes"][0]["eddyCurrent"]
     sensors = setup["probes"][0]["eddyCurrentProbe"]["sensorGroups"][0]["sensors"]
     instrument, rate, thickness = _read_unit(setup)
-    # h5py gives pairs named r and i as complex numbers
+    # h5py returns pairs named r and i as complex numbers
     impedance = np.asarray(raw if raw.dtype.names is None else raw["r"] + 1j * raw["i"])
     position = np.stack([np.asarray(p, float) for p in places], axis=1)
     if len(position) != impedance.shape[1]:

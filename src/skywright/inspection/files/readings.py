@@ -1,8 +1,8 @@
-"""Readings as tables: CSV, Parquet (an extra), and JSON in the local frame of the asset.
+"""Write and read readings: CSV, Parquet (an extra), and JSON in the local frame of the asset.
 
-Written tables have one row a reading and state whether it is SIMULATED. Read tables are those of a
-gauge or of another program: `columns` maps their names and units, `lag` shifts what was read
-against where the probe was.
+A written table has one row per reading and states whether it is SIMULATED. Tables of a gauge or of
+another program can be read: `columns` maps their names and units, and `lag_s` shifts the values
+relative to the probe's positions.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ QUANTITIES = {
     "t": TIMES, "value": LENGTHS, "u95": LENGTHS, "x": LENGTHS, "y": LENGTHS, "z": LENGTHS,
     "place_u95": LENGTHS, "spot": {}, "accepted": {}, "reason": {},
 }  # fmt: skip
-"""What a column gives, with its units; the first is that of a name without one."""
+"""Quantities of columns and their units. A name without a unit is in the first unit; value and
+u95 are in mm with --columns or if the table has a column "unit"."""
 YES, NO = ("1", "true", "yes", "accepted"), ("0", "false", "no", "refused")
 
 
@@ -51,7 +52,7 @@ def flatten_reading(r: StoredReading) -> dict[str, Any]:
 
 
 def write_readings_csv(readings: Sequence[StoredReading], path: Path) -> None:
-    """Write a header and a line a reading; nothing where there is no value."""
+    """Write a header and one line per reading; a cell without a value is empty."""
     rows = [flatten_reading(r) for r in readings]
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -60,7 +61,7 @@ def write_readings_csv(readings: Sequence[StoredReading], path: Path) -> None:
 
 
 def write_readings_parquet(readings: Sequence[StoredReading], path: Path) -> None:
-    """Write the same table as Parquet. Raises InputError without pyarrow."""
+    """Write the same table as Parquet. Raises InputError if pyarrow is missing."""
     try:
         import pyarrow
         import pyarrow.parquet
@@ -87,7 +88,7 @@ def build_local_json(
 ) -> dict[str, Any]:
     """Return readings and indications as points in the frame of the asset.
 
-    Not GeoJSON: that knows longitude and latitude only (RFC 7946).
+    This is not GeoJSON, which supports longitude and latitude only (RFC 7946).
     """
     points = [
         {"kind": "reading", "point_m": [r.reading.x_m, r.reading.y_m, r.reading.z_m],
@@ -109,12 +110,12 @@ def build_local_json(
 
 
 def write_local_json(data: dict[str, Any], path: Path) -> None:
-    """Write `build_local_json` to a file."""
+    """Write the result of `build_local_json` to a file."""
     path.write_text(json.dumps(data, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def parse_columns(text: str) -> dict[str, tuple[str, str]]:
-    """Return {quantity: (name in the file, unit)} of "value=Dicke[mm],t=Zeit[ms]"."""
+    """Parse "value=Dicke[mm],t=Zeit[ms]" and return {quantity: (name in the file, unit)}."""
     found: dict[str, tuple[str, str]] = {}
     for part in text.split(","):
         match = re.fullmatch(r"\s*(\w+)\s*=\s*([^\[\]]+?)\s*(?:\[\s*(\w*)\s*\])?\s*", part)
@@ -138,10 +139,10 @@ def load_readings(
 ) -> list[Row]:
     """Read thickness readings of a gauge: CSV or Parquet with a header.
 
-    `start` is the time that numbers of the column t count from; ISO 8601 stands for itself. With
-    `lag_s` a value belongs to the place where the probe was that long before it was recorded:
-    places are interpolated over time. Raises InputError in one line, with the row, for a table
-    without values and places (or spots), cells that are no numbers, and lags beyond the file.
+    Numbers in the column t are times since `start`; ISO 8601 times are absolute. A value belongs to
+    the position of the probe `lag_s` before the value was recorded; positions are interpolated over
+    time. Raises InputError in one line, with the row, if the table has no values or no places (or
+    spots), if a cell is not a number, or if the lag exceeds the time span of the file.
     """
     header, rows = _load_cells(path)
     places = _find_columns(path, header, parse_columns(columns) if columns else {})
@@ -197,7 +198,7 @@ def _get(values: list[float] | None, k: int, factor: float) -> float | None:
 
 
 def _load_cells(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
-    """Header and (number, cells) of each row."""
+    """Return the header and the (number, cells) of each row."""
     if path.suffix.lower() == ".parquet":
         try:
             import pyarrow
@@ -235,7 +236,7 @@ def _load_cells(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
 def _find_columns(
     path: Path, header: list[str], given: dict[str, tuple[str, str]]
 ) -> dict[str, tuple[int, float]]:
-    """{quantity: (column, factor to SI)}."""
+    """Return {quantity: (column, factor to SI)}."""
     plain = [name.strip().lower() for name in header]
     shown = ", ".join(name[:30] or "(empty)" for name in header[:14])
     found: dict[str, tuple[int, float]] = {}
@@ -289,7 +290,7 @@ def _read_times(
 def _shift(
     path: Path, times: list[datetime], points: list[list[float]], lag_s: float, start: datetime
 ) -> list[list[float]]:
-    """Places (3 lists) where the probe was `lag_s` before each row."""
+    """Return the positions (3 lists) of the probe `lag_s` before each row."""
     t = np.array([(x - start).total_seconds() for x in times])
     if not math.isfinite(lag_s) or abs(lag_s) > max(float(np.ptp(t)), 0.0):
         raise InputError(

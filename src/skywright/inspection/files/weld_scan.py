@@ -1,4 +1,4 @@
-"""A weld scan of a run as the impedance of one coil over the pipe's unrolled surface."""
+"""Convert a run's weld scan to the impedance of one coil over the pipe's unrolled surface."""
 
 import numpy as np
 
@@ -9,13 +9,13 @@ from skywright.inspection.weld_data import WeldReport
 from skywright.models.eddy_current import Instrument
 
 WALL = 0.01
-"""m; a world's pipe has no wall, and the format requires one (assumed)."""
+"""m; assumed, because the format requires a wall and a world's pipe has none."""
 
 
 def build_eddy_scan(report: WeldReport) -> EddyScan:
-    """Return the samples of touch and scan with their places (s, c); u is s and v is c.
+    """Return the samples of touch and scan at their positions (s, c); u is s and v is c.
 
-    Samples without a place, far from the surface, are left out. Raises InputError without any.
+    Samples whose (s, c) is not finite are left out. Raises InputError if fewer than two are left.
     """
     result, scan = report.result, report.scan
     placed = np.isfinite(result.s + result.c)

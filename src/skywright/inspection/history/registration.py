@@ -109,8 +109,9 @@ def register_flight(
             f"{math.degrees(LARGEST_TURN):.0f} deg and {MISFIT:.0%} of their extent; check their "
             "names and frames"
         )
-    notes = _list_notes(names, off, std, J, covariance)
-    if any("off" in note for note in notes):
+    moved = _list_moved(names, off, std, J, covariance)
+    notes = moved + _list_open(len(names), covariance)
+    if moved:
         # what does not fit adds to what is stated, as Birge's ratio does
         chi = float(np.sum((off / std[:, None]) ** 2)) / max(3 * len(names) - 6, 1)
         covariance = covariance * max(chi, 1.0)
@@ -120,8 +121,8 @@ def register_flight(
     )  # fmt: skip
 
 
-def _list_notes(names: list[str], off: Array, std: Array, J: Array, covariance: Array) -> list[str]:
-    """Name datum points that do not fit, and say whether the turn was found."""
+def _list_moved(names: list[str], off: Array, std: Array, J: Array, covariance: Array) -> list[str]:
+    """Return a note for each datum point that does not fit."""
     notes = []
     for k, name in enumerate(names):
         rows = J[3 * k : 3 * k + 3]
@@ -130,16 +131,22 @@ def _list_notes(names: list[str], off: Array, std: Array, J: Array, covariance: 
         size = math.sqrt(max(float(np.trace(expected)) / 3.0, 0.01 * std[k] ** 2))
         if float(np.max(np.abs(off[k]))) > OUTLIER * size:
             notes.append(
-                f"datum {name} is {1e3 * float(np.linalg.norm(off[k])):.1f} mm off where the "
-                "others have it: moved, or mistaken"
+                f"datum {name} is {1e3 * float(np.linalg.norm(off[k])):.1f} mm from where "
+                "the others place it: it has moved, or it was mistaken for another"
             )
-    free = np.sqrt(np.diag(covariance)[3:])
-    if np.any(free > 0.5 * TURN_STD):
-        notes.append(
-            f"{len(names)} datum point{'s' if len(names) > 1 else ''} leave the turn open to "
-            f"{math.degrees(float(np.max(free))):.1f} deg: places far from them are less sure"
-        )
     return notes
+
+
+def _list_open(n: int, covariance: Array) -> list[str]:
+    """Return a note if `n` datum points do not determine the rotation."""
+    free = np.sqrt(np.diag(covariance)[3:])
+    if not np.any(free > 0.5 * TURN_STD):
+        return []
+    points = "1 datum point does" if n == 1 else f"{n} datum points do"
+    return [
+        f"{points} not determine the rotation (standard deviation up to "
+        f"{math.degrees(float(np.max(free))):.1f} deg): positions far from them are less certain"
+    ]
 
 
 def _turn(w: Array) -> Array:
