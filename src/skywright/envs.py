@@ -1,4 +1,4 @@
-"""Environments of Gymnasium for learning in contact: `pip install "skywright[envs]"`.
+"""Gymnasium environments for learning contact tasks: `pip install "skywright[envs]"`.
 
     from skywright.envs import WeldPress
 
@@ -6,7 +6,7 @@
     seen, info = env.reset(seed=1)
     seen, reward, terminated, truncated, info = env.step(env.action_space.sample())
 
-Importing this also registers them: `gymnasium.make("skywright/WeldPress-v0")`.
+Importing this module also registers them: `gymnasium.make("skywright/WeldPress-v0")`.
 See docs/howto/learn-a-policy.md.
 """
 

@@ -73,9 +73,9 @@ def run(
 ) -> int:  # fmt: skip
     """Plan, fly and evaluate a mission.
 
-    MISSION is a built-in name, a file, or a finished run's directory (which repeats it). With
-    --plan it may be left out: the plan is then flown by itself, with the robot and in the world
-    that it names.
+    MISSION is a built-in name, a file, or a finished run's directory (which repeats the run). With
+    --plan, MISSION is optional: without it, the plan is flown with the robot and the world that it
+    names.
     """
     import skywright
 
@@ -180,9 +180,9 @@ def campaign(
     sets: tuple[str, ...], seed: int | None, out: Path | None, workers: int | None,
     ray: str | None, record: str, target: float, parquet: bool, as_json: bool,
 ) -> int:  # fmt: skip
-    """Fly MISSION many times under varied conditions: go or no-go.
+    """Fly MISSION many times under varied conditions and decide go or no-go.
 
-    An interrupted campaign is continued by the same command.
+    The same command continues an interrupted campaign.
     """
     from skywright.analysis.campaign.campaign import run_campaign
     from skywright.analysis.campaign.spec import build_campaign

@@ -1,4 +1,4 @@
-"""Mass and inertia of a bar in both hands, and the half that each hand carries."""
+"""Mass and inertia of a bar held by both hands, and of the half that each hand carries."""
 
 import numpy as np
 
@@ -7,16 +7,16 @@ from skywright.description.robot.bar import Bar
 
 
 def compute_bar_inertia(bar: Bar) -> Array:
-    """Return the inertia (3, 3) kg m^2 about the middle: a cylinder along y."""
+    """Return the inertia (3, 3) kg m^2 of a cylinder along y about its centre."""
     across = bar.mass_kg * (bar.length_m**2 / 12 + bar.diameter_m**2 / 16)
     return np.diag([across, bar.mass_kg * bar.diameter_m**2 / 8, across])
 
 
 def compute_bar_share(bar: Bar, separation: float) -> tuple[float, Array]:
-    """Return mass (kg) and inertia (3, 3) about the hand of the half that a hand carries.
+    """Return mass (kg) and inertia (3, 3) kg m^2, about the hand, of the half that a hand carries.
 
-    The two halves at hands `separation` (m) apart have the bar's mass and inertia while both arms
-    have the same angles.
+    Two such halves, at hands `separation` (m) apart, have the mass and inertia of the bar if both
+    arms have the same angles.
     """
     half = 0.5 * bar.mass_kg
     lever = 0.5 * separation

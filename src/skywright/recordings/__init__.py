@@ -1,1 +1,1 @@
-"""Recordings: what they hold, and the MCAP files with ROS 2 messages that carry it."""
+"""Recordings: columns and topics, stored in MCAP files as ROS 2 messages."""

@@ -1,10 +1,10 @@
-"""Fixed byte layout of a ROS 2 message, from its definition.
+"""Fixed byte layout of a ROS 2 message, computed from its definition.
 
-ROS 2 messages travel in CDR (OMG's Common Data Representation, little endian, XCDR version 1):
-a header of 4 bytes, then the fields in order, each primitive aligned to its own size counted from
-behind the header, strings and sequences led by their length. Once the texts and the lengths of
-the sequences are fixed, every number has a fixed place: a message is a template of bytes with
-holes, and NumPy fills the holes of many messages column by column.
+ROS 2 messages are serialised in CDR (OMG's Common Data Representation, little endian, XCDR version
+1): a header of 4 bytes, then the fields in order. Each primitive is aligned to its own size,
+counted from the end of the header. Strings and sequences begin with their length. If all strings
+and the lengths of all sequences are fixed, every number has a fixed offset. A message is then a
+template of bytes, into which NumPy writes the numbers of many messages column by column.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ PRIMITIVES = {
 }  # fmt: skip
 
 STAMP = "builtin_interfaces/Time"
-"""Seconds (int32) and nanoseconds (uint32): laid out as one number, seconds + nanoseconds * 2^32,
-which a column fills at once. It is aligned to 4 bytes, as its two parts are."""
+"""Seconds (int32) and nanoseconds (uint32), written as one number: seconds + nanoseconds * 2^32.
+The number is aligned to 4 bytes, like its two parts."""
 
 
 class Field(NamedTuple):
-    """A field of a message definition; `array` is None, a fixed length, or -1 for a sequence."""
+    """A field of a message definition; `array`: None (no array), fixed length, or -1 (sequence)."""
 
     kind: str
     name: str
@@ -36,7 +36,7 @@ class Field(NamedTuple):
 
 
 class Column(NamedTuple):
-    """Where a value stands in each message: NumPy format, how many of it, byte offset."""
+    """Location of a value in each message: NumPy format, number of values, byte offset."""
 
     format: str
     length: int
@@ -44,19 +44,20 @@ class Column(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """A message with fixed texts and lengths: its bytes with zeros for numbers, and their places.
+    """Layout of a message with fixed strings and lengths.
 
-    `leaves` maps the path of every number (such as `pose.position.x` or `position[0]`) to its
-    place in `template`, in order.
+    `template` contains the bytes of the message, with zeros for numbers. `leaves` maps the path of
+    every number (such as `pose.position.x` or `position[0]`) to its location in `template`, in
+    order.
     """
 
     template: bytes
     leaves: dict[str, Column]
 
     def column(self, path: str) -> Column:
-        """Return the place of a number, or of all numbers below `path` (one block of one type).
+        """Return the location of a number, or of all numbers below `path` (one block of one type).
 
-        Raises ValueError where there is no such block.
+        Raises ValueError if there is no such block.
         """
         if path in self.leaves:
             return self.leaves[path]
@@ -76,15 +77,15 @@ class Layout(NamedTuple):
         return path in self.leaves or any(p.startswith(below) for p in self.leaves)
 
     def is_quaternion(self, path: str) -> bool:
-        """Whether `path` is one: x, y, z, w and nothing else."""
+        """Whether `path` is a quaternion: x, y, z, w and no other field."""
         below = [p.removeprefix(path) for p in self.leaves if p.startswith(path + ".")]
         return below == [".x", ".y", ".z", ".w"]
 
 
 def parse_definition(kind: str, text: str) -> dict[str, list[Field]]:
-    """Parse a `ros2msg` schema: the type itself, then `MSG: name` sections behind lines of `=`.
+    """Parse a `ros2msg` schema: the type itself, then `MSG: name` sections after lines of `=`.
 
-    Returns the fields of every type by its name (`pkg/Type`); constants and comments are skipped.
+    Return the fields of every type by its name (`pkg/Type`). Constants and comments are skipped.
     """
     types: dict[str, list[Field]] = {}
     fields = types.setdefault(kind, [])
@@ -107,10 +108,10 @@ def parse_definition(kind: str, text: str) -> dict[str, list[Field]]:
 def build_layout(
     kind: str, definition: str, texts: Mapping[str, str], lengths: Mapping[str, int]
 ) -> Layout:
-    """Lay out a message of type `kind` (`pkg/Type`).
+    """Return the layout of a message of type `kind` (`pkg/Type`).
 
-    `texts` gives every string by its path (`header.frame_id`, `name[0]`; empty where missing),
-    `lengths` the length of every sequence by its path (0 where missing).
+    `texts` maps the path of a string (`header.frame_id`, `name[0]`) to its text (default: empty).
+    `lengths` maps the path of a sequence to its length (default: 0).
     """
     return _lay_out(
         kind,
@@ -121,10 +122,10 @@ def build_layout(
 
 
 def read_layout(kind: str, definition: str, message: bytes) -> Layout:
-    """Find the layout of a message that is there: its strings and lengths of sequences.
+    """Return the layout of an existing message, with its strings and lengths of sequences.
 
-    Raises ValueError, KeyError, RecursionError or struct.error where message and definition do
-    not belong together.
+    Raises ValueError, KeyError, RecursionError or struct.error if the message does not match the
+    definition.
     """
 
     def count(path: str, at: int) -> int:
@@ -148,7 +149,11 @@ def _lay_out(
     give_text: Callable[[str, int], bytes],
     give_count: Callable[[str, int], int],
 ) -> Layout:
-    """Walk a definition; path and place in the message are given to what knows the variable."""
+    """Return the layout of a message of type `kind`.
+
+    `give_text` returns the bytes of a string (with its final NUL) and `give_count` the length of a
+    sequence. Both receive the path and the byte offset of the length in the message.
+    """
     types = parse_definition(kind, definition)
     body = bytearray()
     leaves: dict[str, Column] = {}

@@ -1,7 +1,7 @@
-"""What a recording holds: columns of the samples, topics that carry them, streams beside them.
+"""Contents of a recording: columns of the samples, topics that carry the columns, and streams.
 
-Whoever records declares them as data; a recording stores them beside what it holds, so that a
-reader needs no table of ours. `samples` is a structured array (n,) with one field a column.
+The program that records declares them as data. The recording stores the declarations, so that a
+reader needs no table of Skywright. `samples` is a structured array (n,) with one field per column.
 
     columns = (Column("gap", unit="m", meaning="tip to surface; negative is penetration"),)
     topics = (Topic("/contact/state", "skywright_msgs/ContactState", "tip", {"gap": "gap"},
@@ -20,9 +20,9 @@ _NONE: Mapping[str, Any] = MappingProxyType({})
 
 
 class Column(NamedTuple):
-    """A column of the samples: one number, or `shape` numbers, a sample.
+    """A column of the samples: one number, or an array of `shape`, per sample.
 
-    A quaternion (a column behind a `geometry_msgs/Quaternion`) is wxyz here and xyzw in the file.
+    A quaternion (a column of a `geometry_msgs/Quaternion`) is wxyz here and xyzw in the file.
     """
 
     name: str
@@ -33,11 +33,12 @@ class Column(NamedTuple):
 
 
 class Topic(NamedTuple):
-    """A topic: its ROS 2 type, the frame of its header, and the column behind each path.
+    """A topic: its ROS 2 type, the frame of its header, and the column of each path.
 
-    A path such as `pose.position` stands for all numbers below it. `texts` fixes strings by their
-    path (`name[0]`), `numbers` numbers, `lengths` those of sequences, `types` defines each message
-    type (`pkg/Type`) that is neither standard nor defined by another topic.
+    A path such as `pose.position` stands for all numbers below it. `texts` maps the path of a
+    string (`name[0]`) to its fixed text, `numbers` the path of a number to its fixed value, and
+    `lengths` the path of a sequence to its length. `types` maps each message type (`pkg/Type`)
+    that is not standard to its definition.
     """
 
     name: str
@@ -51,9 +52,9 @@ class Topic(NamedTuple):
 
 
 class Stream(NamedTuple):
-    """Rows at a rate of their own on a topic of their own, such as raw data of a sensor.
+    """Rows with their own rate and topic, such as raw data of a sensor.
 
-    One column is `t`: the time (s) of the row.
+    One column is `t`, the time (s) of the row.
     """
 
     topic: Topic
@@ -61,17 +62,17 @@ class Stream(NamedTuple):
 
 
 def build_dtype(columns: Iterable[Column]) -> np.dtype[Any]:
-    """Return the type of one sample, columns in the order given."""
+    """Return the dtype of one sample, with the columns in the given order."""
     return np.dtype([(c.name, c.dtype, c.shape) for c in columns])
 
 
 def has_columns(samples: Any, *names: str) -> bool:
-    """Whether samples have all these columns: a robot without a part has none of its columns."""
+    """Whether `samples` has all these columns; a part that the robot lacks has no columns."""
     return set(names) <= set(samples.dtype.names or ())
 
 
 def check_columns(columns: Sequence[Column], topics: Sequence[Topic]) -> None:
-    """Assert that columns and topics fit together: each column on one topic, none unknown."""
+    """Assert that names are unique, and that topics carry each non-empty column and no other."""
     names = [c.name for c in columns]
     bound = [field for topic in topics for field in topic.fields.values()]
     for what, found in (("column", names), ("field", bound), ("topic", [t.name for t in topics])):
@@ -82,9 +83,9 @@ def check_columns(columns: Sequence[Column], topics: Sequence[Topic]) -> None:
 
 
 def choose_topics(columns: Sequence[Column], known: Iterable[Topic]) -> tuple[Topic, ...]:
-    """Return topics that carry all columns: those known of which every column is there.
+    """Return topics that carry all columns: each known topic whose columns all exist.
 
-    A column that none of them carries, such as that of a sensor from a file, gets the topic
+    A column that none of them carries, such as that of a user's sensor, gets the topic
     `/recorded/NAME`.
     """
     names = {c.name for c in columns}
@@ -105,39 +106,39 @@ def _build_own_topic(column: Column) -> Topic:
     )  # fmt: skip
 
 
-# Topics of standard types. `stamp` and `frame_id` of headers are filled by the recording.
+# Topics of standard types. The recording fills `stamp` and `frame_id` of headers.
 
 
 def pose(name: str, frame: str, p: str, q: str) -> Topic:
-    """Position (3,) m and quaternion (4,) of something in `frame`."""
+    """Return a topic for a position (3,) m and a quaternion (4,) in `frame`."""
     fields = {"pose.position": p, "pose.orientation": q}
     return Topic(name, "geometry_msgs/PoseStamped", frame, fields)
 
 
 def twist(name: str, frame: str, v: str, w: str) -> Topic:
-    """Velocity (3,) m/s and angular velocity (3,) rad/s."""
+    """Return a topic for a velocity (3,) m/s and an angular velocity (3,) rad/s."""
     fields = {"twist.linear": v, "twist.angular": w}
     return Topic(name, "geometry_msgs/TwistStamped", frame, fields)
 
 
 def vector(name: str, frame: str, column: str) -> Topic:
-    """A vector (3,) with the axes of `frame`."""
+    """Return a topic for a vector (3,) in the axes of `frame`."""
     return Topic(name, "geometry_msgs/Vector3Stamped", frame, {"vector": column})
 
 
 def point(name: str, frame: str, column: str) -> Topic:
-    """A place (3,) m in `frame`."""
+    """Return a topic for a point (3,) m in `frame`."""
     return Topic(name, "geometry_msgs/PointStamped", frame, {"point": column})
 
 
 def wrench(name: str, frame: str, force: str, torque: str = "") -> Topic:
-    """A force (3,) N, and a torque (3,) N m unless there is none."""
+    """Return a topic for a force (3,) N and, if given, a torque (3,) N m."""
     fields = {"wrench.force": force} | ({"wrench.torque": torque} if torque else {})
     return Topic(name, "geometry_msgs/WrenchStamped", frame, fields)
 
 
 def joint_state(name: str, joints: Sequence[str], **fields: str) -> Topic:
-    """Columns (n joints,) on `position`, `velocity` or `effort` of a JointState."""
+    """Return a JointState topic with columns (n joints,) for position, velocity or effort."""
     lengths = dict.fromkeys(("name", *fields), len(joints))
     texts = {f"name[{i}]": joint for i, joint in enumerate(joints)}
     return Topic(name, "sensor_msgs/JointState", "", fields, texts, lengths)

@@ -1,7 +1,7 @@
-"""The MCAP container (mcap.dev/spec): whole chunks out, and everything readable in.
+"""MCAP container (mcap.dev/spec): write whole chunks, and read everything that is readable.
 
-The `mcap` package serialises the records; its own writer takes one message at a time, which costs
-about ten times what our batches cost, so the chunks and their indexes are put together here.
+The `mcap` package serialises the records. Its own writer accepts one message at a time, which takes
+about ten times as long as a batch. Therefore this module assembles the chunks and their indexes.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from skywright.core.bounded import LARGEST_RECORDING, read_bytes
 from skywright.errors import InputError
 
 MAGIC = b"\x89MCAP0\r\n"
-RECORD_HEADER = struct.Struct("<BQ")  # opcode, length of what follows
-MESSAGE_HEADER = struct.Struct("<BQHIQQ")  # and channel, sequence, log and publish time (ns)
+RECORD_HEADER = struct.Struct("<BQ")  # opcode, length of the content
+MESSAGE_HEADER = struct.Struct("<BQHIQQ")  # the same, channel, sequence, log and publish time (ns)
 _MESSAGE_START = MESSAGE_HEADER.size - RECORD_HEADER.size
-COMPRESSION_LEVEL = -7  # zstd's fast levels: half the time of level 1 for a sixth more bytes
-_MAX_CHUNK = 1 << 30  # bytes; a larger size in a chunk's header is damage
+COMPRESSION_LEVEL = -7  # fast level of zstd: half the time of level 1, one sixth more bytes
+_MAX_CHUNK = 1 << 30  # bytes; a larger size in a chunk's header indicates damage
 
-# What reading damaged records can raise, in our code and in the packages'.
+# Exceptions that damaged records can raise, in this module and in the packages.
 _DAMAGE = (
     McapError,
     zstandard.ZstdError,
@@ -45,15 +45,15 @@ _DAMAGE = (
 
 
 def build_message_header(channel: int, length: int, ns: int) -> bytes:
-    """Return what stands before a message of `length` bytes, logged and published at `ns`."""
+    """Return the record header of a message of `length` bytes, logged and published at `ns`."""
     inside = _MESSAGE_START + length
     return MESSAGE_HEADER.pack(Opcode.MESSAGE, inside, channel, 0, ns, ns)
 
 
 class McapWriter:
-    """Writes an MCAP file with the profile `ros2`; every call reaches the operating system.
+    """Writes an MCAP file with the profile `ros2`; every call flushes to the operating system.
 
-    The file can be read up to the last call if the process dies before `finish`.
+    If the process dies before `finish`, the file can be read up to the last call.
     """
 
     def __init__(self, stream: BinaryIO, library: str) -> None:
@@ -61,19 +61,19 @@ class McapWriter:
         self._offset = 0
         self._schemas: list[records.Schema] = []
         self._channels: list[records.Channel] = []
-        self._chunks = bytearray()  # their index as it is written: a chunk a second, for hours
+        self._chunks = bytearray()  # serialised chunk indexes: one per second, for hours
         self._n_chunks, self._start, self._end = 0, 0, 0  # ns
         self._attachments: list[records.AttachmentIndex] = []
         self._metadata: list[records.MetadataIndex] = []
         self._counts: dict[int, int] = {}
-        # zstd's own checksum costs half of the chunk's CRC, which is left out in its favour.
+        # The checksum of zstd takes half the time of the chunk's CRC, which is omitted.
         self._compressor = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL, write_checksum=True)
         self._write(MAGIC + _serialise(records.Header("ros2", library)))
 
     def add_channel(
         self, topic: str, schema_name: str, schema: str, metadata: dict[str, str] | None = None
     ) -> int:
-        """Add a channel of CDR messages with a `ros2msg` schema; returns its id (1, 2, ...)."""
+        """Add a channel of CDR messages with a `ros2msg` schema; return its id (1, 2, ...)."""
         data = schema.encode()
         known = next((s for s in self._schemas if s.name == schema_name), None)
         if known is None:
@@ -88,13 +88,13 @@ class McapWriter:
         return channel.id
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
-        """Add a named table of texts."""
+        """Add a named table of strings."""
         data = _serialise(records.Metadata(name, values))
         self._metadata.append(records.MetadataIndex(self._offset, len(data), name))
         self._write(data)
 
     def add_attachment(self, name: str, data: bytes, media_type: str) -> None:
-        """Add a file."""
+        """Add a file as an attachment."""
         record = _serialise(records.Attachment(0, 0, name, media_type, data))
         self._attachments.append(
             records.AttachmentIndex(self._offset, len(record), 0, 0, len(data), name, media_type)
@@ -104,13 +104,13 @@ class McapWriter:
     def add_chunk(self, data: Any, times: NDArray[Any], offsets: dict[int, NDArray[Any]]) -> None:
         """Add a chunk of message records.
 
-        `data` holds the records (any bytes-like object), `times` (n,) the log times in ns, and
-        `offsets` for every channel the (n,) offsets of its records in `data`.
+        `data` contains the records (any bytes-like object), `times` (n,) the log times (ns).
+        `offsets` maps every channel to the offsets (n,) of its records in `data`.
         """
         compressed = self._compressor.compress(data)
         size = memoryview(data).nbytes
         start, end = int(times.min()), int(times.max())
-        # Written out by hand: the package's builder copies the data three times.
+        # Packed here, because the package's builder copies the data three times.
         head = struct.pack("<QQQII4sQ", start, end, size, 0, 4, b"zstd", len(compressed))
         head = RECORD_HEADER.pack(Opcode.CHUNK, len(head) + len(compressed)) + head
         chunk_length = len(head) + len(compressed)
@@ -144,7 +144,7 @@ class McapWriter:
         self._write(head, compressed, index)
 
     def finish(self) -> None:
-        """Write the summary, which lets readers find chunks by topic and time, and the end."""
+        """Write the summary (an index of chunks by topic and time) and the footer."""
         self._write(_serialise(records.DataEnd(0)))
         start = self._offset
         summary = bytearray()
@@ -180,13 +180,13 @@ class McapWriter:
         self._write(bytes(summary) + footer + struct.pack("<I", crc) + MAGIC)
 
     def mark(self) -> tuple[int, ...]:
-        """Return where the file is now, for `roll_back`."""
+        """Return the current state of the file for `roll_back`."""
         counts = (self._counts.get(n + 1, 0) for n in range(len(self._channels)))
         lengths = map(len, self._list_groups())
         return self._offset, self._n_chunks, self._start, self._end, *lengths, *counts
 
     def roll_back(self, mark: tuple[int, ...]) -> None:
-        """Forget what was added since `mark`, as after an interrupt in the middle of it."""
+        """Remove everything added since `mark`, for example after an interrupted call."""
         self._offset, self._n_chunks, self._start, self._end, *lengths = mark
         groups = self._list_groups()
         for group, length in zip(groups, lengths, strict=False):
@@ -217,18 +217,18 @@ def _join(group: Sequence[records.McapRecord]) -> bytes:
 
 
 class McapContents(NamedTuple):
-    """What an MCAP file holds: messages of each topic as raw bytes, in the order of the file."""
+    """Contents of an MCAP file: messages of each topic as raw bytes, in the order of the file."""
 
     messages: dict[str, list[bytes]]
     metadata: dict[str, dict[str, str]]
     attachments: dict[str, bytes]
-    complete: bool  # False: cut short (a killed run); everything before the cut is here
+    complete: bool  # False: truncated (a killed run); contains everything before the cut
     kinds: dict[str, tuple[str, str]] = {}  # topic -> name of its schema, encoding of its messages
     definitions: dict[str, str] = {}  # topic -> text of its schema
 
 
 class _Tables(NamedTuple):
-    """What was read so far; channels and schemas by their numbers."""
+    """Records read so far; channels and schemas by their ids."""
 
     topics: dict[int, str]
     schemas: dict[int, tuple[str, str]]  # name, text
@@ -238,10 +238,10 @@ class _Tables(NamedTuple):
 
 
 def read_mcap(path: Path) -> McapContents:
-    """Read a whole MCAP file, also one that was cut at any byte.
+    """Read a whole MCAP file, or the part of a truncated file that is readable.
 
-    Raises InputError when it cannot be read, is empty or no MCAP file, or, in a file that was
-    finished, when its inside is damaged.
+    Raises InputError if the file cannot be read, is empty or is not an MCAP file, or if a file
+    that was finished is damaged.
     """
     data = read_bytes(path, LARGEST_RECORDING, "cut it into parts")
     if not data:
@@ -261,7 +261,7 @@ def read_mcap(path: Path) -> McapContents:
                 _split_messages(_decompress(record), tables)
             elif opcode in (Opcode.CHANNEL, Opcode.SCHEMA):
                 _add_channel(opcode, record, tables)
-            elif opcode == Opcode.MESSAGE:  # outside a chunk: not ours, but allowed
+            elif opcode == Opcode.MESSAGE:  # outside a chunk: valid, but not written here
                 (channel,) = struct.unpack_from("<H", record)
                 messages[channel].append(bytes(record[_MESSAGE_START:]))
             elif opcode == Opcode.METADATA:
@@ -269,13 +269,13 @@ def read_mcap(path: Path) -> McapContents:
                 metadata[table.name] = table.metadata
             elif opcode == Opcode.ATTACHMENT:
                 attachments.update([_read_attachment(record)])
-            elif opcode == Opcode.DATA_END:  # what follows repeats and indexes what was read
+            elif opcode == Opcode.DATA_END:  # the rest repeats and indexes the data
                 complete = finished
             elif opcode == Opcode.STATISTICS:  # a damaged record may have hidden a chunk
                 count = records.Statistics.read(ReadDataStream(BytesIO(record))).message_count
                 complete = complete and count == sum(map(len, messages.values()))
     except _DAMAGE:
-        pass  # as if it were cut here
+        pass  # treat the file as truncated here
     if finished and not complete:
         raise InputError(f"{path}: is damaged at or before byte {position}")
     by_topic: dict[str, list[bytes]] = {}
@@ -297,7 +297,7 @@ def _iterate_records(data: bytes, position: int) -> Iterator[tuple[int, int, mem
 
 
 def _add_channel(opcode: int, record: memoryview | bytes, tables: _Tables) -> None:
-    """Note a channel, or the schema that channels after it name."""
+    """Store a channel, or a schema that later channels refer to."""
     stream = ReadDataStream(BytesIO(record))
     if opcode == Opcode.SCHEMA:
         schema = records.Schema.read(stream)
@@ -312,11 +312,11 @@ def _add_channel(opcode: int, record: memoryview | bytes, tables: _Tables) -> No
 
 
 def _decompress(record: memoryview) -> bytes:
-    """Return the content of a chunk; raises ValueError and others where it is damaged."""
+    """Return the content of a chunk. Raises ValueError or another of _DAMAGE if it is damaged."""
     chunk = records.Chunk.read(ReadDataStream(BytesIO(record)))
     if chunk.uncompressed_size > _MAX_CHUNK:
         raise ValueError("size")
-    # A damaged size in the compressed data itself must not claim all memory.
+    # A damaged size in the compressed data must not allocate all memory.
     if (
         chunk.compression == "zstd"
         and zstandard.frame_content_size(chunk.data) > chunk.uncompressed_size

@@ -1,7 +1,6 @@
-"""ROS 2 message types: the standard ones that recordings use, and texts that define a type.
+"""ROS 2 message types: standard types that recordings use, and definitions of types as text.
 
-The definitions are written into every recording, so that no ROS installation and no package of
-ours is needed to read one.
+Every recording contains the definitions, so that reading it requires neither ROS nor Skywright.
 """
 
 from __future__ import annotations
@@ -48,18 +47,18 @@ STANDARD = {
         "string name\nstring msg\nstring file\nstring function\nuint32 line"
     ),
 }
-"""Type (`pkg/Type`) -> its definition, comments left out."""
+"""Type (`pkg/Type`) -> its definition without comments."""
 
 _RULE = "=" * 80
 
 EVENTS = Topic("/mission/events", "rcl_interfaces/Log", "", {})
-"""Phase changes and notes, when they happen."""
+"""Phase changes and notes, at the time they occur."""
 
 
 def definition(kind: str, types: Mapping[str, str] | None = None) -> str:
     """Return the `ros2msg` schema of a type (`pkg/Type`) with every type that it uses.
 
-    `types` defines those that are not STANDARD.
+    `types` defines the types that are not in STANDARD.
     """
     known = {**STANDARD, **(types or {})}
     parts, todo, seen = [], [kind], {kind}
@@ -76,6 +75,6 @@ def definition(kind: str, types: Mapping[str, str] | None = None) -> str:
 
 
 def full_name(kind: str) -> str:
-    """Return the name that ROS 2 gives a type: `pkg/msg/Type`."""
+    """Return the ROS 2 name of a type: `pkg/msg/Type`."""
     package, _, name = kind.partition("/")
     return f"{package}/msg/{name}"

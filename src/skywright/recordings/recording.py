@@ -1,7 +1,7 @@
-"""Reading a recording: the columns that it says it has, from the messages that it defines.
+"""Read a recording: its metadata list the columns, its schemas define the messages.
 
-Format 1 did not say which columns its topics carry; format_1.json does, by the parts (hands,
-loads, ...) that robot and world of the run had.
+Metadata of format 1 do not list the columns of the topics. format_1.json lists them by the parts
+(hands, loads, ...) of the run's robot and world.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from skywright.recordings.messages import EVENTS
 from skywright.recordings.sample_rows import read_log, read_rows
 from skywright.recordings.writer import FORMAT, METADATA, checksum
 
-# What metadata and schemas of a damaged file, or of somebody else's, can raise.
+# Exceptions that metadata and schemas of a damaged or foreign file can raise.
 _DAMAGE = (LookupError, TypeError, ValueError, AttributeError, RecursionError, struct.error)
 
 Fields = Mapping[str, str]
@@ -32,16 +32,16 @@ Fields = Mapping[str, str]
 
 
 class Event(NamedTuple):
-    """Something that happened at `t` (s, to the nanosecond), such as the start of a phase."""
+    """An event at `t` (s, with a resolution of 1 ns), such as the start of a phase."""
 
     t: float
     text: str
 
 
 class Recording(NamedTuple):
-    """A recording read back; `complete` is False where the file was cut short (a killed run).
+    """A recording that was read; `complete` is False if the file was truncated (a killed run).
 
-    `samples` (n,) has a field for each of `columns`, and none for what the run did not have.
+    `samples` (n,) has one field for each of `columns`. A part that the run lacked has no columns.
     """
 
     samples: NDArray[Any]
@@ -56,7 +56,7 @@ class Recording(NamedTuple):
 
 
 class _Head(NamedTuple):
-    """What the metadata say; `columns` None: to be found in the messages (format 1)."""
+    """Contents of the metadata. `columns` is None in format 1: the messages determine them."""
 
     columns: tuple[Column, ...] | None
     topics: Mapping[str, Fields]
@@ -65,11 +65,11 @@ class _Head(NamedTuple):
 
 
 def read_recording(path: Path, streams: Collection[str] = ()) -> Recording:
-    """Read a recording, also one that was cut short at any byte by a killed run.
+    """Read a recording, or the readable part of a recording that a killed run left truncated.
 
-    Of the streams only those named are decoded. Raises InputError when the file cannot be read,
-    is empty, no MCAP file, no recording of Skywright, damaged, cut before the first sample could
-    be, or has no such stream.
+    Only the streams that `streams` names are decoded. Raises InputError if the file cannot be
+    read, is empty, is not an MCAP file or not a recording of Skywright, has an unknown format, is
+    damaged, ends before the first sample, or has no such stream.
     """
     path = Path(path)
     contents = read_mcap(path)
@@ -106,13 +106,13 @@ def read_recording(path: Path, streams: Collection[str] = ()) -> Recording:
 
 
 def _read_head(info: dict[str, str], contents: McapContents) -> _Head:
-    """Read the metadata of format 2; raises one of _DAMAGE."""
+    """Read the metadata of format 2. Raises one of _DAMAGE if they are damaged."""
     names = ("columns", "topics", "streams", "info", "definitions")
     metadata = {name: info[name] for name in names}
     if info["crc32"] != str(checksum(json.dumps(sorted(metadata.items())))):
         raise ValueError("checksum")
     for name, wanted in json.loads(metadata["definitions"]).items():
-        if checksum(contents.definitions.get(name, "")) not in (wanted, 0):  # 0: has no channel
+        if checksum(contents.definitions.get(name, "")) not in (wanted, 0):  # 0: no channel
             raise ValueError("definitions")
     topics, streams = json.loads(metadata["topics"]), json.loads(metadata["streams"])
     return _Head(
@@ -128,7 +128,7 @@ def _read_columns(rows: list[list[Any]]) -> tuple[Column, ...]:
 
 
 def _read_head_1(info: dict[str, str], contents: McapContents) -> _Head:
-    """Read the metadata of format 1; raises one of _DAMAGE."""
+    """Read the metadata of format 1. Raises one of _DAMAGE if they are damaged."""
     table = _load_format_1()
     parts = ["", *json.loads(info.get("parts", "[]"))]
     topics = {name: fields for part in parts for name, fields in table[part].items()}
@@ -159,10 +159,14 @@ def _no_recording(path: Path, contents: McapContents) -> InputError:
 def _decode(
     path: Path, contents: McapContents, topics: Mapping[str, Fields], stamped: bool = False
 ) -> dict[str, NDArray[Any]]:
-    """Decode the messages of all topics into columns of one length; `t` from stamps if asked."""
+    """Decode the messages of all topics into columns of equal length.
+
+    `stamped` adds `t` from the stamps. Raises InputError if the numbers of messages differ by more
+    than 1, or if messages do not match their definition.
+    """
     raw = {name: contents.messages.get(name, []) for name in topics}
     counts = {len(m) for m in raw.values()} or {0}
-    if max(counts) - min(counts) > 1:  # one: another tool may cut within a sample
+    if max(counts) - min(counts) > 1:  # 1: another tool may cut within a sample
         least = min(raw, key=lambda name: len(raw[name]))
         raise InputError(
             f"{path}: topic {least} has {len(raw[least])} messages, others have "
@@ -183,7 +187,10 @@ def _decode(
 def _assemble(
     path: Path, columns: tuple[Column, ...], found: dict[str, NDArray[Any]]
 ) -> NDArray[Any]:
-    """Put the columns together; what no topic carries is empty by its shape."""
+    """Return samples (n,) with all columns.
+
+    Only columns that are empty by their shape may be missing; otherwise raises InputError.
+    """
     n = max(map(len, found.values()), default=0)
     samples = np.zeros(n, build_dtype(columns))
     for column in columns:

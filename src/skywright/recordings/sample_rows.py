@@ -1,7 +1,7 @@
-"""Samples as rows of ROS 2 messages: where each column stands in the bytes of a message.
+"""Samples as rows of ROS 2 messages: byte offset of each column in a message.
 
-The messages of one sample make one row of fixed layout. A batch is encoded by writing each column
-into the same place of all rows at once, and decoded the other way round.
+The messages of one sample form one row of fixed layout. To encode a batch, each column is written
+to its place in all rows at once. Decoding reads each column from all rows at once.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from skywright.recordings.columns import Topic
 from skywright.recordings.mcap_file import build_message_header
 from skywright.recordings.messages import definition
 
-BATCH = 256  # samples; the most that is encoded at once
+BATCH = 256  # samples; largest number that is encoded at once
 
 
 class _Fill(NamedTuple):
-    """Which column of the samples goes to which place of a row."""
+    """A column of the samples and its place in a row."""
 
     place: str
     column: str
@@ -33,18 +33,18 @@ class _Fill(NamedTuple):
 class Rows(NamedTuple):
     """All messages of one sample, one after the other, as one row of bytes.
 
-    `buffer` holds rows of the template and is reused: only the numbers in it change.
+    `buffer` contains BATCH copies of the template. It is reused: only its numbers change.
     """
 
     dtype: np.dtype[Any]
     buffer: NDArray[Any]
-    offsets: dict[int, NDArray[np.uint64]]  # channel -> of its records in BATCH rows
+    offsets: dict[int, NDArray[np.uint64]]  # channel -> offsets of its records in BATCH rows
     headers: list[str]  # places of log and publish time
     stamps: list[str]
     fills: list[_Fill]
 
     def encode(self, samples: NDArray[Any], ns: NDArray[Any]) -> NDArray[Any]:
-        """Return the message records of at most BATCH samples: a view of the buffer."""
+        """Return the message records of at most BATCH samples as a view of `buffer`."""
         rows = self.buffer[: len(samples)]
         for name in self.headers:
             rows[name] = ns[:, None]
@@ -61,7 +61,7 @@ class Rows(NamedTuple):
 
 
 def build_rows(topics: Sequence[tuple[int, Topic]], samples: np.dtype[Any]) -> Rows:
-    """Lay out the messages of (channel, topic) one behind the other, each as an MCAP record."""
+    """Return the row layout: one MCAP record for each (channel, topic), one after the other."""
     template = bytearray()
     names: list[str] = []
     formats: list[Any] = []
@@ -106,7 +106,7 @@ def _format(place: Place, shape: tuple[int, ...]) -> Any:
 
 
 def build_topic_layout(topic: Topic) -> Layout:
-    """Lay out a message of a topic. CDR ends a text with NUL, so that none holds one."""
+    """Return the layout of a topic's message. NUL, which ends a CDR string, is cut from texts."""
     texts = {path: text.replace("\0", "") for path, text in topic.texts.items()}
     texts.setdefault("header.frame_id", topic.frame)
     layout = build_layout(topic.kind, definition(topic.kind, topic.types), texts, topic.lengths)
@@ -114,7 +114,7 @@ def build_topic_layout(topic: Topic) -> Layout:
 
 
 def _fill(layout: Layout, values: Mapping[str, float]) -> bytes:
-    """Return a layout's template with `values` by their paths."""
+    """Return a layout's template with the numbers `values` by path."""
     body = bytearray(layout.template)
     for path, value in values.items():
         place = layout.leaves[path]
@@ -124,7 +124,7 @@ def _fill(layout: Layout, values: Mapping[str, float]) -> bytes:
 
 
 def build_message(topic: Topic, ns: int, values: Mapping[str, float] | None = None) -> bytes:
-    """Return one message of a topic with all stamps at `ns` and `values` by their paths."""
+    """Return one message of a topic with all stamps at `ns` and the numbers `values` by path."""
     layout = build_topic_layout(topic)
     stamp = int(compute_stamp(np.array([ns], np.uint64))[0])
     filled = {p: stamp for p in layout.leaves if p.endswith("stamp")} | dict(values or {})
@@ -138,12 +138,12 @@ def read_rows(
     messages: Sequence[bytes],
     stamped: bool = False,
 ) -> dict[str, NDArray[Any]]:
-    """Decode messages of one type, defined by `text`; returns the columns behind the paths.
+    """Decode messages of one type, defined by `text`; return the columns of `fields` by name.
 
-    Columns have the shape (n,) for a number and (n, k) for a block; quaternions are wxyz. What a
-    path does not find, such as an empty sequence, is (n, 0). `stamped` adds `t` (s), the first
-    stamp of each message. Raises what `read_layout` does, and
-    ValueError where messages differ in size.
+    A column has the shape (n,) for a number and (n, k) for a block; quaternions are wxyz. A path
+    without numbers, such as an empty sequence, gives (n, 0). `stamped` adds `t` (s), the first
+    stamp of each message. Raises the exceptions of `read_layout`, and ValueError if messages differ
+    in size.
     """
     layout = read_layout(kind, text, messages[0]) if messages else build_layout(kind, text, {}, {})
     size = len(layout.template)
@@ -176,9 +176,10 @@ def read_rows(
 
 
 def read_log(message: bytes) -> tuple[float, str]:
-    """Decode time (s, one rounding: 5.76 is read back as 5.76) and text of a Log message.
+    """Return time (s) and text of a Log message.
 
-    Raises struct.error or UnicodeDecodeError where it is damaged.
+    The time is rounded once: 5.76 is read back as 5.76. Raises struct.error or UnicodeDecodeError
+    if the message is damaged.
     """
     sec, nanosec = struct.unpack_from("<iI", message, 4)
     at = 16  # CDR header 4, stamp 8, level 1, alignment 3

@@ -1,4 +1,4 @@
-"""Tables as text: what every reader of others' files needs before it knows the columns."""
+"""Helpers for readers of text tables from other programs: decoding, cells, numbers, time spans."""
 
 import csv
 import math
@@ -7,7 +7,7 @@ from skywright.errors import InputError
 
 
 def decode(raw: bytes) -> str:
-    """Return text in UTF-8 or UTF-16 with or without a mark at its start, else in Latin-1."""
+    """Decode UTF-16 (with a byte order mark), UTF-8 (with or without one), or else Latin-1."""
     try:
         marked = raw.startswith((b"\xff\xfe", b"\xfe\xff"))
         return raw.decode("utf-16" if marked else "utf-8-sig")
@@ -16,7 +16,7 @@ def decode(raw: bytes) -> str:
 
 
 def split_row(line: str, delimiter: str) -> list[str]:
-    """Return the cells of a row, stripped."""
+    """Return the stripped cells of a row."""
     if delimiter == " ":
         return line.split()
     try:
@@ -26,7 +26,7 @@ def split_row(line: str, delimiter: str) -> list[str]:
 
 
 def read_number(cell: str) -> float:
-    """Return a cell's number, NaN where it holds none."""
+    """Return the number in a cell, NaN if there is none."""
     try:
         return float(cell)
     except ValueError:
@@ -34,9 +34,10 @@ def read_number(cell: str) -> float:
 
 
 def parse_span(text: str, after: str, example: str) -> tuple[float, float]:
-    """Return the seconds of `T0:T1` of --calibrate, counted from what `after` says.
+    """Parse the time span `T0:T1` of --calibrate; return T0 and T1 (s).
 
-    Raises InputError for anything else, with an `example`.
+    Raises InputError if `text` is not a time span. The message contains `after`, which states the
+    start of the time, and `example`.
     """
     start, _, stop = text.partition(":")
     span = read_number(start), read_number(stop)

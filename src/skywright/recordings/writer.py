@@ -1,12 +1,12 @@
-"""The recording of a run: samples and streams to an MCAP file of ROS 2 messages.
+"""Record a run: samples and streams in an MCAP file of ROS 2 messages.
 
-A batch of samples (about a second) becomes one chunk of the file: all messages of one sample make
-a row of fixed layout, so that NumPy writes each column of all rows at once (cdr.py). Every column
-is read back bit for bit (recording.py). Quaternions are xyzw in the file, as ROS has them, and wxyz
+A batch of samples (about a second) becomes one chunk of the file. All messages of one sample form a
+row of fixed layout, so that NumPy writes each column of all rows at once (cdr.py). Every column is
+read back bit for bit (recording.py). Quaternions are xyzw in the file, as in ROS, and wxyz
 everywhere else. Time stamps count from the start of the run.
 
-The metadata of the file says which columns its topics carry; the definitions of its messages are
-in its schemas: a reader needs nothing else.
+The metadata of the file list the columns of its topics, and its schemas define its messages. A
+reader needs nothing else.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from skywright.recordings.sample_rows import BATCH, Rows, build_message, build_r
 
 METADATA = "skywright.recording"
 FORMAT = "2"
-"""Version of the metadata; a change that old readers misread raises it."""
+"""Version of the metadata; incremented by a change that older readers would misread."""
 
 INFO = 20  # rcl_interfaces/Log.INFO
 _MAX_TIME = 2**31  # s; a ROS stamp holds int32 seconds
-# What `ros2 bag play` needs to offer a message again to who comes late: keep 1, reliable,
+# QoS with which `ros2 bag play` offers a message to late subscribers: keep last 1, reliable,
 # transient local.
 _LATCHED = {
     "offered_qos_profiles": (
@@ -50,10 +50,10 @@ _LATCHED = {
 
 
 class RecordingWriter:
-    """Writes a recording while the run goes on; what was appended survives a killed process.
+    """Writes a recording during the run; appended data survive a killed process.
 
-    `columns` make one sample, `topics` carry them; `streams` have rows at rates of their own.
-    `info` is what else a reader may want to know, as JSON. Raises InputError when the file cannot
+    `columns` form one sample, and `topics` carry them. `streams` have rows at their own rates.
+    `info` is further information for readers, stored as JSON. Raises InputError if the file cannot
     be written.
     """
 
@@ -99,35 +99,36 @@ class RecordingWriter:
             self._streams[topic.name] = build_rows([(number[topic.name], topic)], dtype)
 
     def append(self, samples: NDArray[Any]) -> None:
-        """Append a batch of samples (an array of `dtype`), best about a second long.
+        """Append a batch of samples (an array of `dtype`), ideally about a second long.
 
-        Raises InputError when a time is not finite or out of range, or the disk is full.
+        Raises InputError if a time is not finite or out of range, or if the file cannot be written
+        (for example because the disk is full).
         """
         assert samples.dtype == self.dtype and samples.ndim == 1
         self._append(samples, self._rows)
 
     def append_stream(self, topic: str, rows: NDArray[Any]) -> None:
-        """Append rows of a stream, an array of its columns; raises InputError like `append`."""
+        """Append rows of a stream (an array of its columns). Raises InputError like `append`."""
         assert rows.dtype == self._dtypes[topic] and rows.ndim == 1
         self._append(rows, self._streams[topic])
 
     def event(self, t: float, text: str) -> None:
-        """Note what happened at time `t` (s). Raises InputError like `append`."""
+        """Write an event at time `t` (s). Raises InputError like `append`."""
         topic = EVENTS._replace(texts={"name": "skywright", "msg": text})
         self.message(topic, t, {"level": INFO})
 
     def text(self, name: str, t: float, text: str, *, latched: bool = False) -> None:
-        """Publish a text (std_msgs/String) on the topic `name`; see `message`."""
+        """Write a text (std_msgs/String) on the topic `name`; see `message`."""
         topic = Topic(name, "std_msgs/String", "", {}, {"data": text})
         self.message(topic, t, {}, latched=latched)
 
     def message(
         self, topic: Topic, t: float, values: Mapping[str, float], *, latched: bool = False
     ) -> None:
-        """Write one message at time `t` (s) with these numbers by path; not read back.
+        """Write one message at time `t` (s) with the numbers `values` by path.
 
-        A `latched` topic is offered to readers that come late, such as /robot_description. Raises
-        InputError like `append`.
+        `read_recording` does not return it, unless it is an event. A `latched` topic, such as
+        /robot_description, is offered to late subscribers. Raises InputError like `append`.
         """
         ns = self._nanoseconds(np.array([t]))
         body = build_message(topic, int(ns[0]), values)
@@ -139,7 +140,7 @@ class RecordingWriter:
             self._mcap.add_chunk(data, ns, {channel: np.zeros(1, np.uint64)})
 
     def attach(self, name: str, data: bytes) -> None:
-        """Put a file into the recording, such as the resolved mission.toml."""
+        """Attach a file to the recording, such as the resolved mission.toml."""
         media_type = "application/toml" if name.endswith(".toml") else "application/octet-stream"
         with self._writing():
             self._mcap.add_attachment(name, data, media_type)
@@ -179,13 +180,13 @@ class RecordingWriter:
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
-        """Turn an error of the operating system into one line; every later call repeats it.
+        """Turn an OSError into an InputError of one line; every later call raises it again.
 
-        Anything else that ends the writing, such as an interrupt, leaves the file as it was before.
+        Any other exception, such as an interrupt, restores the previous state of the file.
         """
         if self._error:
             raise InputError(self._error)
-        mcap: McapWriter | None = getattr(self, "_mcap", None)  # none yet: it opens the file
+        mcap: McapWriter | None = getattr(self, "_mcap", None)  # None while the file is opened
         mark, channels = mcap.mark() if mcap else None, dict(self._channels)
         try:
             yield
@@ -210,7 +211,7 @@ class RecordingWriter:
 
 
 def checksum(text: str) -> int:
-    """Checksum of a text that says how messages are read: MCAP itself has none there."""
+    """Return the CRC-32 of a text that defines how messages are read; MCAP has none for it."""
     return zlib.crc32(text.encode())
 
 

@@ -71,7 +71,7 @@ class Location(NamedTuple):
     y_m: float
     z_m: float
     place_std_m: float | None
-    """Largest standard deviation of a reading's position: registration and position in the flight."""
+    """Largest standard deviation of a position: registration and position within the flight."""
     inspections: list[Inspected]  # in chronological order
     long_term: Rate | None  # None: one inspection
     short_term: Rate | None

@@ -112,7 +112,7 @@ def register_flight(
     moved = _list_moved(names, off, std, J, covariance)
     notes = moved + _list_open(len(names), covariance)
     if moved:
-        # what does not fit adds to what is stated, as Birge's ratio does
+        # the misfit increases the covariance, as Birge's ratio does
         chi = float(np.sum((off / std[:, None]) ** 2)) / max(3 * len(names) - 6, 1)
         covariance = covariance * max(chi, 1.0)
     return Registration(

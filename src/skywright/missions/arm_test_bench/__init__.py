@@ -5,7 +5,7 @@ from skywright.run.folder_kind import FolderKind
 
 
 class ArmTestBenchKind(FolderKind[BenchTask]):
-    """Press up a staircase of forces with the arm of a clamped platform."""
+    """Press a staircase of forces with the arm of a clamped platform."""
 
     task = BenchTask
     needs = frozenset({"arms", "whole_body", "probe"})

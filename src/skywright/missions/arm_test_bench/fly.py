@@ -1,6 +1,7 @@
-"""The arm's test bench (Sanchez-Cuevas 2020, section 5.2): clamped, pressing up a force staircase.
+"""Run of the mission on the arm's test bench (Sanchez-Cuevas 2020, section 5.2).
 
-Rest at gamma = (95, 152) deg, inspection position (61, 55) deg near the surface, force control.
+The arm of a clamped platform presses a staircase of forces: rest at gamma = (95, 152) deg,
+inspection position (61, 55) deg near the surface, force control.
 """
 
 from skywright.missions.arm_test_bench.plan import find_joints
@@ -13,7 +14,7 @@ SETTLE_S = 1.0
 
 
 def fly(s: Supervisor[BenchTask], way: None) -> Flight:
-    """Rest, inspection position, staircase, rest, all with a clamped platform."""
+    """Execute rest, inspection position, staircase and rest; return the result."""
     task = s.task
     bench = Presser(s, task)
     s.begin("start")

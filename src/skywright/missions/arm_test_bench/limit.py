@@ -1,11 +1,10 @@
-"""Largest press of a clamped arm before its tip slides away.
+"""Largest press force of a clamped arm before its tip slides away.
 
 The force loop moves the tip along the probe. Velocity servos yield like springs (a PD around the
-integrated command): the shoulder yields to the press, and the motion that the loop adds turns the
-probe further from the surface's normal. The tip slides with friction in the direction in which the
-probe leans, so the arm has to reach farther, up to the law's limit REACH. The model is
-quasi-static: at each small advance the joints are in equilibrium of servos, the arm's weight, the
-spring and friction.
+integrated command). The shoulder yields to the press, and the motion that the loop adds turns the
+probe further from the surface normal. The tip slides with friction in the direction in which the
+probe leans. The arm therefore has to reach farther, up to the law's limit REACH. The model is
+quasi-static: at each small advance the torques of servos, arm weight, spring and friction balance.
 """
 
 from collections.abc import Callable
@@ -25,16 +24,16 @@ from skywright.models.servo_gains import compute_servo_gains
 from skywright.vehicle.laws._tip_motion import DAMPING
 from skywright.vehicle.laws.backstepping import REACH
 
-STEP = 5e-4  # m, of an advance
-LEAP = 0.02  # rad, of one step of Newton's method
-SLACK = 3.0  # largest command of the servos, relative to REACH: they yield
+STEP = 5e-4  # m, size of an advance
+LEAP = 0.02  # rad, largest step of Newton's method
+SLACK = 3.0  # largest commanded advance relative to REACH, because the servos yield
 
 
 class BenchPress(NamedTuple):
-    """The largest press on the path, and its limiting cause."""
+    """Largest press force on the path, and the cause of the limit."""
 
     force: float  # N, along the probe
-    lean: float  # rad, of the probe from the surface's normal there
+    lean: float  # rad, angle of the probe from the surface normal at this press
     cause: str
 
 
@@ -57,10 +56,11 @@ def compute_bench_press(
     *,
     rigid: bool = False,
 ) -> BenchPress:
-    """Press from the joints q (2,) rad of a platform clamped at `base` (3,) m, R_WB (3, 3).
+    """Return the largest press from the joints q (2,) rad of a clamped platform.
 
-    Torque servos have no such stiffness, and it does not matter if friction holds the tip
-    (`rigid`). In these cases only stall and REACH limit the press.
+    The platform is clamped at `base` (3,) m with the attitude R_WB (3, 3). `rigid` neglects that
+    the servos yield: torque servos have no such stiffness, and the yielding does not matter if
+    friction holds the tip. In these cases only stall and REACH limit the press.
     """
     start = q
     model = build_body_model(robot, gravity)
@@ -80,7 +80,7 @@ def compute_bench_press(
             return goal - x - _load(robot, model, structure, base, R_WB, x).torque / k
 
         found = _settle(unbalanced, q)
-        if found is None:  # friction turns the probe back: it holds the tip
+        if found is None:  # friction turns the probe back and holds the tip
             return compute_bench_press(robot, structure, base, R_WB, start, gravity, rigid=True)
         q = found
         at = _load(robot, model, structure, base, R_WB, q)
@@ -114,8 +114,7 @@ def _settle(unbalanced: Callable[[Array], Array], q: Array) -> Array | None:
 def _load(
     robot: Robot, model: NDArray[Any], structure: Structure, base: Array, R_WB: Array, q: Array
 ) -> _State:
-    """Return force and torques of a tip that slides on the surface in the direction of its probe's
-    lean."""
+    """Return force and torques if the tip slides in the direction in which the probe leans."""
     assert robot.probe is not None
     k, torque = compute_kinematics(model, q), np.zeros(MAX_JOINTS)
     fill_gravity_torque(model[0], k, R_WB.T @ [0.0, 0.0, -model[0]["gravity"]], torque)

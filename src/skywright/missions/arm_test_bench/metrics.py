@@ -1,4 +1,4 @@
-"""Metrics of the kind "arm-test-bench": those of a press, for a clamped platform."""
+"""Metrics of the kind "arm-test-bench": metrics of a press for a clamped platform."""
 
 from skywright.missions.bridge_contact.metrics import HOLD
 from skywright.missions.bridge_contact.metrics import compute_bench_metrics as compute_metrics

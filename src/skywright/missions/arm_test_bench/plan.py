@@ -1,6 +1,7 @@
-"""The arm's test bench (Sanchez-Cuevas 2020, section 5.2): clamped, pressing up a force staircase.
+"""Plan of the mission on the arm's test bench (Sanchez-Cuevas 2020, section 5.2).
 
-Rest at gamma = (95, 152) deg, inspection position (61, 55) deg near the surface, force control.
+The arm of a clamped platform presses a staircase of forces: rest at gamma = (95, 152) deg,
+inspection position (61, 55) deg near the surface, force control.
 """
 
 import math
@@ -20,16 +21,24 @@ from skywright.models.things.bench import Bench
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 
-NEAREST, FARTHEST = 0.002, 0.04  # m, of the tip to the surface in the inspection position
+NEAREST, FARTHEST = 0.002, 0.04  # m, tip to surface (FARTHEST: inspection position only)
 
 
 def find_joints(gamma_deg: list[float]) -> np.ndarray:
-    """Return the joints (rad) of the paper's angles: shoulder = gamma_1 - 90, elbow = -gamma_2."""
+    """Return the joint angles (2,) rad of the paper's angles (deg).
+
+    shoulder = gamma_1 - 90 deg, elbow = -gamma_2
+    """
     return np.radians([gamma_deg[0] - 90.0, -gamma_deg[1]])
 
 
 def plan(setup: Setup[BenchTask]) -> MissionPlan[None]:
-    """Check the poses against joints and surface."""
+    """Check the poses against joint limits and surface, and the forces against the largest press.
+
+    Return the plan, with the reason if it is not feasible. Raises InputError if the world is no
+    test bench, the robot cannot press or has other than two joints, or a pose exceeds the joints'
+    limits.
+    """
     began = time.perf_counter()
     d, robot, world, task = setup.description, setup.robot, setup.world, setup.task
     bench = find_first(world.things, Bench)

@@ -1,4 +1,4 @@
-"""A battery from which no more may be used."""
+"""Fault rule: the usable energy of the battery is spent."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class BatteryLow(Rule):
-    """Share of the battery's energy that was used."""
+    """Used share of the battery's energy."""
 
     watches = "share of the battery's energy that was used, by its gauge"
     unit = ""
@@ -22,7 +22,7 @@ class BatteryLow(Rule):
     every = 25
 
     class Table(Rule.Table):
-        """Limit as a share."""
+        """Limit (share of the energy)."""
 
         limit: NonNegative = 0.8
         hold_s: NonNegative = 0.5

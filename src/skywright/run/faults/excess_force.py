@@ -1,4 +1,4 @@
-"""A force at probe or hand beyond what the mission may exert."""
+"""Fault rule: the force at probe or hand exceeds the limit of the mission."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class ExcessForce(Rule):
-    """Force sensor of the probe, or estimated force at each hand."""
+    """Force of the probe's sensor, or the estimated force at a hand, whichever is largest."""
 
     watches = "force of the probe's sensor, or the estimated force at a hand"
     unit = "N"

@@ -1,4 +1,4 @@
-"""A control link that delivers nothing."""
+"""Fault rule: the control link delivers no data."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class LinkSilent(Rule):
-    """Age of the newest inertial sample that came over the link."""
+    """Age of the newest inertial sample received over the link."""
 
     watches = "age of the newest inertial sample that came over the control link"
     unit = "s"

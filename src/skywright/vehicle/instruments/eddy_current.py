@@ -1,4 +1,4 @@
-"""The eddy-current instrument: what it shows at each sample, and what it says of contact."""
+"""Eddy-current instrument: signal at each sample, and contact from the lift-off signal."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ from skywright.vehicle.guard import CONTACT_LOST, CONTACT_MADE
 from skywright.vehicle.plant import SAMPLE_RATE, Surface
 
 LIFT_OFF_THRESHOLD = 15.0
-"""Instrument units (Tognon 2018, section VII)."""
+"""Instrument units, limit of the lift-off signal in contact (Tognon 2018, section VII)."""
 
 
 class EddyProbe(Component):
-    """Reads the pipe under the tip, once a sample; guards against contact made and lost."""
+    """Reads the pipe under the tip once per sample; fires the guards for contact made and lost."""
 
     slot, side = "derive", "plant"
 
@@ -45,9 +45,9 @@ class EddyProbe(Component):
         texture: int  # address of (3, modes): ks, kc, phase
         welds: int  # address of (welds, 4)
         n: Annotated[Integers, 4]  # tilts * gaps, welds * blends, modes, welds
-        numbers: Annotated[Array, 5]  # the rest of ProbeSignal, in its order
-        null: Annotated[Array, 2]  # what it shows in contact, as its user believes
-        lift_axis: Annotated[Array, 2]  # direction contact -> air on the display, likewise
+        numbers: Annotated[Array, 5]  # other numbers of ProbeSignal, in its order
+        null: Annotated[Array, 2]  # assumed signal in contact
+        lift_axis: Annotated[Array, 2]  # assumed direction contact -> air
 
     class Noise(Normal):
         stream = "probe"
@@ -56,7 +56,7 @@ class EddyProbe(Component):
 
     class Reading(Output):
         ec: Annotated[Array, 2]  # instrument units
-        in_contact: int  # by the lift-off signal
+        in_contact: int  # 1: in contact, by the lift-off signal
 
     columns = (Recorded("ec", Reading, "ec", "", "eddy-current signal, in instrument units"),)
 
@@ -76,7 +76,7 @@ class EddyProbe(Component):
         me.lift_axis[:] = [math.cos(phase), math.sin(phase)]
 
     def get_period(self, step: str, context: Any) -> float:
-        """Once a sample."""
+        """Return the sample period (s)."""
         return 1.0 / SAMPLE_RATE
 
     @staticmethod
@@ -97,14 +97,14 @@ class EddyProbe(Component):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Probes in a world with a pipe."""
+        """Yield the instrument if the robot has a probe and the world a pipe."""
         if context.world.pipe is not None and context.robot.probe is not None:
             yield cls("eddy current")
 
 
 @helper
 def open_signal(me: Any) -> ProbeSignal:
-    """Return views on what `ec_signal` needs."""
+    """Return views of the data that `ec_signal` needs."""
     q, modes = me.numbers, me.n[2]
     return ProbeSignal(
         table(me.tables, me.n[0], 2 * me.n[1]).view(np.complex128),

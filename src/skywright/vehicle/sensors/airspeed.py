@@ -13,10 +13,10 @@ from skywright.vehicle.plant import Wind
 
 
 class Airspeed(Sensor):
-    """Reads the air's speed against the robot, behind the lag of a hose, with white noise."""
+    """Measures the airspeed along x of the robot, with the lag of a hose and white noise."""
 
     class Table(Spec):
-        """The defaults are those of a small MEMS tube: assumed."""
+        """The defaults are assumed for a small MEMS tube."""
 
         rate_hz: Positive = 50.0
         noise_mps: NonNegative = 0.2  # 1 sigma
@@ -24,8 +24,8 @@ class Airspeed(Sensor):
 
     class Me(Record):
         sigma: float  # m/s
-        gain: float  # of the lag, a sample
-        v: float  # m/s, behind the hose
+        gain: float  # of the lag, per sample
+        v: float  # m/s, after the lag of the hose
 
     class Noise(Normal):
         v: float
@@ -38,7 +38,7 @@ class Airspeed(Sensor):
     columns = (Recorded("airspeed", Reading, "v", "m/s", "of the air against the robot, along x"),)
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """The lag is exact for a held speed."""
+        """Compute the gain of the lag; it is exact for a speed that is constant over a sample."""
         me.sigma = table.noise_mps
         me.gain = 1.0 - math.exp(-1.0 / (table.rate_hz * table.lag_s))
 

@@ -15,7 +15,7 @@ from skywright.vehicle.bus import Clock, MuJoCo
 from skywright.vehicle.component import Component, Normal, Out, Sensor, words
 
 RATE = 200.0  # Hz (Suarez 2020, section III-B)
-ERROR = math.radians(0.2)  # rad, accuracy of the AS5047 (same); it follows the angle
+ERROR = math.radians(0.2)  # rad, accuracy of the AS5047 (same source); varies with the angle
 NOISE = math.radians(0.05)  # rad, 1 sigma
 LSB = 2.0 * math.pi / 2**14  # rad
 
@@ -27,7 +27,7 @@ class DeflectionEncoders(Sensor):
         n: int
         flex: Annotated[Integers, MAX_JOINTS]  # -1: rigid
         on: Annotated[Integers, MAX_JOINTS]  # 1: has an encoder
-        slot: int  # period in which they were last read
+        slot: int  # index of the period of the last reading
         wave: Annotated[Array, MAX_JOINTS]  # rad, phase of the error over a turn
 
     class Noise(Normal):
@@ -36,7 +36,7 @@ class DeflectionEncoders(Sensor):
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Robots with compliant arms have them."""
+        """Yield the encoders if the robot has compliant arms."""
         if is_compliant(context.robot):
             yield cls("deflection encoders")
 

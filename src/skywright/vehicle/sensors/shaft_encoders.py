@@ -17,19 +17,19 @@ from skywright.vehicle.sensors.encoders import fill_encoders
 
 
 class ShaftEncoders(Sensor):
-    """Fills Shafts: servos' at their rate, passive joints' every tick; no speeds."""
+    """Fills the angles of Shafts: servos at their rate, passive joints at every tick; no speeds."""
 
     class Me(Record):
         n: int
         every: int  # control ticks between readings of a servo
-        servo: Annotated[Integers, MAX_JOINTS]  # of each joint, -1: passive
+        servo: Annotated[Integers, MAX_JOINTS]  # index of each joint's servo, -1: passive
         qpos: Annotated[Integers, MAX_JOINTS]
         lsb: Annotated[Array, MAX_JOINTS]  # rad
         offset: Annotated[Array, MAX_JOINTS]  # rad
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
-        """Robots with compliant arms have them."""
+        """Yield the encoders if the robot has compliant arms."""
         if is_compliant(context.robot):
             yield cls("shaft encoders")
 
