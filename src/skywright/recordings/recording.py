@@ -189,7 +189,7 @@ def _assemble(
 ) -> NDArray[Any]:
     """Return samples (n,) with all columns.
 
-    Only columns that are empty by their shape may be missing; otherwise raises InputError.
+    Raises InputError if a column is missing or has another shape, unless it is empty by its shape.
     """
     n = max(map(len, found.values()), default=0)
     samples = np.zeros(n, build_dtype(columns))

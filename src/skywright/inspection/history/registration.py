@@ -35,7 +35,7 @@ OUTLIER = 3.5
 LARGEST_TURN = math.radians(15.0)
 """rad, largest valid rotation. A larger one means that names or frames are mixed up."""
 MISFIT = 0.1
-"""Largest valid rms residual, relative to the rms extent of the points, for the same reason."""
+"""Largest valid rms residual, relative to the rms extent of the points (see LARGEST_TURN)."""
 STEPS = 6
 """Gauss-Newton iterations; three suffice for LARGEST_TURN."""
 
@@ -64,7 +64,8 @@ class Registration(NamedTuple):
     def carry(self, p: Array) -> tuple[Array, float]:
         """Return a position (3,) m in the frame of the asset, and its standard deviation (m).
 
-        It is the largest over all directions, and excludes the error of `p` in the flight's frame.
+        The standard deviation is the largest over all directions. It excludes the error of `p` in
+        the flight's frame.
         """
         lever = _turn(self.turn) @ (np.asarray(p, float) - self.middle)
         J = np.hstack([np.eye(3), -_cross(lever)])

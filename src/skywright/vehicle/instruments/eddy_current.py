@@ -47,7 +47,7 @@ class EddyProbe(Component):
         n: Annotated[Integers, 4]  # tilts * gaps, welds * blends, modes, welds
         numbers: Annotated[Array, 5]  # other numbers of ProbeSignal, in its order
         null: Annotated[Array, 2]  # assumed signal in contact
-        lift_axis: Annotated[Array, 2]  # assumed direction contact -> air
+        lift_axis: Annotated[Array, 2]  # assumed direction contact -> air on the display
 
     class Noise(Normal):
         stream = "probe"
