@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -146,6 +147,18 @@ def test_a_block_with_offsets_gives_the_same_tick_at_another_address() -> None:
         expected = decode(*layout.encode(tick.after[layout.own]))
         assert np.array_equal(block, expected)
         assert np.sum(expected != decode(*layout.encode(tick.before[layout.own]))) > 200
+
+
+def test_arrays_of_mujoco_that_steps_change_are_checked() -> None:
+    same = np.arange(4)
+    recorder = SimpleNamespace(
+        arrays={"arena": same[:1], "ctrl": same[:1], "pair_friction": same[:2]}, changes=[None],
+        ticks=[SimpleNamespace(before=same, after=same + [5, 6, 0, 0])],
+    )  # fmt: skip
+    cuda_bundle.check_written(recorder)
+    recorder.ticks.append(SimpleNamespace(before=same, after=same + [0, 0, 0, 1]))
+    with pytest.raises(InputError, match="changes pair_friction of MuJoCo"):
+        cuda_bundle.check_written(recorder)
 
 
 def test_a_kernel_runs_a_step_for_each_world() -> None:

@@ -48,6 +48,8 @@ from skywright.vehicle.component import Draws
 
 OWN, SHARED = 1, 2
 """An address in the block of the world, and one in the memory that all worlds read."""
+TO_PHYSICS = ("ctrl", "xfrc")
+"""Arrays of vehicle.bus.MuJoCo that steps write."""
 
 
 class Place(NamedTuple):
@@ -172,7 +174,7 @@ def build_world_kernel(
     return "\n".join([ptx, *lines, call, "END:", "  ret;", "}", ""])
 
 
-def write_rows(folder: Path, assembly: Assembly, layout: Layout) -> list[dict[str, Any]]:
+def write_rows(folder: Path, assembly: Assembly) -> list[dict[str, Any]]:
     """Compile each step into a kernel and return the rows of the schedule."""
     prepare()
     clock_at, base = _find_offset(assembly, Clock, ""), int(assembly.arena.ctypes.data)
@@ -210,6 +212,28 @@ def _find_offset(assembly: Assembly, record: Any, name: str) -> int:
     return assembly.address(record, name) - int(assembly.arena.ctypes.data)
 
 
+def check_written(recorder: FlightRecorder) -> None:
+    """Raise InputError if steps or Python code change an array that only MuJoCo should change.
+
+    fly_bundle.py gives MuJoCo Warp the controls and external forces, but not, for example, a
+    friction that varies along the surface.
+    """
+    pairs = [(t.before, t.after) for t in recorder.ticks]
+    pairs += [(c.before, c.after) for c in recorder.changes[1:]]
+    at, changed = 0, list[str]()
+    for name, array in recorder.arrays.items():
+        n = len(view_words(array))
+        inside = name not in ("arena", *TO_PHYSICS) and not name.startswith("kept")
+        if inside and any(not np.array_equal(a[at : at + n], b[at : at + n]) for a, b in pairs):
+            changed.append(name)
+        at += n
+    if changed:
+        raise InputError(
+            f"this flight changes {', '.join(changed)} of MuJoCo outside its steps; a GPU flight "
+            f"may change: {', '.join(TO_PHYSICS)}"
+        )
+
+
 def write_bundle(mission: str, sets: list[str], seconds: float, samples: int, out: Path) -> None:
     """Fly a mission and write its bundle into an empty folder.
 
@@ -226,7 +250,8 @@ def write_bundle(mission: str, sets: list[str], seconds: float, samples: int, ou
     result = fly_and_evaluate(description, [recorder])
     a, vehicle = recorder.assembly, recorder.vehicle
     layout = Layout(recorder)
-    rows = write_rows(out, a, layout)
+    check_written(recorder)
+    rows = write_rows(out, a)
     flight = encode_flight(recorder, layout)
     ticks = encode_ticks(recorder, layout)
     np.savez_compressed(out / "flight.npz", allow_pickle=False, **flight)
