@@ -8,6 +8,7 @@ import os
 import subprocess
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -151,7 +152,7 @@ def test_a_block_with_offsets_gives_the_same_tick_at_another_address() -> None:
 
 def test_arrays_of_mujoco_that_steps_change_are_checked() -> None:
     same = np.arange(4)
-    recorder = SimpleNamespace(
+    recorder: Any = SimpleNamespace(
         arrays={"arena": same[:1], "ctrl": same[:1], "pair_friction": same[:2]}, changes=[None],
         ticks=[SimpleNamespace(before=same, after=same + [5, 6, 0, 0])],
     )  # fmt: skip
