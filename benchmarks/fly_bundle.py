@@ -6,8 +6,10 @@ BUNDLE is a folder that `python -m skywright.evidence.cuda_bundle` wrote; this s
 mujoco, warp-lang and mujoco-warp, and not Skywright. Three things are measured:
 
 1. The control rows of single ticks, compared with those of the processor from the same state.
-2. The flight in many worlds, in closed loop. Each world has its own noise, world 0 that of the
-   recorded flight. What Python code changed between two mission ticks is replayed.
+   Integers must be equal.
+2. The flight in many worlds, in closed loop. World 0 has the noise of the recorded flight. World i
+   reads the rows of each block of noise from row SHIFT * i on, cyclically: as many worlds differ as
+   a block has rows. What Python code changed between two mission ticks is replayed.
 3. The time of a control tick: of the flight; and of all rows, and of MuJoCo Warp, alone.
 """
 
@@ -18,6 +20,7 @@ import json
 import math
 import sys
 import time
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -25,7 +28,10 @@ import cupy as cp
 import numpy as np
 
 OWN, SHARED = 1, 2
-THREADS = 64  # a block
+THREADS = 64  # of a block
+SHIFT = 7
+PACKAGES = ("cupy-cuda13x", "cupy-cuda12x", "mujoco", "warp-lang", "mujoco-warp")
+MISSION_TICKS = 10  # between two compared positions
 KERNELS = r"""
 extern "C" {
 typedef unsigned long long u64;
@@ -75,6 +81,14 @@ FROM_PHYSICS = {
 }  # fmt: skip
 """Arrays of the steps (vehicle.bus.MuJoCo) and of mujoco_warp.Data."""
 TO_PHYSICS = {"ctrl": "ctrl", "xfrc": "xfrc_applied"}
+
+
+def find_version(name: str) -> str:
+    """Return the version of a package, "" if it is not installed."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return ""
 
 
 def refuse(says: str) -> NoReturn:
@@ -179,6 +193,7 @@ class Physics:
     """MuJoCo Warp's data of all worlds."""
 
     def __init__(self, bundle: Bundle, worlds: Worlds) -> None:
+        """Place all worlds at the start of the flight."""
         import mujoco
         import mujoco_warp as mjw
         import warp as wp
@@ -252,9 +267,13 @@ def compare_ticks(bundle: Bundle) -> dict[str, Any]:
         (float(np.max(off[:, at // 8 : (at + size) // 8], initial=0.0)), name)
         for name, (at, size) in {**meta["records"], **meta["others"]}.items()
     ]
-    differ = off[values & ~same]
+    whole = np.zeros(values.shape[1], bool)
+    whole[meta["integers"]] = True
+    differ = off[values & ~same & ~whole]
     return {
         "ticks": n, "words": int(values.sum()), "same": int(same.sum()),
+        "integers": int((values & whole).sum()),
+        "wrong_integers": int((values & ~same & whole).sum()),
         "not_finite": int(np.sum(~np.isfinite(off))), "largest": float(np.max(off)),
         "median": float(np.median(differ)) if len(differ) else 0.0,
         "worst": sorted(worst, reverse=True)[:6],
@@ -262,13 +281,14 @@ def compare_ticks(bundle: Bundle) -> dict[str, Any]:
 
 
 class Loop:
-    """Graphs of a control tick over all worlds: rows, physics, or both."""
+    """Graphs of a control tick of all worlds: "rows", "physics", or "both"."""
 
     def __init__(self, bundle: Bundle, n: int) -> None:
+        """Compile the kernels for `n` worlds and capture the graphs."""
         import warp as wp
 
         self.wp, self.bundle = wp, bundle
-        self.worlds = Worlds(bundle, n, shift=7)
+        self.worlds = Worlds(bundle, n, SHIFT)
         self.stream = cp.cuda.ExternalStream(int(wp.get_stream().cuda_stream))
         self.every = max(row["every"] for row in bundle.meta["rows"])
         with self.stream:
@@ -322,7 +342,10 @@ class Loop:
 
 
 def fly(bundle: Bundle, loop: Loop, seconds: float) -> dict[str, Any]:
-    """Fly all worlds along the recorded flight and compare their positions with its own."""
+    """Fly all worlds along the recorded flight, up to `seconds` (s), and compare positions (m).
+
+    `not_finite` and `guards_fired` are numbers of worlds, at any of the compared times.
+    """
     f, meta, w = bundle.flight, bundle.meta, loop.worlds
     loop.restart()
     starts, ends = [0, *map(int, f["tick"])], [0, 0, *map(int, f["end"])]
@@ -331,7 +354,8 @@ def fly(bundle: Bundle, loop: Loop, seconds: float) -> dict[str, Any]:
         drawn.setdefault(int(t), []).append((int(d), cp.asarray(f[f"drawn {i}"])))
     n = min(sum(t * meta["dt"] < seconds for t in starts), len(starts) - 1)
     cp.cuda.Device().synchronize()
-    truth, taken, begin = meta["truth"] // 8, list[Any](), time.perf_counter()
+    truth, fired_at = meta["truth"] // 8, meta["clock"]["fired"] // 8
+    fired, taken, begin = cp.zeros(w.n, bool), list[Any](), time.perf_counter()
     with loop.stream:
         for k in range(n):  # the stretches between two changes
             for d, rows in drawn.get(starts[k], []):
@@ -339,20 +363,23 @@ def fly(bundle: Bundle, loop: Loop, seconds: float) -> dict[str, Any]:
             a, b = ends[k], ends[k + 1]
             w.set(w.at[a:b], w.value[a:b], w.space[a:b])
             loop.run("both", starts[k], starts[k + 1])
-            if k % 10 == 9:
+            if (k + 1) % MISSION_TICKS == 0:
                 taken.append(w.blocks[:, truth : truth + 3].copy())
+                fired |= w.blocks[:, fired_at] != 0
     loop.wp.synchronize()
     spent = time.perf_counter() - begin
     p = np.array([cp.asnumpy(x).view(np.float64) for x in taken])  # (times, worlds, 3)
-    off = np.linalg.norm(p - f["path"][9::10][: len(p), None, 1:4], axis=2)
-    fired = cp.asnumpy(w.blocks[:, meta["clock"]["fired"] // 8])
+    off = np.linalg.norm(
+        p - f["path"][MISSION_TICKS - 1 :: MISSION_TICKS][: len(p), None, 1:4], axis=2
+    )
     return {
         "worlds": w.n, "seconds": starts[n] * meta["dt"], "wall_s": spent,
         "tick_s": spent / starts[n],
         "world_0_largest_m": float(np.max(off[:, 0])),
         "world_0_m": [round(float(x), 9) for x in off[:: max(len(off) // 40, 1), 0]],
         "all_largest_m": float(np.max(off)), "all_rms_m": float(np.sqrt(np.mean(off**2))),
-        "not_finite": int(np.sum(~np.isfinite(off[-1]))), "guards_fired": int(np.sum(fired != 0)),
+        "not_finite": int(np.sum(~np.isfinite(off).all(axis=0))),
+        "guards_fired": int(fired.sum()),
     }  # fmt: skip
 
 
@@ -365,13 +392,21 @@ def main() -> None:
     p.add_argument("--whole", type=int, default=1024, help="worlds of the whole flight, 0: none")
     p.add_argument("--out", type=Path)
     asked = p.parse_args()
-    if asked.seconds <= 0.0 or asked.whole < 0 or any(n < 1 for n in asked.worlds):
-        refuse("--seconds and --worlds must be positive, --whole 0 or positive")
+    if not asked.seconds >= 1.0 or asked.whole < 0 or any(n < 1 for n in asked.worlds):
+        refuse("--seconds must be 1 or more, --worlds positive, --whole 0 or positive")
+    if asked.out is not None and not asked.out.parent.is_dir():
+        refuse(f"--out {asked.out}: the folder {asked.out.parent} does not exist")
+    if cp.cuda.runtime.getDeviceCount() == 0:
+        refuse("there is no CUDA device")
     bundle = Bundle(asked.bundle)
     device = cp.cuda.runtime.getDeviceProperties(0)["name"].decode()
     out: dict[str, Any] = {
         "mission": bundle.meta["mission"], "device": device, "block_bytes": bundle.stride,
-        "processor": bundle.meta["processor"], "recorded_s": bundle.meta["recorded_s"],
+        "recorded": {k: bundle.meta[k] for k in
+                     ("processor", "recorded_s", "dt", "n_steps", "sets", "versions", "commit")},
+        "arguments": {k: str(v) for k, v in vars(asked).items()},
+        "versions": {name: find_version(name) for name in PACKAGES},
+        "driver": cp.cuda.runtime.driverGetVersion(),
     }  # fmt: skip
 
     def note(key: str, value: Any) -> None:

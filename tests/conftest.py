@@ -10,6 +10,7 @@ from __future__ import annotations
 import gc
 import os
 import shutil
+import signal
 from collections.abc import Callable, Generator, Iterator
 from contextlib import suppress
 from importlib.util import find_spec
@@ -29,6 +30,11 @@ from command_server import CommandServer
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
+
+# A shell without job control starts background jobs with SIGINT ignored, and programs that the tests
+# interrupt would inherit that.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 threadpool_limits(1, "blas")  # one that a plugin of pytest has loaded before
 gc.disable()  # until all is imported: pytest_collection_finish

@@ -6,9 +6,9 @@ import importlib.util
 import json
 import os
 import subprocess
+from copy import copy
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -98,8 +98,8 @@ def test_without_numba_cuda_one_line_says_what_to_install() -> None:
     ("arguments", "says"),
     [
         (["waypoints"], "pip install numba-cuda"),
-        (["waypoints", "--seconds", "0"], "must be positive"),
-        (["waypoints", "--samples", "-1"], "must be positive"),
+        (["waypoints", "--seconds", "nan"], "valid: 1 or more"),
+        (["waypoints", "--samples", "-1"], "valid: 1 or more"),
         (["waypoints", "--out", "."], "exists already"),
     ],
 )
@@ -117,49 +117,103 @@ def test_a_bundle_that_cannot_be_written_is_refused_in_one_line(
     assert not (tmp_path / "new" / "bundle").exists()
 
 
-def test_a_block_with_offsets_gives_the_same_tick_at_another_address() -> None:
-    recorder = FlightRecorder(1e9, 100)
-    sets = ["mission.task.points=[{x_m=0.5,y_m=0.0,z_m=1.0,yaw_deg=10.0,hold_s=0.2}]"]
-    fly_and_evaluate(load_description("waypoints", sets=sets), [recorder])
+SHORT = ["mission.task.points=[{x_m=0.5,y_m=0.0,z_m=1.0,yaw_deg=10.0,hold_s=0.2}]"]
+
+
+@pytest.fixture(scope="module")
+def recorder() -> FlightRecorder:
+    """A recorded flight."""
+    out = FlightRecorder(1e3, 200)
+    out.every = 100
+    fly_and_evaluate(load_description("waypoints", sets=SHORT), [out])
+    return out
+
+
+class Block:
+    """A block in this process's memory, as a world on a GPU has it."""
+
+    def __init__(self, layout: Layout) -> None:
+        self.words = np.zeros(layout.block_bytes // 8 + 8, np.int64)[8:]
+        self.shared, space = layout.build_shared()
+        self.shared += np.where(space == SHARED, self.shared.ctypes.data, 0)
+
+    def decode(self, words: np.ndarray, space: np.ndarray) -> np.ndarray:
+        """Return encoded words with addresses in this block."""
+        own = np.where(space == OWN, self.words.ctypes.data, 0)
+        return np.asarray(words + own + np.where(space == SHARED, self.shared.ctypes.data, 0))
+
+
+def test_a_block_gives_the_same_tick_at_another_address(recorder: FlightRecorder) -> None:
     layout, a = Layout(recorder), recorder.assembly
     assert {"arena", "qpos", "ctrl"} <= {p.name for p in layout.places if p.space == OWN}
-    shared, shared_space = layout.build_shared()
-    shared_at, block = shared.ctypes.data, np.zeros(layout.block_bytes // 8 + 8, np.int64)[8:]
-
-    def decode(words: np.ndarray, space: np.ndarray) -> np.ndarray:
-        moved = np.where(space == OWN, block.ctypes.data, 0) + np.where(
-            space == SHARED, shared_at, 0
-        )
-        return np.asarray(words + moved)
-
-    shared[:] = decode(shared, shared_space)
-    inside = a.arena.ctypes.data
+    block = Block(layout)
+    at, inside = block.words.ctypes.data, a.arena.ctypes.data
+    assert len(recorder.ticks) > 5
     for tick in recorder.ticks[2::3]:
-        block[:] = decode(*layout.encode(tick.before[layout.own]))
-        clock = block[: Clock.dtype.itemsize // 8].view(Clock.dtype)
+        before = block.decode(*layout.encode(tick.before[layout.own]))
+        block.words[:] = before
+        clock = block.words[: Clock.dtype.itemsize // 8].view(Clock.dtype)
         rows = a.rows.copy()
-        rows["ports"] = np.where(rows["ports"] > 0, rows["ports"] - inside + block.ctypes.data, 0)
+        rows["ports"] = np.where(rows["ports"] > 0, rows["ports"] - inside + at, 0)
         for known, drawn in zip(a._blocks, tick.drawn, strict=True):
             for r, d in known.places:
-                stride = rows["draw_stride"][r][d]
                 index = clock["fast" if known.fast else "block"][0]
-                rows["draw_base"][r][d] = drawn.ctypes.data - index * stride
-        run_rows(rows.ctypes.data, 0, a.n_control, block.ctypes.data)
-        expected = decode(*layout.encode(tick.after[layout.own]))
-        assert np.array_equal(block, expected)
-        assert np.sum(expected != decode(*layout.encode(tick.before[layout.own]))) > 200
+                rows["draw_base"][r][d] = drawn.ctypes.data - index * rows["draw_stride"][r][d]
+        run_rows(rows.ctypes.data, 0, a.n_control, at)
+        assert np.array_equal(block.words, block.decode(*layout.encode(tick.after[layout.own])))
+        assert np.sum(block.words != before) > 200
 
 
-def test_arrays_of_mujoco_that_steps_change_are_checked() -> None:
-    same = np.arange(4)
-    recorder: Any = SimpleNamespace(
-        arrays={"arena": same[:1], "ctrl": same[:1], "pair_friction": same[:2]}, changes=[None],
-        ticks=[SimpleNamespace(before=same, after=same + [5, 6, 0, 0])],
-    )  # fmt: skip
+def test_changes_of_a_recorded_flight_are_those_of_python(recorder: FlightRecorder) -> None:
+    layout = Layout(recorder)
+    flight = cuda_bundle.encode_flight(recorder, layout)
+    assert np.array_equal(flight["tick"], [c.tick for c in recorder.changes[1:]])
+    assert np.all(np.diff(flight["tick"]) > 0) and len(flight["path"]) == len(recorder.changes)
+    own, last = set(layout.own.tolist()), 0
+    for change, end in zip(recorder.changes[1:], flight["end"], strict=True):
+        assert own.issuperset(change.at.tolist())
+        assert np.array_equal(layout.own[flight["at"][last:end]], change.at)
+        last = end
+    first_drawn = {int(b) for t, b in zip(flight["drawn_tick"], flight["drawn_block"], strict=True)
+                   if t == 0}  # fmt: skip
+    assert first_drawn == set(range(len(recorder.assembly._blocks)))
+    ticks = cuda_bundle.encode_ticks(recorder, layout)
+    assert len(ticks["before"]) == len(recorder.ticks)
     cuda_bundle.check_written(recorder)
-    recorder.ticks.append(SimpleNamespace(before=same, after=same + [0, 0, 0, 1]))
-    with pytest.raises(InputError, match="changes pair_friction of MuJoCo"):
-        cuda_bundle.check_written(recorder)
+
+
+def test_a_recorded_flight_is_the_flight_itself(recorder: FlightRecorder) -> None:
+    plain = FlightRecorder(-1.0, 1)  # records nothing
+    fly_and_evaluate(load_description("waypoints", sets=SHORT), [plain])
+    assert plain.path == recorder.path and not plain.ticks
+
+
+def test_a_flight_that_changes_the_plant_is_refused(recorder: FlightRecorder) -> None:
+    where, tick = recorder.slices()["eq_active"], recorder.ticks[0]
+    if where.start == where.stop:
+        where = recorder.slices()["geom_contype"]
+    wrong = tick.after.copy()
+    wrong[where.start] += 1
+    other = copy(recorder)
+    other.ticks = [*recorder.ticks, tick._replace(after=wrong)]
+    with pytest.raises(InputError, match=r"changes (eq_active|geom_contype) of MuJoCo outside"):
+        cuda_bundle.check_written(other)
+
+
+def test_integers_of_the_records_are_found(recorder: FlightRecorder) -> None:
+    found = set(cuda_bundle.list_integers(recorder.assembly))
+    at = (recorder.assembly.address(Clock) - recorder.assembly.arena.ctypes.data) // 8
+    names = list(Clock.dtype.names or ())
+    assert {at + names.index(n) for n in ("tick", "block", "fast", "fired")} <= found
+    assert not {at + names.index(n) for n in ("t", "dt", "h")} & found
+
+
+def test_steps_in_plain_python_are_refused() -> None:
+    step = SimpleNamespace(label="wind (Own.step)")
+    assembly = SimpleNamespace(steps=[step], list_python_rows=lambda: [0])
+    supervisor = SimpleNamespace(vehicle=SimpleNamespace(assembly=assembly))
+    with pytest.raises(InputError, match=r"plain Python do not run on a GPU: wind \(Own.step\)"):
+        FlightRecorder(1.0, 1).on_supervisor(supervisor)
 
 
 def test_a_kernel_runs_a_step_for_each_world() -> None:

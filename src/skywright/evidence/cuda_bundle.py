@@ -18,8 +18,10 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import shutil
 import sys
+from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -29,7 +31,11 @@ from numpy.typing import NDArray
 
 from skywright.description.loader import load_description
 from skywright.errors import InputError, SkywrightError
-from skywright.evidence.bench.machine import describe_machine
+from skywright.evidence.bench.machine import (
+    collect_all_versions,
+    describe_machine,
+    read_commit,
+)
 from skywright.evidence.cuda_record import FlightRecorder, Words, view_words
 from skywright.evidence.cuda_steps import (
     ARCHITECTURE,
@@ -48,6 +54,8 @@ from skywright.vehicle.component import Draws
 
 OWN, SHARED = 1, 2
 """An address in the block of the world, and one in the memory that all worlds read."""
+MOST = 400
+"""Most single ticks: with those that round up, less than the rows of a block of random numbers."""
 TO_PHYSICS = ("ctrl", "xfrc")
 """Arrays of vehicle.bus.MuJoCo that steps write."""
 
@@ -66,19 +74,18 @@ class Layout:
 
     def __init__(self, recorder: FlightRecorder) -> None:
         """Arrays that never change, and have no address of one that does, are shared."""
-        self.places, block, shared, at = list[Place](), 0, 0, 0
-        self.own: Words = np.zeros(0, np.int64)  # indices of the words of an image
+        self.places, block, shared, own = list[Place](), 0, 0, list[Words]()
         owned = _find_owned(recorder)
-        for name, array in recorder.arrays.items():
-            n = len(view_words(array))
+        for name, where in recorder.slices().items():
+            array, size = recorder.arrays[name], 8 * (where.stop - where.start)
             if name in owned:
                 self.places.append(Place(name, array, OWN, block))
-                self.own = np.concatenate([self.own, np.arange(at, at + n)])
-                block += 8 * n
+                own.append(np.arange(where.start, where.stop))
+                block += size
             else:
                 self.places.append(Place(name, array, SHARED, shared))
-                shared += 8 * n
-            at += n
+                shared += size
+        self.own = np.concatenate(own)  # indices of the words of an image that a block has
         for i, table in enumerate(recorder.tables):
             self.places.append(Place(f"table {i}", table, SHARED, shared))
             shared += 8 * len(view_words(table))
@@ -111,15 +118,11 @@ class Layout:
 
 def _find_owned(recorder: FlightRecorder) -> set[str]:
     """Return the names of the arrays of which each world needs its own."""
-    images = [image for c in recorder.changes for image in (c.before, c.after)]
-    images += [image for t in recorder.ticks for image in (t.before, t.after)]
-    constant, at = dict[str, Words](), 0
-    for name, array in recorder.arrays.items():
-        n = len(view_words(array))
-        words = recorder.first[at : at + n]
-        if name.startswith("kept") and all(np.array_equal(words, x[at : at + n]) for x in images):
-            constant[name] = words
-        at += n
+    constant = {
+        name: recorder.first[where]
+        for name, where in recorder.slices().items()
+        if name.startswith("kept") and not recorder.changed[where].any()
+    }
     owned = set(recorder.arrays) - set(constant)
     while True:
         spans = [
@@ -181,9 +184,14 @@ def write_rows(folder: Path, assembly: Assembly) -> list[dict[str, Any]]:
     readers = {
         place: i for i, block in enumerate(assembly._blocks) for place in block.places
     }  # (row, index of the draw in it)
-    out = []
+    most, out = int(assembly.rows["every"].max()), []
     for r, step in enumerate(assembly.steps):
         row, ports = assembly.rows[r], list[int | None]()
+        if row["phase"] or row["every"] not in (1, 1 if row["fast"] else most):
+            raise InputError(
+                f"{step.label} runs every {row['every']} ticks; on a GPU valid: 1 or, for a "
+                f"control row, {most}"
+            )
         draws: dict[int, tuple[int, int, int]] = {}
         blocks: list[int] = []
         for k, port in enumerate(step.ports):
@@ -218,19 +226,20 @@ def check_written(recorder: FlightRecorder) -> None:
     fly_bundle.py gives MuJoCo Warp the controls and external forces, but not, for example, a
     friction that varies along the surface.
     """
-    pairs = [(t.before, t.after) for t in recorder.ticks]
-    pairs += [(c.before, c.after) for c in recorder.changes[1:]]
-    at, changed = 0, list[str]()
-    for name, array in recorder.arrays.items():
-        n = len(view_words(array))
-        inside = name not in ("arena", *TO_PHYSICS) and not name.startswith("kept")
-        if inside and any(not np.array_equal(a[at : at + n], b[at : at + n]) for a, b in pairs):
-            changed.append(name)
-        at += n
-    if changed:
+    changed = np.zeros(len(recorder.first), bool)
+    for tick in recorder.ticks:
+        changed |= tick.before != tick.after
+    for change in recorder.changes[1:]:
+        changed[change.at] = True
+    names = [
+        name for name, where in recorder.slices().items()
+        if changed[where].any() and name not in ("arena", *TO_PHYSICS)
+        and not name.startswith("kept")
+    ]  # fmt: skip
+    if names:
         raise InputError(
-            f"this flight changes {', '.join(changed)} of MuJoCo outside its steps; a GPU flight "
-            f"may change: {', '.join(TO_PHYSICS)}"
+            f"this flight changes {', '.join(names)} of MuJoCo outside its steps; a flight on a "
+            f"GPU may change: {', '.join(TO_PHYSICS)}"
         )
 
 
@@ -241,12 +250,7 @@ def write_bundle(mission: str, sets: list[str], seconds: float, samples: int, ou
     """
     check_installed()
     description = load_description(mission, sets=sets)
-    trial = FlightRecorder(0.0, 10**9)
-    fly_and_evaluate(description, [trial])  # for its length
-    python = [trial.assembly.steps[i].label for i in trial.assembly.list_python_rows()]
-    if python:
-        raise InputError(f"steps in plain Python do not run on a GPU: {', '.join(python)}")
-    recorder = FlightRecorder(seconds, max(trial.n // samples, 1))
+    recorder = FlightRecorder(seconds, samples)
     result = fly_and_evaluate(description, [recorder])
     a, vehicle = recorder.assembly, recorder.vehicle
     layout = Layout(recorder)
@@ -264,10 +268,10 @@ def write_bundle(mission: str, sets: list[str], seconds: float, samples: int, ou
         "outcome": result.outcome, "recorded_s": min(seconds, vehicle.t),
         "processor": {
             "name": describe_machine()["processor"],
-            "tick_us": 1e6 * trial.spent_s / trial.ticks_timed,
+            "tick_us": 1e6 * recorder.spent_s / recorder.ticks_timed,
         },
-        "dt": vehicle.dt, "n_steps": vehicle.n_steps,
-        "n_control": a.n_control, "rows": rows,
+        "versions": collect_all_versions() | {"numba-cuda": version("numba-cuda")},
+        "commit": read_commit(), "dt": vehicle.dt, "n_steps": vehicle.n_steps, "rows": rows,
         "clock": {name: clock + int(fields[name][1]) for name in fields},
         "records": {
             f"{record.__qualname__} {name}".strip(): [
@@ -275,7 +279,7 @@ def write_bundle(mission: str, sets: list[str], seconds: float, samples: int, ou
             ]
             for (record, name), view in a.records.items()
         },
-        "truth": _find_offset(a, Truth, ""),
+        "integers": list_integers(a), "truth": _find_offset(a, Truth, ""),
         "others": {
             p.name: [p.offset, p.array.nbytes]
             for p in layout.places if p.space == OWN and p.name != "arena"
@@ -289,10 +293,32 @@ def write_bundle(mission: str, sets: list[str], seconds: float, samples: int, ou
     (out / "bundle.json").write_text(json.dumps(meta, indent=1) + "\n", encoding="utf-8")
 
 
+def list_integers(assembly: Assembly) -> list[int]:
+    """Return the indices of the words of the records that are integers."""
+    out, base = list[int](), int(assembly.arena.ctypes.data)
+
+    def look(kind: np.dtype[Any], at: int) -> None:
+        if kind.fields:
+            for inner, offset, *_ in kind.fields.values():
+                look(inner, at + offset)
+        elif kind.subdtype:
+            part = kind.subdtype[0]
+            for i in range(kind.itemsize // part.itemsize):
+                look(part, at + i * part.itemsize)
+        elif kind.kind == "i":
+            out.append(at // 8)
+
+    for view in assembly.records.values():
+        look(view.dtype, int(view.ctypes.data) - base)
+    return out
+
+
 def encode_flight(recorder: FlightRecorder, layout: Layout) -> dict[str, NDArray[Any]]:
     """Return the start, the changes, the random numbers and the path of a flight."""
     own = layout.own
-    start, start_space = layout.encode(recorder.changes[0].after[own])
+    start, start_space = layout.encode(recorder.start[own])
+    place = np.full(len(recorder.first), -1)  # of a word of the image in the block
+    place[own] = np.arange(len(own))
     shared, shared_space = layout.build_shared()
     ticks, at, values, spaces, ends = list[int](), list[Words](), list[Words](), list[Any](), []
     drawn, drawn_tick, drawn_block = list[NDArray[np.float64]](), list[int](), list[int]()
@@ -304,14 +330,12 @@ def encode_flight(recorder: FlightRecorder, layout: Layout) -> dict[str, NDArray
                 drawn_block.append(block)
         if i == 0:
             continue  # the start
-        before, after = change.before[own], change.after[own]
-        differs = np.flatnonzero(before != after)
-        value, space = layout.encode(after[differs])
+        value, space = layout.encode(change.value)
         ticks.append(change.tick)
-        at.append(differs)
+        at.append(place[change.at])
         values.append(value)
         spaces.append(space)
-        ends.append(len(differs))
+        ends.append(len(value))
     return {
         "start": start, "start_space": start_space, "shared": shared, "shared_space": shared_space,
         "tick": np.array(ticks), "end": np.cumsum(ends), "at": np.concatenate(at),
@@ -351,8 +375,11 @@ def main() -> None:
     try:
         if asked.out.exists():
             raise InputError(f"--out {asked.out} exists already: give a new folder")
-        if not (asked.seconds > 0.0 and asked.samples > 0):
-            raise InputError("--seconds and --samples must be positive")
+        if not (1.0 <= asked.seconds < math.inf and 1 <= asked.samples <= MOST):
+            raise InputError(
+                f"--seconds {asked.seconds:g}, --samples {asked.samples}; valid: 1 or more, and "
+                f"1 to {MOST}"
+            )
         asked.out.parent.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(dir=asked.out.parent) as folder:
             write_bundle(asked.mission, asked.set, asked.seconds, asked.samples, Path(folder))

@@ -8,8 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.errors import InputError
 from skywright.vehicle.bus import Clock, Truth
 from skywright.vehicle.follower import Follower
+from skywright.vehicle.plant import MISSION_TICK
 from skywright.vehicle.schedule import end_control, run_rows
 from skywright.vehicle.simulated import SimulatedVehicle
 
@@ -20,72 +22,96 @@ class Change(NamedTuple):
     """What Python code changed before the control tick `tick`."""
 
     tick: int
-    before: Words  # image at the end of the last tick
-    after: Words
+    at: Words  # (k,) indices of the changed words of the image
+    value: Words  # (k,) their new values
     drawn: list[tuple[int, NDArray[np.float64]]]  # (block of random numbers, new rows)
 
 
 class Tick(NamedTuple):
-    """Images before and after the control rows of a tick, and its rows of random numbers."""
+    """Images (n,) before and after the control rows of a tick, and its random numbers."""
 
     before: Words
     after: Words
-    drawn: list[NDArray[np.float64]]
+    drawn: list[NDArray[np.float64]]  # a row of each block
 
 
 class FlightRecorder:
-    """Observes a flight: records what Python code changes, and single ticks."""
+    """Observes a flight and records it up to a time.
 
-    def __init__(self, seconds: float, every: int) -> None:
-        """Record changes up to `seconds`, and each `every`-th mission tick."""
-        self.seconds, self.every, self.n = seconds, every, 0
+    The image (n,) of a vehicle is all its `arrays` in words of 8 bytes: its records, MuJoCo's
+    arrays, and the arrays whose addresses components keep.
+    """
+
+    def __init__(self, seconds: float, samples: int) -> None:
+        """Record up to `seconds` (s) of the flight, with about `samples` single ticks."""
+        self.seconds, self.n = seconds, 0
+        self.every = max(int(seconds / MISSION_TICK / samples), 1)  # mission ticks
         self.changes, self.ticks = list[Change](), list[Tick]()
-        self.tables = list[NDArray[Any]]()  # of the follower
-        self.path = list[list[float]]()  # rows of on_tick
-        self.spent_s, self.ticks_timed = 0.0, 0  # of control ticks of this flight
+        self.tables = list[NDArray[Any]]()  # rows of plans that the follower tracked
+        self.path = list[list[float]]()  # t (s) and true position (m) after each mission tick
+        self.spent_s, self.ticks_timed = 0.0, 0  # wall time of that number of control ticks
 
     def on_supervisor(self, supervisor: Any) -> None:
-        """Record the state before the flight, and all calls of the schedule from then on."""
+        """Record the state before the flight, and all calls of the schedule from then on.
+
+        Raises InputError for a vehicle with steps in plain Python.
+        """
         self.vehicle: SimulatedVehicle = supervisor.vehicle
         a = self.assembly = self.vehicle.assembly
-        self.follower = self.vehicle.find(Follower)
-        kept = [x for x in a.alive if isinstance(x, np.ndarray)]
-        moving = {"arena": a.arena, **self.vehicle.sim.arrays}
-        self.arrays = {**moving, **{f"kept {i}": x for i, x in enumerate(kept)}}
+        python = [a.steps[i].label for i in a.list_python_rows()]
+        if python:
+            raise InputError(f"steps in plain Python do not run on a GPU: {', '.join(python)}")
+        self.follower, sim = self.vehicle.find(Follower), self.vehicle.sim
+        fixed = {"eq_active": sim.data.eq_active, "geom_contype": sim.scene.model.geom_contype}
+        kept = {f"kept {i}": x for i, x in enumerate(a.alive) if isinstance(x, np.ndarray)}
+        self.arrays = {"arena": a.arena, **sim.arrays, **fixed, **kept}
         self.drawn = [np.zeros((0, 0))] * len(a._drawn)
-        self.first = self.last = self.take()
+        self.first = self.start = self.last = self.take()
+        self.changed = np.zeros(len(self.first), bool)  # words that differed once from the first
         self._run, self.vehicle.ticker.run = self.vehicle.ticker.run, self.run
 
     def on_plan(self, plan: Any, description: Any) -> None:
         """Nothing is observed."""
 
     def on_tick(self, t: float, phase: str, vehicle: SimulatedVehicle) -> None:
-        """Keep time and true position."""
+        """Record time and true position."""
         self.path.append([t, *vehicle.assembly.get(Truth)["p_WB"]])
 
     def close(self) -> None:
         """Nothing is open."""
 
     def take(self) -> Words:
-        """Return the image of all arrays, in words of 8 bytes."""
+        """Return the present image (n,)."""
         return np.concatenate([view_words(x) for x in self.arrays.values()])
 
+    def slices(self) -> dict[str, slice]:
+        """Return where each of the arrays is in the image."""
+        ends = np.cumsum([len(view_words(x)) for x in self.arrays.values()])
+        return {
+            name: slice(end - len(view_words(x)), end)
+            for (name, x), end in zip(self.arrays.items(), ends.tolist(), strict=True)
+        }
+
     def run(self, n: int, interactive: bool) -> None:
-        """Run `n` control ticks as the ticker does; record first what has changed."""
+        """Run `n` control ticks as the ticker does, and record them."""
         if not any(self.follower._rows is x for x in self.tables):
             self.tables.append(self.follower._rows)
-        if self.vehicle.t < self.seconds:
-            self._record_change()
-        if self.n % self.every == 0:
-            self._record_tick()
-            n -= 1
+        if self.vehicle.t >= self.seconds:
+            self._run(n, interactive)
+            return
+        self._record_change()
+        clock, every = self.assembly.get(Clock), int(self.assembly.rows["every"].max())
+        if self.n % self.every == 0 and clock["tick"] % every == 0:
+            clock["stop"] = 0
+            n = n - 1 if self._record_tick() else 0
         self.n += 1
-        begin = time.perf_counter()
-        self._run(n, interactive)
-        self.spent_s += time.perf_counter() - begin
-        self.ticks_timed += n
-        if self.vehicle.t < self.seconds:
-            self.last = self.take()
+        if n:
+            begin = time.perf_counter()
+            self._run(n, interactive)
+            self.spent_s += time.perf_counter() - begin
+            self.ticks_timed += n
+        self.last = self.take()
+        self.changed |= self.last != self.first
 
     def _record_change(self) -> None:
         a, drawn = self.assembly, list[tuple[int, NDArray[np.float64]]]()
@@ -94,22 +120,30 @@ class FlightRecorder:
                 drawn.append((i, rows))
                 self.drawn[i] = rows
         now = self.take()
-        self.changes.append(Change(int(a.get(Clock)["tick"]), self.last, now, drawn))
+        at = np.flatnonzero(now != self.last)
+        if not self.changes:
+            self.start = now
+        self.changed[at] = True
+        self.changes.append(Change(int(a.get(Clock)["tick"]), at, now[at], drawn))
 
-    def _record_tick(self) -> None:
+    def _record_tick(self) -> bool:
+        """Run and record a control tick; return whether the mission tick goes on after it."""
         a, clock = self.assembly, self.assembly.get(Clock)
         at, clock_at, before = int(a.rows.ctypes.data), a.address(Clock), self.take()
         draws = [
             rows[int(clock["fast" if b.fast else "block"])].copy() if len(rows) else rows
             for b, rows in zip(a._blocks, a._drawn, strict=True)
         ]
-        run_rows(at, 0, a.n_control, clock_at)
+        if run_rows(at, 0, a.n_control, clock_at):
+            return False
         self.ticks.append(Tick(before, self.take(), draws))
         end_control(clock_at)
         for _ in range(self.vehicle.n_steps):
             self.vehicle.sim.step(1)
-            run_rows(at, a.n_control, len(a.rows), clock_at)
+            if run_rows(at, a.n_control, len(a.rows), clock_at):
+                return False
             clock["fast"] += 1
+        return not clock["fired"]
 
 
 def view_words(array: NDArray[Any]) -> Words:
