@@ -53,7 +53,8 @@ def build_flights() -> str:
         f"Measured on one {first['device']} with MuJoCo Warp {first['versions']['mujoco-warp']}, "
         f"as the mean of the first {first['speed'][0]['seconds']:g} s of the flight. A control "
         f"tick of {1000 * recorded['dt']:g} ms is all rows, {recorded['n_steps']} steps of the "
-        "physics and the copies between them. The last column compares with the same ticks on one core of "
+        "physics and the copies between them. The last column compares with the same ticks on "
+        "one core of "
         f"{recorded['processor']['name']}, if cores scale linearly: "
         + ", ".join(
             f"{f['recorded']['processor']['tick_us']:.0f} us a tick of `{f['mission']}`"

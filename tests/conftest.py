@@ -31,7 +31,7 @@ from command_server import CommandServer
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
-# A shell without job control starts background jobs with SIGINT ignored, and programs that the tests
+# A shell without job control starts background jobs with SIGINT ignored, and programs that tests
 # interrupt would inherit that.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
