@@ -180,7 +180,7 @@ def campaign(
     sets: tuple[str, ...], seed: int | None, out: Path | None, workers: int | None,
     ray: str | None, record: str, target: float, parquet: bool, as_json: bool,
 ) -> int:  # fmt: skip
-    """Fly MISSION many times under varied conditions and decide go or no-go.
+    """Fly MISSION under varied conditions and decide go or no-go.
 
     The same command continues an interrupted campaign.
     """
