@@ -131,8 +131,9 @@ def _name(fixture: pytest.FixtureDef[object]) -> str:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, bool, bool]:
-    if not (file := item.config.getoption("--measure")):
+    if not (name := item.config.getoption("--measure")):
         return (yield)
+    file = item.config.rootpath / name  # tests change the working directory
     SET_UP.clear()
     before = _read_processor_time()
     ran = yield
