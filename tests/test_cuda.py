@@ -183,9 +183,10 @@ def test_changes_of_a_recorded_flight_are_those_of_python(recorder: FlightRecord
 
 
 def test_a_recorded_flight_is_the_flight_itself(recorder: FlightRecorder) -> None:
-    plain = FlightRecorder(-1.0, 1)  # records nothing
+    plain = FlightRecorder(1.0, 0)  # only times
     fly_and_evaluate(load_description("waypoints", sets=SHORT), [plain])
-    assert plain.path == recorder.path and not plain.ticks
+    assert plain.path == recorder.path and not plain.ticks and not plain.changes
+    assert plain.ticks_timed == round(1.0 / plain.vehicle.dt) and plain.spent_s > 0.0
 
 
 def test_a_flight_that_changes_the_plant_is_refused(recorder: FlightRecorder) -> None:
