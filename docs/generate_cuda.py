@@ -84,31 +84,47 @@ def build_flights() -> str:
         f"{first['speed'][1]['worlds']} worlds take {least:.1f} to {more:.1f} times as long as "
         "one.",
         "",
-        "| mission | words that the control rows of single ticks write | equal in all bits | "
-        "largest difference | "
-        "median of the others | flight | world 0 from the recorded flight (mm) | "
-        "all worlds, largest (mm) | rms (mm) |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "The control rows of single ticks, from the same state as on the processor:",
+        "",
+        "| mission | words written | equal in all bits | largest difference | "
+        "median of the others |",
+        "|---|---|---|---|---|",
     ]
     for f in flights:
-        a, g = f["agreement"], f["flight"]
+        a = f["agreement"]
         lines.append(
             f"| `{f['mission']}` | {a['words']} | {100 * a['same'] / a['words']:.0f} % | "
-            f"{a['largest']:.0e} | {a['median']:.0e} | {g['worlds']} worlds, {g['seconds']:.0f} s "
-            f"in {g['wall_s']:.0f} s | {1000 * g['world_0_largest_m']:.3f} | "
-            f"{1000 * g['all_largest_m']:.1f} | {1000 * g['all_rms_m']:.1f} |"
+            f"{a['largest']:.0e} | {a['median']:.0e} |"
         )
     lines += [
         "",
-        "Differences are relative to the largest value of the word in all compared ticks. The "
-        "distances are those of the platform, every 0.2 s. At the end of each flight all positions "
-        "were finite, and no guard had fired in any world.",
+        "Differences are relative to the largest value of the word in all compared ticks.",
     ]
     if any("wrong_integers" not in f["agreement"] for f in flights):
         lines[-1] += (
             " Integers were compared as the other words: an unequal one lowers the share of equal "
             "words, but not the differences."
         )
+    lines += [
+        "",
+        "The flight in closed loop, and the distances of the platforms from the recorded flight "
+        "every 0.2 s:",
+        "",
+        "| mission | worlds | flight (s) | wall time (s) | world 0, largest (mm) | "
+        "all worlds, largest (mm) | rms (mm) |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for f in flights:
+        g = f["flight"]
+        lines.append(
+            f"| `{f['mission']}` | {g['worlds']} | {g['seconds']:.0f} | {g['wall_s']:.0f} | "
+            f"{1000 * g['world_0_largest_m']:.3f} | {1000 * g['all_largest_m']:.1f} | "
+            f"{1000 * g['all_rms_m']:.1f} |"
+        )
+    lines += [
+        "",
+        "At the end of each flight all positions were finite, and no guard had fired in any world.",
+    ]
     for f in flights:
         assert not f["agreement"].get("wrong_integers", 0)
         assert not f["agreement"]["not_finite"]
