@@ -55,11 +55,11 @@ from skywright.vehicle.component import Draws
 OWN, SHARED = 1, 2
 """An address in the block of the world, and one in the memory that all worlds read."""
 MOST = 400
-"""Most single ticks: with those that round up, less than the rows of a block of random numbers."""
+"""Largest number of single ticks. Rounding can double it, and BLOCK is the limit."""
 TIMED_S = 8.0
 """s of the flight over which the processor is timed; the default of fly_bundle.py on the GPU."""
 TO_PHYSICS = ("ctrl", "xfrc")
-"""Arrays of vehicle.bus.MuJoCo that steps write."""
+"""Arrays of vehicle.bus.MuJoCo that steps may change; fly_bundle.py gives them to MuJoCo Warp."""
 
 
 class Place(NamedTuple):
@@ -72,7 +72,7 @@ class Place(NamedTuple):
 
 
 class Layout:
-    """Where each array of a vehicle lies on the GPU, and how an image is written with offsets."""
+    """Places of a vehicle's arrays on the GPU, and encoding of addresses as offsets."""
 
     def __init__(self, recorder: FlightRecorder) -> None:
         """Arrays that never change, and have no address of one that does, are shared."""
