@@ -158,7 +158,7 @@ def _list_estimator(robot: Robot, world: World, airframe: Airframe) -> Iterator[
         yield Parameter("EKF2_GPS_CTRL", 0, "no satellites")
         yield Parameter("EKF2_EV_CTRL", POSITION_ONLY, "position and yaw of motion capture")
         yield Parameter("EKF2_HGT_REF", 3, "height by motion capture")
-        yield Parameter("EKF2_EVP_NOISE", NOISE_LEAST[0], "m, least value; each pose states its own")
+        yield Parameter("EKF2_EVP_NOISE", NOISE_LEAST[0], "m, least value; a pose states its own")
         yield Parameter("EKF2_EVA_NOISE", NOISE_LEAST[1], "rad, likewise")
         yield Parameter("EKF2_MAG_TYPE", 5, "heading by motion capture, no magnetometer")
         own = world.localisation == "total-station"  # the onboard computer's, without delay
