@@ -77,7 +77,9 @@ class Senses:
         if read is None:
             reference = self.reference  # not self: a cycle would keep the memory of a flight
             place = reference.place(name)
-            read = place.tolist if place else lambda: np.asarray(reference[name]).tolist()
+            read = (
+                place.tolist if place is not None else lambda: np.asarray(reference[name]).tolist()
+            )
             self._told[name] = read
         return read()
 
