@@ -11,7 +11,7 @@ unexport PYTHONDONTWRITEBYTECODE
 WORKERS := 3
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check test durations wheel lint bench docs page lock pictures claims evidence clean
+.PHONY: help demo check test durations wheel pythons lint bench docs page lock pictures claims evidence clean
 
 help:  ## list these targets
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 12
@@ -45,6 +45,9 @@ durations: $(STAMP)  ## run the suite and list anew which tests `make check` lea
 
 wheel: $(STAMP)  ## build the wheel, install it into a clean environment and fly with it
 	@sh scripts/try_wheel.sh $(VENV)
+
+pythons: $(STAMP)  ## a flight and the quick tests with the other supported Pythons found here
+	@sh scripts/try_pythons.sh $(VENV)
 
 lint: $(STAMP)  ## style, types and import contracts
 	$(BIN)/ruff check
@@ -96,6 +99,6 @@ lock:  ## resolve requirements.lock and requirements-run.lock again (needs uv)
 	echo hatchling | $(RESOLVE) - -c requirements.lock -o requirements-run.lock
 
 clean:  ## remove what make made, the runs excepted
-	rm -rf $(VENV) site build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache \
+	rm -rf $(VENV) $(VENV)-3.* site build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache \
 	  .hypothesis
 	find src tests docs -name __pycache__ -type d -prune -exec rm -rf {} +
