@@ -4,7 +4,8 @@
 
 Without NAME all are flown. An interrupted comparison in FOLDER is continued. NAME.json contains the
 commit, the date, and the output of `skywright compare laws --json`. `--runs 0` flies nothing and
-only finds the laws that are refused before take-off.
+only finds the laws that are refused before take-off. `--cost` flies nothing and measures the
+computing times of the laws again, for an idle machine.
 """
 
 from __future__ import annotations
@@ -20,10 +21,12 @@ from typing import Any
 
 from skywright.analysis.compare_laws.cases import list_law_sets
 from skywright.analysis.compare_laws.compare import compare_laws
+from skywright.analysis.compare_laws.cost import measure_cost
 from skywright.analysis.compare_laws.report import tell_step, write_laws_page
 from skywright.core.find import list_kinds
 from skywright.description.loader import load_description
 from skywright.errors import InputError
+from skywright.evidence.bench.machine import describe_machine
 from skywright.run.planning import plan_mission
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -76,6 +79,19 @@ def find_refusal(c: dict[str, Any], law: str) -> str:
     return "" if plan.feasible else str(plan.blocked_by)
 
 
+def measure(name: str) -> str:
+    """Measure the laws that flew again and write the computing times; return them as text."""
+    c, file = COMPARISONS[name], KEPT / f"{name}.json"
+    found = json.loads(file.read_text(encoding="utf-8"))
+    for law in {f["law"] for f in found["flown"] if not f["refused"]}:
+        sets = [*c.get("sets", ()), *list_law_sets(law)]
+        cost = measure_cost(load_description(c["mission"], c.get("robot"), None, sets, 1))
+        found["cost_us"][law] = 1e6 * cost
+    found["cost_processor"] = describe_machine()["processor"]
+    file.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    return f"{name}: {found['cost_us']}"
+
+
 def write(name: str, result: dict[str, Any]) -> None:
     """Write NAME.json with commit and date."""
     git = ["git", "-C", str(ROOT), "rev-parse", "--short=10", "HEAD"]
@@ -94,13 +110,17 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=RUNS)
     parser.add_argument("--out", type=Path, default=ROOT / "runs" / "laws")
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--cost", action="store_true", help="measure computing times only")
     args = parser.parse_args()
     if unknown := set(args.names) - set(COMPARISONS):
         sys.exit(
             f"{', '.join(sorted(unknown))}: no such comparison; valid: {', '.join(COMPARISONS)}"
         )
     for name in args.names or COMPARISONS:
-        say = fly(name, args.runs, args.out, args.workers) if args.runs else refuse(name)
+        if args.cost:
+            say = measure(name)
+        else:
+            say = fly(name, args.runs, args.out, args.workers) if args.runs else refuse(name)
         print(say, flush=True)
 
 
