@@ -99,6 +99,6 @@ lock:  ## resolve requirements.lock and requirements-run.lock again (needs uv)
 	echo hatchling | $(RESOLVE) - -c requirements.lock -o requirements-run.lock
 
 clean:  ## remove what make made, the runs excepted
-	rm -rf $(VENV) $(VENV)-3.* site build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache \
-	  .hypothesis
+	rm -rf $(VENV) $(VENV)-3.* site build dist .mypy_cache .ruff_cache .pytest_cache \
+	  .import_linter_cache .hypothesis
 	find src tests docs -name __pycache__ -type d -prune -exec rm -rf {} +

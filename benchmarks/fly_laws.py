@@ -82,6 +82,8 @@ def find_refusal(c: dict[str, Any], law: str) -> str:
 def measure(name: str) -> str:
     """Measure the laws that flew again and write the computing times; return them as text."""
     c, file = COMPARISONS[name], KEPT / f"{name}.json"
+    if not file.is_file():
+        sys.exit(f"{file}: not there; fly the comparison first: python {sys.argv[0]} {name}")
     found = json.loads(file.read_text(encoding="utf-8"))
     for law in {f["law"] for f in found["flown"] if not f["refused"]}:
         sets = [*c.get("sets", ()), *list_law_sets(law)]

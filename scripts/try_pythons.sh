@@ -7,13 +7,18 @@ cd "$(dirname "$0")/.."
 venv=${1:-.venv}
 ours=$("$venv/bin/python" -c 'import sys; print("%d.%d" % sys.version_info[:2])')
 
+# Whether $2 is a Python of version $1 that can make environments.
+is_version() {
+    "$2" -c "
+import ensurepip, sys, venv
+sys.exit('%d.%d' % sys.version_info[:2] != '$1')" 2>/dev/null
+}
+
 # The path of a working Python of version $1: on the PATH, of uv, or of pyenv.
 find_python() {
     for candidate in "$(command -v "python$1" || true)" "$(uv python find "$1" 2>/dev/null || true)" \
-        "${PYENV_ROOT:-$HOME/.pyenv}/versions/$1".*/bin/python; do
-        if [ -x "$candidate" ] && "$candidate" -c "
-import ensurepip, sys, venv
-sys.exit('%d.%d' % sys.version_info[:2] != '$1')" 2>/dev/null; then
+        "${PYENV_ROOT:-${HOME:-/root}/.pyenv}/versions/$1".*/bin/python; do
+        if is_version "$1" "$candidate"; then
             echo "$candidate"
             return
         fi
@@ -28,7 +33,10 @@ for version in 3.11 3.12 3.13; do
         continue
     fi
     other=$venv-$version
-    [ -e "$other" ] || "$python" -m venv "$other"
+    if ! is_version "$version" "$other/bin/python"; then
+        rm -rf "$other"
+        "$python" -m venv "$other"
+    fi
     # An environment exists, so that make_venv.sh chooses no Python and skips what is installed.
     sh scripts/make_venv.sh "$other" requirements.lock
     echo "Python $version: a flight and the quick tests"
