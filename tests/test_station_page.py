@@ -20,7 +20,9 @@ from waiting import wait_for
 
 OpenPage = Callable[..., Page]
 Press = Callable[[Locator], None]
-LONG = "mission.task.points=[{ x_m = 1.0, y_m = 0.0, z_m = 1.0, hold_s = 300.0 }]"
+LONG = """mission.task.points=[{ x_m = 1.0, y_m = 0.0, z_m = 1.0, hold_s = 3000.0 }]
+robot.battery.energy_wh=5000"""
+"""A flight that outlasts a test on an overloaded machine."""
 TRY_MS = 20_000.0
 """Time of one try of an order: longer than any answer of a machine that is not overloaded."""
 
