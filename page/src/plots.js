@@ -39,8 +39,8 @@ export class Plots {
     const holder = make('div', { class: 'plot', role: 'img', 'aria-label': `${c.name} over time` });
     this.box.append(holder);
     const plot = new uPlot({
-      width: 300, height: 96, title: `${c.name}${c.unit ? `, ${c.unit}` : ''}${c.limit !== null ? `  (dashed: limit ${c.limit})` : ''}`,
-      legend: { show: false }, scales: { x: { time: false } }, padding: [4, 8, 0, 0],
+      width: 300, height: 100, title: `${c.name}${c.unit ? `, ${c.unit}` : ''}${c.limit !== null ? `  (dashed: limit ${c.limit})` : ''}`,
+      legend: { show: false }, scales: { x: { time: false } }, padding: [8, 8, 0, 0],
       axes: [
         { size: 20, font: '10px sans-serif', values: (u, ticks) => ticks.map((x) => `${x} s`), ticks: { size: 3 }, gap: 1 },
         { size: 44, font: '10px sans-serif', ticks: { size: 3 }, gap: 2, space: 22 },
@@ -67,7 +67,7 @@ export class Plots {
 
   resize() {
     const width = this.box.clientWidth;
-    if (width > 40) for (const p of this.plots) p?.setSize({ width, height: 96 });
+    if (width > 40) for (const p of this.plots) p?.setSize({ width, height: 100 });
   }
 
   // Sets all values of a recording at once.

@@ -61,9 +61,10 @@ export class Replay {
     const strip = make('div', { id: 'phases', role: 'group', 'aria-label': 'Phases' });
     this.bands = data.phases.map((p) => {
       const odd = p.outcome !== 'done' ? ` (${p.outcome})` : '';
-      const band = button(p.name + odd, () => this.seek(p.start + 0.05), {
+      const band = button('', () => this.seek(p.start + 0.05), {
         title: `${p.name}: ${p.start.toFixed(1)} to ${p.end.toFixed(1)} s${odd}`, class: p.outcome !== 'done' ? 'odd' : '',
       });
+      band.append(make('span', { text: p.name + odd }));
       band.style.flexGrow = Math.max(p.end - p.start, 0.01);
       strip.append(band);
       return band;

@@ -1,7 +1,7 @@
 // The 3-D view: robot, world, trace, force arrows and cameras.
 import {
   AmbientLight, BufferAttribute, BufferGeometry, CanvasTexture, Color, ConeGeometry, CylinderGeometry,
-  DirectionalLight, DoubleSide, FrontSide, GridHelper, Group, HemisphereLight, Line, LineBasicMaterial,
+  DirectionalLight, DoubleSide, FrontSide, Group, HemisphereLight, Line, LineBasicMaterial,
   LineSegments, Mesh, MeshBasicMaterial, MeshLambertMaterial, PerspectiveCamera, Points, PointsMaterial,
   Quaternion, RingGeometry, Scene, SRGBColorSpace, Sprite, SpriteMaterial, Vector3, WebGLRenderer,
 } from 'three';
@@ -43,6 +43,25 @@ class Arrow {
   }
 }
 
+// Returns lines on the ground every metre, up to `half` metres from W's origin. They are drawn metre
+// by metre, because renderers without a GPU leave out a line that ends behind the camera.
+function drawGrid(half) {
+  const axes = [], others = [];
+  for (let i = -half; i <= half; i += 1) {
+    for (let k = -half; k < half; k += 1) {
+      (i === 0 ? axes : others).push(i, k, 0, i, k + 1, 0, k, i, 0, k + 1, i, 0);
+    }
+  }
+  return [[axes, 0xaab3bd], [others, 0xd4d9df]].map(([places, color]) => {
+    const geometry = new BufferGeometry();
+    geometry.setAttribute('position', new BufferAttribute(new Float32Array(places), 3));
+    return new LineSegments(geometry, new LineBasicMaterial({ color }));
+  });
+}
+
+const FOV = 45; // degrees, vertical
+const ASPECT = 1.3;
+
 export class View {
   constructor(canvas, labels) {
     this.canvas = canvas;
@@ -52,7 +71,7 @@ export class View {
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
     this.scene = new Scene();
     this.scene.background = new Color(0xf4f5f7);
-    this.camera = new PerspectiveCamera(45, 1, 0.02, 200);
+    this.camera = new PerspectiveCamera(FOV, 1, 0.02, 200);
     this.camera.up.copy(UP);
     this.camera.position.set(-3, -4, 2.5);
     this.orbit = new OrbitControls(this.camera, canvas);
@@ -65,9 +84,7 @@ export class View {
     const sun = new DirectionalLight(0xffffff, 1.6);
     sun.position.set(-3, -4, 8);
     this.scene.add(sun);
-    const grid = new GridHelper(30, 30, 0xaab3bd, 0xd4d9df);
-    grid.rotateX(Math.PI / 2);
-    this.scene.add(grid);
+    this.scene.add(...drawGrid(15));
     this.mode = 'free';
     this.onmode = () => {};
     this.world = new Group();
@@ -79,6 +96,16 @@ export class View {
     const box = this.canvas.parentElement.getBoundingClientRect();
     this.renderer.setSize(box.width, box.height, false);
     this.camera.aspect = box.width / Math.max(box.height, 1);
+    this.setLens();
+  }
+
+  // The views of a run are placed for windows of this aspect or wider (ASPECT in views3d.py): in a
+  // narrower one the vertical angle grows, so that the horizontal one, and what it shows, stay.
+  setLens() {
+    const own = this.data?.camera.name === this.mode;
+    const grow = own ? 1 : Math.max(1, ASPECT / Math.max(this.camera.aspect, 0.1));
+    const half = Math.tan((own ? this.data.camera.fov : FOV) * Math.PI / 360);
+    this.camera.fov = Math.atan(half * grow) * 360 / Math.PI;
     this.camera.updateProjectionMatrix();
     this.dirty = true;
   }
@@ -247,8 +274,7 @@ export class View {
   look(name) {
     if (!this.data || !this.names.includes(name)) return false;
     this.mode = name;
-    this.camera.fov = name === this.data.camera.name ? this.data.camera.fov : 45;
-    this.camera.updateProjectionMatrix();
+    this.setLens();
     this.orbit.enabled = name !== this.data.camera.name;
     const view = this.data.views.find((v) => v[0] === name);
     this.camera.up.copy(UP);
