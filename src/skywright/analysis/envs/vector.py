@@ -159,6 +159,12 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
         mine = self._check_open()
         return self._do(lambda w: (MORE, ("tick", n)), lambda: mine.tick(n))
 
+    def step_alone(self, n: int) -> list[float]:
+        """Step every process `n` times with the last actions, without messages; return the times
+        (s)."""
+        mine = self._check_open()
+        return self._do(lambda w: (MORE, ("step_alone", n)), lambda: mine.step_alone(n))
+
     def _check_open(self) -> Share:
         if self._mine is None:
             raise InputError("the vector is closed: build another one")

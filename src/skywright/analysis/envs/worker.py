@@ -137,6 +137,13 @@ class Share:
                 env.vehicle.tick()
         return [time.perf_counter() - began]
 
+    def step_alone(self, n: int) -> list[float]:
+        """Step the environments `n` times without messages; return [time (s)], for a benchmark."""
+        began = time.perf_counter()
+        for _ in range(n):
+            self.step()
+        return [time.perf_counter() - began]
+
 
 def _serve(connection: Connection, file: int) -> None:
     """Build the environments and execute commands until the other end closes."""

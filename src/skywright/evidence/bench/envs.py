@@ -82,32 +82,47 @@ def _reset(env: Any) -> float:
 
 
 def _measure_vector(session: Session) -> list[Row]:
-    """Measure processes with environments relative to bare ticks, in wall time, in turns."""
+    """Measure a vector in wall time, in turns with processes that exchange no messages."""
     cases = [(FEW, 1), (FEW, LONG), (MANY, 1)]
-    return [_measure_share(session, each, ticks) for each, ticks in cases]
+    return [row for each, ticks in cases for row in _measure_share(session, each, ticks)]
 
 
-def _measure_share(session: Session, each: int, ticks: int) -> Row:
+def _measure_share(session: Session, each: int, ticks: int) -> list[Row]:
+    """Return the rate of a vector over that of processes which step, and which only tick."""
     import time
 
     from skywright.analysis.campaign.local import count_cores
     from skywright.analysis.envs.vector import VectorEnv
 
-    workers = min(count_cores(), 2)
+    workers, steps = min(count_cores(), 2), TICKS // ticks
     vector = VectorEnv(VECTOR, each * workers, workers=workers, states=1, ticks=ticks)
     still = np.zeros(vector.action_space.shape or (), np.float32)
-    shares = []
+
+    def step() -> float:
+        vector.reset(seed=1)
+        begin = time.perf_counter()
+        for _ in range(steps):
+            vector.step(still)
+        return time.perf_counter() - begin
+
+    def step_alone() -> float:
+        vector.reset(seed=1)
+        return max(vector.step_alone(steps))
+
+    cases = {"bare": lambda: max(vector.tick(TICKS)), "alone": step_alone, "vector": step}
     try:
-        for _ in range(session.pick(2, 10, 40)):
-            bare = max(vector.tick(TICKS))
-            vector.reset(seed=1)
-            begin = time.perf_counter()
-            for _ in range(TICKS // ticks):
-                vector.step(still)
-            shares.append(bare / (time.perf_counter() - begin))
+        times = interleave(cases, session.pick(2, 10, 40))
     finally:
         vector.close()
-    name = "share_of_bare_processes" + ("" if ticks == 1 else f"_{ticks}_ticks")
-    name += "" if each == FEW else f"_{each}_each"
-    note = f"{workers} processes of {each} environments, {ticks} ticks a step; idle machine"
-    return build_row(name, shares, limit=SHARE_LIMIT, sense=">=", note=note)
+    name = ("" if ticks == 1 else f"_{ticks}_ticks") + ("" if each == FEW else f"_{each}_each")
+    note = f"{workers} processes of {each} environments, {ticks} ticks a step"
+    return [
+        build_row(
+            f"share_of_{case}{name}", compute_ratios(times[key], times["vector"]),
+            limit=SHARE_LIMIT, sense=">=", note=f"{note}, over {over}; idle machine",
+        )
+        for key, case, over in (
+            ("bare", "bare_processes", "processes that only tick the vehicles"),
+            ("alone", "processes_alone", "processes that step without messages"),
+        )
+    ]  # fmt: skip
