@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import functools
+import gc
 import warnings
+import weakref
 from collections.abc import Iterator
 from multiprocessing import Pipe
 from pathlib import Path
@@ -14,35 +16,47 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers.vector import DictInfoToList
 
 import skywright
 from skywright import envs
 from skywright.analysis.campaign.local import count_cores
+from skywright.analysis.campaign.spec import draw_run, load_run
+from skywright.analysis.envs import starts
+from skywright.analysis.envs import vector as vectors
 from skywright.analysis.envs.env import ACT, JUDGE, OBSERVE
 from skywright.analysis.envs.parts import Observation, Observe
-from skywright.analysis.envs.registry import PLACES
+from skywright.analysis.envs.registry import PLACES, find_class
 from skywright.analysis.envs.vector import _Worker
 from skywright.analysis.envs.weld_press import SeeContact
 from skywright.errors import InputError, SimulationError
 from skywright.run.backends import build_vehicle
 from skywright.vehicle.bus import Reference, Truth
 from skywright.vehicle.component import Out
+from skywright.vehicle.plant import MISSION_TICK
 
 NO_SURVEY = ("mission.task.survey=false", *(f"plant.map_error_{x}=0" for x in ("m", "deg")))
 QUICK: dict[str, tuple[str, ...]] = {
     "WeldPress": (*NO_SURVEY, "plant.map_error_size_m=0"),
-    "WallSlide": (*NO_SURVEY, "mission.task.forces_n=[1.0]", "mission.task.hold_s=0.2"),
+    "WallSlide": (
+        *NO_SURVEY, "mission.task.forces_n=[1.0]", "mission.task.hold_s=0.2",
+        "world.structure.y_m=0.5",
+    ),
     "PegInHole": (),
     "SensorInstall": (
         *NO_SURVEY, "plant.map_error_size_m=0", "mission.task.hover_s=0", "mission.task.swing_deg=0"
     ),
 }  # fmt: skip
-"""What shortens the flight to where episodes begin."""
+"""What shortens the flight to where episodes begin; the wall is away from the origin."""
 
 
 @functools.cache
-def build(name: str) -> envs.ContactEnv:
-    return envs.make(name, sets=QUICK[name], states=2)
+def build(name: str, first: int = 0) -> envs.ContactEnv:
+    if name in ("WallSlide", "SensorInstall"):  # states that are saved as early as possible
+        early = type(name, (find_class(name),), {"spread_s": (0.0, 0.0)})
+        return early(sets=QUICK[name], states=2, first=first)
+    return envs.make(name, sets=QUICK[name], states=2, first=first)
 
 
 def fly(env: Any, seed: int, steps: int = 40, still: bool = False) -> tuple[Any, list[float]]:
@@ -111,6 +125,14 @@ def test_a_new_vector_flies_the_same_episodes_in_processes() -> None:
         episode_s=0.24, autoreset="same_step",
     )  # fmt: skip
     try:
+        still = np.zeros((2, 1))
+        for options in (None, {"condition": 7}):  # 7 is refused by every environment
+            if options is not None:
+                with pytest.raises(InputError, match="condition = 7; valid: 0 to 0"):
+                    vector.reset(seed=1, options=options)
+            for step in (lambda: vector.step(still), lambda: vector.step_alone(1)):
+                with pytest.raises(InputError, match=r"call reset\(\) first"):
+                    step()
         seen, _ = vector.reset(seed=[5, 5])
         rows, rng = [seen[0]], np.random.default_rng(5)
         for _ in range(10):
@@ -125,6 +147,10 @@ def test_a_new_vector_flies_the_same_episodes_in_processes() -> None:
             assert ended.tolist() == [truncated, truncated]
         assert abs(infos["final_obs"][0][2]) > 0.0 == seen[0][2]  # the push of a new episode
         assert infos["final_info"]["force_n"].shape == (2,) and "state" in infos
+        vector.tick(1)  # it begins episodes of its own
+        with pytest.raises(InputError, match=r"call reset\(\) first"):
+            vector.step(still)
+        vector.reset(seed=1)
         with pytest.raises(InputError, match=r"row 1 is not finite"):
             vector.step(np.array([[0.0], [np.nan]]))
         with pytest.raises(InputError, match=r"the shape is \(1,\)"):
@@ -137,6 +163,42 @@ def test_a_new_vector_flies_the_same_episodes_in_processes() -> None:
                 vector.step(np.zeros((2, 1)))
     finally:
         vector.close()
+
+
+@pytest.mark.parametrize("mode", ["next_step", "same_step"])
+def test_a_vector_gives_the_infos_of_gymnasiums(mode: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In each step of two environments that end at different times; the second one diverges."""
+    two = [build("WeldPress", i) for i in range(2)]
+    for env, steps in zip(two, (3, 8), strict=True):
+        monkeypatch.setattr(env, "steps_max", steps)
+    real = two[1].fly
+
+    def fly_badly() -> None:
+        real()
+        two[1].broken = "not finite" if two[1]._step == 5 else ""
+
+    monkeypatch.setattr(two[1], "fly", fly_badly)
+    monkeypatch.setattr(vectors, "make", lambda name, first, **options: two[first])
+    actions = np.random.default_rng(3).uniform(-1, 1, (9, 2, 1)).astype(np.float32)
+
+    def roll(vector: Any) -> list[Any]:
+        listed = DictInfoToList(vector)
+        return [listed.reset(seed=5), *(listed.step(action) for action in actions)]
+
+    vector = envs.VectorEnv("WeldPress", 2, workers=1, autoreset=mode)
+    mine = roll(vector)
+    sync = SyncVectorEnv(
+        [lambda: two[0], lambda: two[1]],
+        autoreset_mode=AutoresetMode[mode.upper()],
+    )  # fmt: skip
+    theirs = roll(sync)
+    sync.closed = True  # the environments stay open for other tests
+    for a, b in zip(mine, theirs, strict=True):
+        np.testing.assert_equal(a[-1], b[-1])
+        np.testing.assert_array_equal(a[0], b[0])
+    infos = [x[-1] for x in mine[1:]]
+    assert all("force_n" in x for x in infos[0]) and "force_n" not in infos[4][1]
+    assert "state" in infos[3 if mode == "next_step" else 2][0]
 
 
 def test_the_force_that_is_judged_is_the_plants_and_more_push_gives_more() -> None:
@@ -170,11 +232,13 @@ def test_an_episode_ends_with_its_reason() -> None:
 def test_a_slide_reaches_its_end_where_it_is_led() -> None:
     env = build("WallSlide")
     env.reset(seed=2)
-    for _ in range(env.steps_max):
+    begun = env.step(np.array([0.4, 0.0], np.float32))
+    assert abs(begun[4]["way_m"]) < 0.01 and not begun[2]  # from where the episode begins
+    for _ in range(env.steps_max - 1):
         _, _, terminated, truncated, info = env.step(np.array([0.4, 0.0], np.float32))
         if terminated or truncated:
             break
-    assert terminated and info["reason"] == "success" and info["way_m"] > 0.29
+    assert terminated and info["reason"] == "success" and 0.29 < info["way_m"] < 0.31
 
 
 def test_a_hand_that_is_led_by_its_force_installs_the_sensor() -> None:
@@ -186,6 +250,54 @@ def test_a_hand_that_is_led_by_its_force_installs_the_sensor() -> None:
         if terminated or truncated:
             break
     assert info["force_error_n"] < 0.6
+
+
+@pytest.mark.parametrize(("name", "error"), [("SensorInstall", -2.0), ("WallSlide", 0.0)])
+def test_the_first_observation_is_that_of_the_episode(name: str, error: float) -> None:
+    """Also if the state is saved at once. The slow force error begins at the force error: 2 N are
+    missing before contact, none in contact."""
+    env = build(name)
+    seen, _ = env.reset(seed=1)
+    after = env.step(np.zeros(env.action_space.shape or (), np.float32))[0]
+    still = [k for k, s in enumerate(env.observe.signals) if s.unit in ("m", "")]
+    assert np.any(seen) and np.allclose(seen[still], after[still], atol=0.1)
+    assert seen[:2] == pytest.approx(error, abs=0.3)  # not filtered with a force of 0 N
+
+
+def test_a_state_is_saved_after_a_tick_at_least() -> None:
+    env = build("WeldPress")
+    env.reset(seed=1)
+    t = env.vehicle.t
+    for saved in starts.save_states(env.vehicle, (0.0, 0.0), 2, 1):
+        env.vehicle.restore(saved)
+        assert env.vehicle.t == pytest.approx(t + MISSION_TICK)
+
+
+def test_a_contradictory_combination_is_refused_and_a_wrong_range_before_a_flight(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    flown = []
+
+    def load(campaign: Any, wanted: Any, i: int, states: int) -> Any:
+        flown.append(i)
+        load_run(campaign, draw_run(campaign, i))
+        return starts.Start(None, [], i, {}, 0)  # type: ignore[arg-type]
+
+    def begin(*vary: str, conditions: int = 2, seed: int = 1) -> Any:
+        campaign = starts.build_conditions("pipe-weld-scan", vary, "othex-force", None, (), seed)
+        wanted: Any = None
+        return starts.build_starts(campaign, wanted, range(conditions), 1)
+
+    monkeypatch.setattr(starts, "build_start", load)
+    gusts = ("world.wind.kind=choice(steady,dryden)", "world.wind.mean_mps=choice(0,1)")
+    good, refused = begin(*gusts)
+    assert len(good) == len(refused) == 1 and "dryden" in refused[0]
+    good, refused = begin(*gusts, conditions=1, seed=4)  # steady, 0: later draws have dryden, 1
+    assert len(good) == 1 and not refused
+    flown.clear()
+    with pytest.raises(InputError, match=r"world.pipe.friction=uniform\(-0.1,0.5\)"):
+        begin("world.pipe.friction=uniform(-0.1,0.5)")
+    assert not flown
 
 
 def test_an_observation_cannot_ask_for_the_truth() -> None:
@@ -312,8 +424,11 @@ def test_wrong_actions_are_refused_and_never_flown(action: Any, says: str) -> No
 def test_a_closed_environment_flies_no_more() -> None:
     env = envs.make("WeldPress", sets=QUICK["WeldPress"], states=1)
     env.reset(seed=1)
+    vehicle = weakref.ref(env.vehicle)
     env.close()
     env.close()
+    gc.collect()
+    assert vehicle() is None
     with pytest.raises(InputError, match="no episode runs: it was closed"):
         env.step(np.zeros(1, np.float32))
     with pytest.raises(InputError, match="was closed: make another"):

@@ -6,6 +6,7 @@ import importlib.util
 import json
 import sys
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,8 @@ train = load_example()
         (["train", "--steps", "-5"], "--steps"),
         (["train", "--conditions", "x"], "--conditions: 'x'; valid"),
         (["judge", "--episodes", "0"], "--episodes: '0'; valid"),
+        (["train", "--seed", "-1"], "--seed: '-1'; valid: a whole number from 0 to 4294967295"),
+        (["train", "--seed", "4294967296"], "--seed: '4294967296'; valid"),
         (["fly"], "invalid choice"),
     ],
 )
@@ -49,6 +52,10 @@ def test_wrong_words_end_with_exit_code_2(
         train.main([*words, "--out", str(tmp_path / "out")])
     assert ended.value.code == 2 and says in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+TOLD = {"env": "WeldPress", "vary": ["gusts.csv"], "set": [], "conditions": 24, "refused": []}
+"""What `train` writes of a training with its defaults."""
 
 
 def write_training(folder: Path, **told: Any) -> list[str]:
@@ -63,9 +70,18 @@ def write_training(folder: Path, **told: Any) -> list[str]:
     ("told", "more", "says"),
     [
         ({}, [], "training.json"),
-        ({"env": "WeldPress"}, [], "KeyError('conditions')"),
-        ({"env": "WeldPress", "conditions": 24, "refused": []}, ["--env", "WallSlide"],
-         "--env WallSlide: the policy was trained in WeldPress"),
+        ({"env": "WeldPress"}, [], "KeyError('vary')"),
+        (TOLD, ["--env", "WallSlide"], "--env WallSlide: the policy was trained in WeldPress"),
+        ({**TOLD, "state": "unfinished"}, [],
+         "state = 'unfinished': policy.zip may be of another training; valid: 'finished'"),
+        (TOLD, ["--vary", MASS], f"--vary: ['{MASS}']; the policy was trained with ['gusts.csv']"),
+        (TOLD, ["--set", "mission.seed=2"],
+         "--set: ['mission.seed=2']; the policy was trained with []; give the same, or --other"),
+        ({**TOLD, "conditions": 58, "refused": ["a"]}, [],
+         "gusts.csv: 64 rows; the training used the first 59, and --episodes 100 needs 10 more; "
+         "valid: --episodes up to 50, or a longer table"),
+        ({**TOLD, "conditions": 80}, ["--other-conditions"],
+         "used the first 64, and --episodes 100 needs 10 more; valid: a longer table, or"),
         ({}, ["--policy", "nowhere.zip"], "--policy nowhere.zip: no such file"),
     ],
 )  # fmt: skip
@@ -81,8 +97,101 @@ def test_a_policy_without_its_training_is_refused(
 
 def test_judging_begins_after_the_conditions_of_the_training(tmp_path: Path) -> None:
     """Whatever --envs and --conditions say now, and refused conditions counted."""
-    words = write_training(tmp_path, env="WeldPress", conditions=22, refused=["a", "b"])
+    told = {**TOLD, "conditions": 22, "refused": ["a", "b"]}
+    words = write_training(tmp_path, **told)
     assert train.find_fresh(train.parse([*words, "--envs", "1", "--conditions", "1"])) == 24
+    other = ["--vary", MASS, "--set", "mission.seed=2", "--other-conditions"]
+    assert train.find_fresh(train.parse([*words, *other])) == 24
+    words = write_training(tmp_path, **{**told, "conditions": 52})  # 10 of 64 rows are left
+    assert train.find_fresh(train.parse(words)) == 54
+
+
+class FakePPO:
+    """A learner that learns nothing, and that is interrupted if asked."""
+
+    num_timesteps, interrupted = 256, False
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        pass
+
+    def learn(self, steps: int, callback: Any) -> None:
+        if self.interrupted:
+            raise KeyboardInterrupt
+
+    def save(self, path: Path) -> None:
+        path.write_bytes(b"new")
+
+    load = classmethod(lambda cls, path, device: cls())
+
+
+@pytest.fixture
+def fake_learner(monkeypatch: pytest.MonkeyPatch) -> type[FakePPO]:
+    """Put modules in the place of stable-baselines3 and PyTorch."""
+    name = "stable_baselines3"
+    for module, parts in (
+        ("torch", {"set_num_threads": lambda n: None}), (name, {"PPO": FakePPO}),
+        (f"{name}.common", {}), (f"{name}.common.callbacks", {"BaseCallback": object}),
+        (f"{name}.common.vec_env", {
+            "DummyVecEnv": lambda made: SimpleNamespace(envs=[make() for make in made]),
+            "VecMonitor": lambda vector: vector, "VecNormalize": lambda vector, **_: vector,
+        }),
+    ):  # fmt: skip
+        fake = ModuleType(module)
+        fake.__dict__.update(parts)
+        monkeypatch.setitem(sys.modules, module, fake)
+    return FakePPO
+
+
+def test_a_training_that_is_interrupted_is_not_judged(
+    tmp_path: Path, fake_learner: type[FakePPO], monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    """Also in the folder of a training that finished, whose policy is still there."""
+    monkeypatch.setattr(train.envs, "make", lambda *args, **options: SimpleNamespace(refused=[]))
+    out = tmp_path / "out"
+    words = ["--out", str(out), "--envs", "2"]
+    assert train.main(["train", *words]) == 0
+    first = json.loads((out / "training.json").read_text())
+    assert first["state"] == "finished" and first["steps"] == 256 and first["conditions"] == 6
+    monkeypatch.setattr(fake_learner, "interrupted", True)
+    with pytest.raises(KeyboardInterrupt):
+        train.main(["train", *words, "--conditions", "1"])
+    second = json.loads((out / "training.json").read_text())
+    assert second["state"] == "unfinished" and second["conditions"] == 2
+    judged = ["--policy", str(out / "policy.zip"), "--out", str(tmp_path / "judged.json")]
+    assert train.main(["judge", *judged]) == 2
+    assert "state = 'unfinished'" in capsys.readouterr().err
+
+
+def test_laws_are_compared_in_the_conditions_that_all_reached(
+    tmp_path: Path, fake_learner: type[FakePPO], monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    reached = {"a": [24, 25, 27], "b": [25, 26, 27], "c": [26]}
+
+    def make(name: str, sets: list[str], **options: Any) -> Any:
+        law = sets[-1].removeprefix("mission.law=")
+        starts = [SimpleNamespace(condition=i) for i in reached[law]]
+        space = SimpleNamespace(shape=(1,))
+        return SimpleNamespace(starts=starts, refused=[f"not {law}"], action_space=space)
+
+    def fly(env: Any, choose: Any, seed: int, condition: int, error: float) -> dict[str, Any]:
+        number = env.starts[condition].condition
+        return {"condition": number, "seed": seed, "success": True, "force_error_n": 0.1}
+
+    monkeypatch.setattr(train.envs, "make", make)
+    monkeypatch.setattr(train, "fly", fly)
+    words = [*write_training(tmp_path, **TOLD), "--episodes", "4", "--laws"]
+    assert train.main([*words, "a,b"]) == 0
+    told = json.loads((tmp_path / "judged.json").read_text())
+    assert told["conditions"] == 2 and told["refused"] == ["a: not a", "b: not b"]
+    for player in ("a", "learned", "b"):
+        flown = [r["condition"] for r in told["episodes"] if r["player"] == player]
+        assert flown == [25, 27, 25, 27]
+    assert train.main([*words, "a,c"]) == 2
+    assert "--laws a,c: no condition was reached by all; a: not a; c: not c" in (
+        capsys.readouterr().err
+    )
 
 
 def test_a_missing_extra_is_told(

@@ -8,7 +8,8 @@
 One process and one thread; the environment is that of skywright.envs. `train` writes the policy,
 its curve and training.json. `judge` flies the policy and the classical laws, 100 episodes each, in
 conditions and with noise that the training did not see; training.json beside the policy says which
-it saw. Loading a policy executes code in it. docs/howto/learn-a-policy.md shows a result.
+it saw. `judge` refuses a policy whose training did not finish. Loading a policy executes code in
+it. docs/howto/learn-a-policy.md shows a result.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from typing import Any
 import numpy as np
 
 from skywright import InputError, envs
+from skywright.analysis.campaign.distributions import parse_variations
 from skywright.cli.options import check_folder, check_writable
 
 HERE = Path(__file__).parent
@@ -35,8 +37,10 @@ EACH = 10
 """Episodes that are judged in a condition."""
 SEED = 1
 """Of the campaign of conditions. Training flies its first ones, judging those that follow."""
-
-
+FINISHED, UNFINISHED = "finished", "unfinished"
+"""States in training.json."""
+SEED_MAX = 2**32 - 1
+"""Largest seed of NumPy's global generator, which stable-baselines3 seeds."""
 CURVE = ("steps", "seconds", "return", "noise")
 """Columns of curve.csv."""
 
@@ -45,6 +49,13 @@ def count(text: str) -> int:
     """Read a whole number from 1."""
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r}; valid: a whole number from 1")
+    return int(text)
+
+
+def read_seed(text: str) -> int:
+    """Read a seed of the learner."""
+    if not (text.isascii() and text.isdecimal()) or int(text) > SEED_MAX:
+        raise argparse.ArgumentTypeError(f"{text!r}; valid: a whole number from 0 to {SEED_MAX}")
     return int(text)
 
 
@@ -62,7 +73,11 @@ def parse(words: Sequence[str] | None = None) -> argparse.Namespace:
     p.add_argument("--error", type=float, default=0.15, help="N, mean, below which one succeeds")
     p.add_argument("--laws", default="push_and_slide,direct_force", help="to compare with")
     p.add_argument("--policy", type=Path, help="to judge")
-    p.add_argument("--seed", type=int, default=1)
+    p.add_argument(
+        "--other-conditions", action="store_true",
+        help="judge although --vary or --set differ from the training's",
+    )  # fmt: skip
+    p.add_argument("--seed", type=read_seed, default=1, help="of the learner, to train")
     p.add_argument("--out", type=Path, required=True)
     asked = p.parse_args(words)
     asked.vary, asked.sets = asked.vary or [GUSTS], asked.sets or []
@@ -95,7 +110,11 @@ def describe_task(asked: argparse.Namespace) -> dict[str, Any]:
 
 
 def train(asked: argparse.Namespace) -> None:
-    """Train, and write policy.zip, curve.csv and training.json."""
+    """Train, and write policy.zip, curve.csv and training.json.
+
+    Until the training has finished, training.json has the state "unfinished": policy.zip is
+    written several times, and may still be that of an earlier training.
+    """
     learner = import_learner()
     from stable_baselines3.common.callbacks import BaseCallback
     from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
@@ -113,6 +132,12 @@ def train(asked: argparse.Namespace) -> None:
     refused = [r for env in vector.envs for r in env.refused]
     built = time.perf_counter() - began
     asked.out.mkdir(parents=True, exist_ok=True)  # the input is right
+    told = {
+        **describe_task(asked), "state": UNFINISHED, "steps": 0, "seed": asked.seed,
+        "envs": asked.envs, "conditions": asked.envs * asked.conditions - len(refused),
+        "refused": refused, "build_s": round(built, 1),
+    }  # fmt: skip
+    write_json(told, asked.out / "training.json")
     vector = VecNormalize(VecMonitor(vector), norm_obs=False, norm_reward=True, gamma=0.98)
     rows: list[dict[str, float]] = []
 
@@ -141,15 +166,18 @@ def train(asked: argparse.Namespace) -> None:
     model.learn(asked.steps, callback=Curve())
     model.save(asked.out / "policy.zip")
     write_curve(rows, asked.out / "curve.csv")
-    told = {
-        **describe_task(asked), "steps": model.num_timesteps, "seed": asked.seed,
-        "envs": asked.envs, "conditions": asked.envs * asked.conditions - len(refused),
-        "refused": refused, "build_s": round(built, 1),
+    told |= {
+        "state": FINISHED, "steps": model.num_timesteps,
         "wall_s": round(time.perf_counter() - began, 1),
         "cpu_s": round(time.process_time(), 1), **describe_machine(),
     }  # fmt: skip
-    (asked.out / "training.json").write_text(json.dumps(told, indent=1) + "\n")
+    write_json(told, asked.out / "training.json")
     print(json.dumps(told))
+
+
+def write_json(told: dict[str, Any], path: Path) -> None:
+    """Write a file of JSON."""
+    path.write_text(json.dumps(told, indent=1) + "\n")
 
 
 def write_curve(rows: Sequence[dict[str, float]], path: Path) -> None:
@@ -161,20 +189,63 @@ def write_curve(rows: Sequence[dict[str, float]], path: Path) -> None:
 
 
 def find_fresh(asked: argparse.Namespace) -> int:
-    """Return the first condition that the training of a policy did not see; raises InputError."""
+    """Return the first condition that the training of a policy did not see.
+
+    Raises InputError if training.json does not tell, if the training was another one than asked
+    for, and if a table has too few conditions.
+    """
     if asked.policy is None or not asked.policy.is_file():
         raise InputError(f"--policy {asked.policy}: no such file; valid: one that `train` wrote")
     kept = asked.policy.parent / "training.json"
     try:
         told = json.loads(kept.read_text())
-        env, seen = str(told["env"]), int(told["conditions"]) + len(told["refused"])
+        before = {"env": str(told["env"]), "vary": list(told["vary"]), "set": list(told["set"])}
+        seen = int(told["conditions"]) + len(told["refused"])
+        state = told.get("state", FINISHED)  # a file without it was written at the end
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
             f"{kept}: {error!r}; `judge` reads in it which conditions the training saw"
         ) from None
-    if env != asked.env:
-        raise InputError(f"--env {asked.env}: the policy was trained in {env}")
+    if state != FINISHED:
+        raise InputError(
+            f"{kept}: state = {state!r}: {asked.policy.name} may be of another training; valid: "
+            f"{FINISHED!r}: run `train` to its end"
+        )
+    now = describe_task(asked)
+    if before["env"] != now["env"]:
+        raise InputError(f"--env {asked.env}: the policy was trained in {before['env']}")
+    for key in ("vary", "set"):
+        if sorted(before[key]) != sorted(now[key]) and not asked.other_conditions:
+            raise InputError(
+                f"--{key}: {now[key]}; the policy was trained with {before[key]}; give the same, "
+                "or --other-conditions"
+            )
+    check_rows(asked, before["vary"], seen)
     return seen
+
+
+def check_rows(asked: argparse.Namespace, before: Sequence[str], seen: int) -> None:
+    """Raise InputError if a table of the training has too few rows for fresh conditions.
+
+    Condition i has row i of a table; after the last row, the first one follows.
+    """
+    needed = count_conditions(asked)
+    for text, name in zip(asked.vary, describe_task(asked)["vary"], strict=True):
+        for variation in parse_variations([text]) if name in before else ():
+            rows = len(variation.values)
+            if variation.kind == "csv" and seen + needed > rows:
+                left = max(rows - seen, 0)
+                raise InputError(
+                    f"--vary {text}: {rows} rows; the training used the first {min(seen, rows)}, "
+                    f"and --episodes {asked.episodes} needs {needed} more; valid: "
+                    + (f"--episodes up to {left * EACH}, or a longer table" if left
+                       else "a longer table, or a training with fewer conditions")
+                )  # fmt: skip
+
+
+def count_conditions(asked: argparse.Namespace) -> int:
+    """Return the number of conditions to judge in."""
+    return -(-asked.episodes // EACH)
 
 
 def fly(env: Any, choose: Any, seed: int, condition: int, error: float) -> dict[str, Any]:
@@ -199,6 +270,18 @@ def fly(env: Any, choose: Any, seed: int, condition: int, error: float) -> dict[
     }  # fmt: skip
 
 
+def find_common(flown: dict[str, Any]) -> list[int]:
+    """Return the numbers of the conditions that all laws reached; raises InputError if none."""
+    reached = [{start.condition for start in env.starts} for env in flown.values()]
+    common = sorted(set.intersection(*reached))
+    if not common:
+        raise InputError(
+            f"--laws {','.join(flown)}: no condition was reached by all; "
+            + "; ".join(f"{law}: {text}" for law, env in flown.items() for text in env.refused[:1])
+        )
+    return common
+
+
 def judge(asked: argparse.Namespace) -> None:
     """Fly the policy and the laws in the same fresh conditions; write how each episode went."""
     first = find_fresh(asked)
@@ -210,29 +293,33 @@ def judge(asked: argparse.Namespace) -> None:
             f"--policy {asked.policy}: {error}; valid: policy.zip that `train` wrote"
         ) from error
     check_writable(asked.out, (".json",))
-    n = -(-asked.episodes // EACH)
+    # all laws first: each may refuse other conditions, and only common ones are compared
+    flown = {
+        law: envs.make(
+            asked.env, vary=asked.vary, conditions=count_conditions(asked), seed=SEED,
+            sets=[*asked.sets, f"mission.law={law}"], first=first,
+        )
+        for law in asked.laws.split(",")
+    }  # fmt: skip
+    common = find_common(flown)
     found: dict[str, Any] = {
-        **describe_task(asked), "error_n": asked.error, **describe_machine()
+        **describe_task(asked), "error_n": asked.error, **describe_machine(),
+        "refused": [f"{law}: {text}" for law, env in flown.items() for text in env.refused],
+        "conditions": len(common),
     }  # fmt: skip
     rows = []
-    for law in asked.laws.split(","):
-        env = envs.make(
-            asked.env, vary=asked.vary, conditions=n, seed=SEED,
-            sets=[*asked.sets, f"mission.law={law}"],
-            first=first,
-        )  # fmt: skip
+    for law, env in flown.items():
         still = np.zeros(env.action_space.shape, np.float32)
         players = {law: lambda _seen, still=still: still}
         if not rows:  # the policy steers the first law: that of the environment
             players["learned"] = lambda seen: model.predict(seen, deterministic=True)[0]
+        index = {start.condition: i for i, start in enumerate(env.starts)}
         for name, choose in players.items():
             for k in range(asked.episodes):
-                row = fly(env, choose, 10_000 + k, k % len(env.starts), asked.error)
-                rows.append({"player": name, **row})
-        found.setdefault("refused", env.refused)
-        found.setdefault("conditions", len(env.starts))
+                i = index[common[k % len(common)]]
+                rows.append({"player": name, **fly(env, choose, 10_000 + k, i, asked.error)})
     found["episodes"] = rows
-    asked.out.write_text(json.dumps(found, indent=1) + "\n")
+    write_json(found, asked.out)
     for name in dict.fromkeys(r["player"] for r in rows):
         mine = [r for r in rows if r["player"] == name]
         print(

@@ -236,6 +236,8 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
     def close(self) -> None:
         """Release the vehicles; the environment cannot be used afterwards."""
         self.running, self.starts, self._places = False, [], []
+        for name in ("start", "vehicle", "_action", "_seen", "_judged"):  # of the last episode
+            self.__dict__.pop(name, None)
 
     def _take(self, action: Any) -> None:
         """Write an action into the vehicle. Raises InputError."""

@@ -193,5 +193,7 @@ class SensorInstall(ContactEnv):
         act.task = TASK_VELOCITY
         observe.p_W[:] = judge.p_W[:] = contact
         observe.force = judge.force = float(s.task.force_n)
+        felt = s.vehicle.look(HandForce).f_WH[0]
+        observe.slow = float(felt @ observe.frame[:, 0]) - observe.force
         judge.tolerance, judge.hold, judge.excess = TOLERANCE, HOLD_S, EXCESS_N
         judge.lost = LOST_M

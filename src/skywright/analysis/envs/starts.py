@@ -13,7 +13,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from skywright.analysis.campaign.spec import Campaign, build_campaign, draw_run, load_run
+from skywright.analysis.campaign.spec import (
+    COMPANY,
+    Campaign,
+    build_campaign,
+    check_variations,
+    draw_run,
+    load_run,
+)
 from skywright.core.threads import on_one_thread
 from skywright.errors import InfeasibleError, InputError, SimulationError
 from skywright.run.backends import build_vehicle
@@ -46,7 +53,8 @@ class Wanted(NamedTuple):
     begin: Callable[[Supervisor[Any], Setup[Any], MissionPlan[Any]], None]
     """Called at the phase: initializes the records of the parts and starts tracking."""
     spread_s: tuple[float, float]
-    """s, range of the flight time without action before a state is saved."""
+    """s, range of the flight time without action before a state is saved; at least one mission
+    tick is flown, which computes the first observation."""
 
 
 class _ReachedError(Exception):
@@ -66,14 +74,19 @@ def build_starts(
 ) -> tuple[list[Start], list[str]]:
     """Fly each of the `conditions` (run numbers of the campaign) to the phase.
 
-    Return the starts, and the errors of conditions that did not reach the phase. Raises InputError
-    if none reached it.
+    Return the starts, and the errors of conditions that are refused as input or did not reach the
+    phase. Raises InputError before a flight if a range is invalid, and if no condition reached the
+    phase.
     """
+    # with few draws, a value that is valid only with some of the others would be refused
+    check_variations(campaign, max(max(conditions) + 1, COMPANY))
     out, refused = list[Start](), list[str]()
     for i in conditions:
         try:
             out.append(build_start(campaign, wanted, i, states))
-        except (InfeasibleError, SimulationError, _NeverReachedError) as error:
+        except (InfeasibleError, InputError, SimulationError, _NeverReachedError) as error:
+            if isinstance(error, InputError) and not campaign.variations:
+                raise  # the fixed input is wrong, in every condition
             refused.append(f"condition {i}: {error}")
     if not out:
         raise InputError(
@@ -115,12 +128,24 @@ def build_start(campaign: Campaign, wanted: Wanted, i: int, states: int) -> Star
             f"the flight ended before the phase {wanted.phase!r}: {flight.reason or 'done'}"
         )
     wanted.begin(supervisor, setup, plan)
-    base, rng = vehicle.save(), np.random.default_rng(np.random.SeedSequence(one.seed))
-    low, high = (round(t / MISSION_TICK) for t in wanted.spread_s)
+    saved = save_states(vehicle, wanted.spread_s, states, one.seed)
+    return Start(vehicle, saved, i, one.varied, one.seed)
+
+
+def save_states(
+    vehicle: SimulatedVehicle, spread_s: tuple[float, float], states: int, seed: int
+) -> list[Saved]:
+    """Fly `states` times from the current state for a time drawn from `spread_s` (s), each with
+    other noise, and save the vehicle.
+
+    At least one tick is flown: before it, the observation is that of the flight, or zero.
+    """
+    base, rng = vehicle.save(), np.random.default_rng(np.random.SeedSequence(seed))
+    low, high = (max(round(t / MISSION_TICK), 1) for t in spread_s)
     saved = []
     for _ in range(states):
         vehicle.restore(base, int(rng.integers(SEED_MAX)))
         for _ in range(int(rng.integers(low, high + 1))):
             vehicle.tick()
         saved.append(vehicle.save())
-    return Start(vehicle, saved, i, one.varied, one.seed)
+    return saved

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from skywright.analysis.campaign.forks import Fork, start_fork
 from skywright.analysis.campaign.local import count_cores
+from skywright.analysis.envs.env import DIVERGED
 from skywright.analysis.envs.parts import LIMIT
 from skywright.analysis.envs.registry import find_class, make
 from skywright.analysis.envs.shared import Layout, map_arrays, open_file
@@ -45,6 +46,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
     """`num_envs` environments of skywright.envs in `workers` processes."""
 
     metadata: dict[str, Any] = {"render_modes": []}
+    _begun = False
+    """Whether every environment has begun an episode; before, a Share has no addresses."""
 
     def __init__(
         self, name: str, num_envs: int, *, workers: int | None = None,
@@ -74,6 +77,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
                 raise InputError(f"{key}: set by the vector for each environment")
         self.metadata = {**self.metadata, "autoreset_mode": modes[autoreset]}
         self.num_envs, self.values = num_envs, cls.values
+        self._all = np.ones(num_envs, np.bool_)  # copied for the masks of a step
         acts, sees = len(cls.act.signals), len(cls.observe.signals)
         self.single_action_space = gymnasium.spaces.Box(-1.0, 1.0, (acts,), np.float32)
         self.single_observation_space = gymnasium.spaces.Box(-LIMIT, LIMIT, (sees,), np.float32)
@@ -107,7 +111,10 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
         self, *, seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Numbers, dict[str, Any]]:  # fmt: skip
-        """Begin an episode in each environment; environment i gets the seed `seed` + i."""
+        """Begin an episode in each environment; environment i gets the seed `seed` + i.
+
+        After an InputError of an environment, a step needs another reset.
+        """
         n = self.num_envs
         if seed is None or not isinstance(seed, Sequence | np.ndarray):
             one = int(seed) if isinstance(seed, int | np.integer) else None
@@ -122,17 +129,20 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
             raise InputError(f"seed = {seed!r}; valid: whole numbers from 0")
         seeds = [None if x is None else int(x) for x in seeds]
         mine = self._check_open()
+        self._begun = False  # an environment may refuse, after others have begun
         told = self._do(
             lambda w: (MORE, ("reset", seeds[w.first : w.first + w.n], options)),
             lambda: mine.reset(seeds[: len(mine.envs)], options),
         )
+        self._begun = True
         return self._shared.seen.copy(), self._tell(told)
 
     def step(
         self, actions: Any
     ) -> tuple[Numbers, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """Step all environments. Raises InputError for actions of another shape or with NaN."""
-        mine = self._check_open()
+        """Step all environments. Raises InputError for actions of another shape or with NaN, and
+        unless every environment has begun an episode."""
+        mine = self._check_begun()
         try:
             given = np.asarray(actions, np.float32)
         except (TypeError, ValueError):
@@ -147,28 +157,44 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
         self._shared.actions[:] = given
         told = self._do(lambda w: (STEP, None), mine.step)
         s, infos = self._shared, self._tell(told)
+        with_values = self._all
+        if told:  # an environment that was reset or diverged has no values
+            with_values = with_values.copy()
+            for i, what, info in told:
+                if what == "reset" or info.get("reason") == DIVERGED:
+                    with_values[i] = False
         for k, value in enumerate(self.values):
             infos[value.name] = s.values[:, k].copy()
+            infos["_" + value.name] = with_values.copy()
         return (
             s.seen.copy(), s.reward.copy(), s.terminated.copy(), s.truncated.copy(), infos
         )  # fmt: skip
 
     def tick(self, n: int) -> list[float]:
-        """Tick the vehicles of every process `n` times without environments; return the times
-        (s)."""
+        """Tick the vehicles of every process `n` times without environments; return the times (s).
+
+        A step needs a reset afterwards.
+        """
         mine = self._check_open()
+        self._begun = False
         return self._do(lambda w: (MORE, ("tick", n)), lambda: mine.tick(n))
 
     def step_alone(self, n: int) -> list[float]:
         """Step every process `n` times with the last actions, without messages; return the times
-        (s)."""
-        mine = self._check_open()
+        (s). Raises InputError as `step` does."""
+        mine = self._check_begun()
         return self._do(lambda w: (MORE, ("step_alone", n)), lambda: mine.step_alone(n))
 
     def _check_open(self) -> Share:
         if self._mine is None:
             raise InputError("the vector is closed: build another one")
         return self._mine
+
+    def _check_begun(self) -> Share:
+        mine = self._check_open()
+        if not self._begun:
+            raise InputError("not every environment has begun an episode: call reset() first")
+        return mine
 
     def _do(
         self, command: Callable[[_Worker], tuple[bytes, Any]], own: Callable[[], list[Any]]
@@ -231,18 +257,15 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
         return answer
 
     def _tell(self, told: list[Info]) -> dict[str, Any]:
-        """Return the infos as in Gymnasium: arrays, with a mask under `_key`."""
+        """Return the infos as Gymnasium's SyncVectorEnv: arrays, with a mask under `_key`."""
         infos: dict[str, Any] = {}
-        final: dict[str, Any] = {}
         same = self.metadata["autoreset_mode"] == AutoresetMode.SAME_STEP
         for i, what, info in told:
             if same and what == "ended":
-                final = self._add_info(final, info, i)
-                infos = self._add_info(infos, {"final_obs": self._shared.last[i].copy()}, i)
+                last = self._shared.last[i].copy()
+                infos = self._add_info(infos, {"final_obs": last, "final_info": info}, i)
             else:
                 infos = self._add_info(infos, info, i)
-        if final:
-            infos["final_info"] = final
         return infos
 
     def close_extras(self, **kwargs: Any) -> None:

@@ -125,7 +125,7 @@ class JudgeSlide(Judge):
     """Reward progress of the tip in contact; penalize the force error."""
 
     class Me(Judge.Me):
-        on: float  # 1: `last` and `begin` are set
+        on: float  # 1: `last` and `begin` are set; WallSlide.begin clears it
         way: Vec3
         speed: float  # m/s, at which a step earns 1
         length: float  # m
@@ -178,7 +178,8 @@ class WallSlide(ContactEnv):
 
     @classmethod
     def begin(cls, s: Any, setup: Any, plan: Any, act: Any, observe: Any, judge: Any) -> None:
-        """Hold the first point of the slide; the path is the mission's."""
+        """Hold the first point of the slide; the path is the mission's, and the way of the tip is
+        measured from its position after this call."""
         table, _ = s.vehicle.tracking
         way = table["p_WB"][-1] - table["p_WB"][0]
         length = float(np.linalg.norm(way))
@@ -187,6 +188,8 @@ class WallSlide(ContactEnv):
         for part in (act, observe, judge):
             part.way[:], part.length = way / length, length
         observe.force = judge.force = force
+        observe.slow -= force  # until now the filter ran with a desired force of zero
         act.most, act.least, act.acceleration = FORCE_RANGE * force, 0.1 * force, ACCELERATION
         judge.speed, judge.excess, judge.patience = SPEED, EXCESS_N, LOST_S
         judge.length = 0.98 * length  # the tip may stop slightly behind the platform
+        judge.on = 0.0  # the judge has run since take-off, without a way

@@ -121,7 +121,7 @@ class Share:
         self.values[i] = [info.get(value.name, 0.0) for value in env.values]
         out: list[Info] = [(self.first + i, "ended", info)]
         if self.same:
-            self.last[i] = self.seen[i]
+            self.last[i], self.values[i] = self.seen[i], 0.0  # the info has the values
             out.append(self._begin(i))
         self.reward[i], self.terminated[i], self.truncated[i] = reward, terminated, truncated
         return out
