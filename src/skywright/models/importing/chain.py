@@ -23,6 +23,7 @@ from skywright.models.importing.fingers import (
     find_fingers,
     find_gripper,
     joints_to,
+    list_coupled,
 )
 
 TINY = 1e-9
@@ -67,6 +68,8 @@ def freeze(model: mujoco.MjModel, root: int, locked: Mapping[str, float]) -> muj
         at, kind = int(model.jnt_qposadr[j]), model.jnt_type[j]
         if kind == mujoco.mjtJoint.mjJNT_FREE:
             data.qpos[at : at + 7] = [0, 0, 0, 1, 0, 0, 0]
+        elif model.body_rootid[model.jnt_bodyid[j]] != root:
+            continue
         elif kind == mujoco.mjtJoint.mjJNT_BALL:
             raise InputError(f"joint {model.joint(j).name!r} is a ball joint; valid: hinge, slide")
         else:
@@ -77,23 +80,6 @@ def freeze(model: mujoco.MjModel, root: int, locked: Mapping[str, float]) -> muj
     if np.linalg.norm(data.xpos[root]) > TINY:
         raise InputError(f"body {model.body(root).name!r} is not the free root of its tree")
     return data
-
-
-def find_root(model: mujoco.MjModel, name: str | None) -> int:
-    """Return the flying body: `name`, or the first with a free joint; raises InputError."""
-    free = [
-        int(model.jnt_bodyid[j])
-        for j in range(model.njnt)
-        if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE
-    ]
-    names = [model.body(b).name for b in free]
-    if name is not None:
-        if name not in names:
-            raise InputError(f"--body {name!r} does not fly; valid: {', '.join(names) or 'none'}")
-        return free[names.index(name)]
-    if not free:
-        raise InputError("no body has a free joint: the file holds no robot that flies")
-    return free[0]
 
 
 def find_chain(
@@ -132,12 +118,24 @@ def find_chain(
     fingers = find_fingers(model, data, root)
     for j in fingers:
         frozen.setdefault(j, "a finger of the gripper")
+    coupled = _list_partners(model, root)
     carrier, place, tip_name = _find_tip(model, data, root, frozen, fingers, tip)
     joints = joints_to(model, carrier, frozen)
+    for j in joints:
+        partners = [model.joint(k).name for k in joints if k in coupled.get(j, ())]
+        if partners:
+            names = " and ".join([model.joint(j).name, *partners])
+            raise InputError(
+                f"joints {names} of the arm are coupled (<mimic>, or an equality): coupled joints "
+                f"that follow each other in an arm are not supported; freeze one of them with "
+                f"--weld {partners[-1]}, or remove the coupling to move each by a servo of its own"
+            )
     for j in range(model.njnt):
         body = int(model.jnt_bodyid[j])
         if model.body_rootid[body] == root and body != root and j not in (*joints, *frozen):
-            frozen[j] = f"does not lead to the tip {tip_name}"
+            with_it = [model.joint(k).name for k in joints if k in coupled.get(j, ())]
+            which = f" (in the file it moves with {with_it[0]})" if with_it else ""
+            frozen[j] = f"does not lead to the tip {tip_name}{which}"
     if len(joints) > MAX_JOINTS:
         raise InputError(
             f"{len(joints)} joints lead to the tip; at most {MAX_JOINTS} are supported (--weld)"
@@ -179,6 +177,16 @@ def find_chain(
     return Chain(parts, tip_at, tip_name, carrier, qpos, joints, gripper, members, notes)
 
 
+def _list_partners(model: mujoco.MjModel, root: int) -> dict[int, frozenset[int]]:
+    """Return joint -> the other joints that are coupled to it, of all joints but fingers'."""
+    return {
+        j: group.joints - {j}
+        for group in list_coupled(model, root)
+        if not group.fingers
+        for j in group.joints
+    }
+
+
 def _find_tip(
     model: mujoco.MjModel,
     data: mujoco.MjData,
@@ -204,8 +212,18 @@ def _find_tip(
         return root, np.zeros(3), "none"
     last = {tuple(joints_to(model, b, frozen)) for b in ends}
     if len(last) > 1:
-        names = ", ".join(model.joint(joints[-1]).name for joints in sorted(last))
-        raise InputError(f"several arms end after {deepest} joints ({names}); choose with --tip")
+        joints = [joints[-1] for joints in sorted(last)]
+        names = [model.joint(j).name for j in joints]
+        turning = all(
+            model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE and not model.jnt_limited[j]
+            for j in joints
+        )
+        advice = "; if they turn propellers, freeze them: " if turning else ", or freeze joints: "
+        raise InputError(
+            f"several arms end after {deepest} joints ({', '.join(names)}); choose with --tip"
+            + advice
+            + (" ".join(f"--weld {name}" for name in names) if turning else "--weld NAME")
+        )
     at = data.xanchor[next(iter(last))[-1]]
     away = {b: float(np.linalg.norm(data.xpos[b] - at)) for b in ends}
     for word in TIP_NAMES:

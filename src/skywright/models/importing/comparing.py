@@ -21,6 +21,8 @@ from skywright.models.scene import build_scene, set_pose
 
 POSTURES = 20
 TOLERANCE = 1e-6
+FAR = 100.0
+"""rad or m of the farthest posture: differences of far larger numbers have no digits left."""
 
 
 class Deviations(NamedTuple):
@@ -48,6 +50,7 @@ def compare(model: mujoco.MjModel, root: int, chain: Chain, robot: Robot) -> Dev
     mine = mujoco.MjData(scene.model)
     n = len(chain.joints)
     reach = np.array([part.span or (-np.pi, np.pi) for part in chain.parts[1:]]).reshape(-1, 2)
+    reach = np.clip(reach, -FAR, FAR)
     bodies = [b for b in range(1, model.nbody) if model.body_rootid[b] == root]
     at_tip = _local_tip(model, chain)
     worst = np.zeros(5)

@@ -49,15 +49,49 @@ class Gripper(NamedTuple):
     turn: Turn | None = None
 
 
+class Coupled(NamedTuple):
+    """Joints that equalities or <mimic> couple."""
+
+    joints: frozenset[int]
+    fingers: bool  # they move fingers; otherwise links of an arm, a leg or a linkage
+
+
+def list_coupled(model: mujoco.MjModel, root: int) -> list[Coupled]:
+    """Return the groups of coupled joints of the tree of `root`.
+
+    Fingers are side by side: their joints do not all follow each other in one chain, and the same
+    number of other joints moves beyond each of them. Fingers may have coupled joints of their own,
+    as long as another finger with coupled joints is beside them.
+    """
+    groups: list[set[int]] = []
+    for e in range(model.neq):
+        if model.eq_type[e] != mujoco.mjtEq.mjEQ_JOINT:
+            continue
+        pair = {int(model.eq_obj1id[e]), int(model.eq_obj2id[e])}
+        if all(j >= 0 and model.body_rootid[model.jnt_bodyid[j]] == root for j in pair):
+            met = [group for group in groups if group & pair]
+            groups = [group for group in groups if not group & pair] + [pair.union(*met)]
+    above = {j: set(joints_to(model, int(model.jnt_bodyid[j]), {})) for g in groups for j in g}
+    first = [sorted(j for j in group if above[j] & group == {j}) for group in groups]
+    start = [frozenset(above[joints[0]] - {joints[0]}) for joints in first]
+    out = []
+    for group, joints, at in zip(groups, first, start, strict=True):
+        beyond = {j: 0 for j in joints}
+        for k in range(model.njnt):
+            path = set(joints_to(model, int(model.jnt_bodyid[k]), {}))
+            for j in joints:
+                beyond[j] += k not in group and j in path
+        beside = len(joints) > 1 or start.count(at) > 1
+        out.append(Coupled(frozenset(group), beside and len(set(beyond.values())) == 1))
+    return out
+
+
 def find_fingers(model: mujoco.MjModel, data: mujoco.MjData, root: int) -> list[int]:
-    """Return joints that an equality couples, and adjacent slides or mirrored hinges at the ends.
+    """Return coupled joints of fingers, and adjacent slides or mirrored hinges at the ends.
 
     `data` has the model's kinematics.
     """
-    out = set()
-    for e in range(model.neq):
-        if model.eq_type[e] == mujoco.mjtEq.mjEQ_JOINT and model.eq_obj2id[e] >= 0:
-            out |= {int(model.eq_obj1id[e]), int(model.eq_obj2id[e])}
+    out = {j for group in list_coupled(model, root) if group.fingers for j in group.joints}
     parents = set(model.body_parentid[1:].tolist())
     slides: dict[int, list[int]] = {}
     hinges: dict[int, list[int]] = {}

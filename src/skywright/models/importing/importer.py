@@ -11,29 +11,28 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import mujoco
-import numpy as np
 
 from skywright.core.catalog import Found
 from skywright.core.keys import apply_assignments
-from skywright.core.rotations import quat_from_rot, rot_x, rot_y, rot_z
 from skywright.core.spec import Source
 from skywright.description.robot.loader import load_robot, load_robot_layers
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError, SkywrightError
 from skywright.models.allocation import build_allocator
 from skywright.models.capability import check_can_fly
-from skywright.models.importing.chain import find_chain, find_root, freeze
+from skywright.models.importing.assumed import mark_assumed
+from skywright.models.importing.chain import find_chain, freeze
 from skywright.models.importing.comparing import TOLERANCE, Deviations, compare
-from skywright.models.importing.opening import Opened, compile_spec, hear_mujoco, open_file
+from skywright.models.importing.limits import read_limits
+from skywright.models.importing.mounting import ARM, mount_arm
+from skywright.models.importing.moving import check_loops, check_rotors
+from skywright.models.importing.opening import compile_spec, hear_mujoco, open_file
 from skywright.models.importing.rotors import find_rotors, parse_rotor
 from skywright.models.importing.tables import Tables, build_tables
+from skywright.models.importing.trees import check_mass, choose_arm, choose_platform
 from skywright.models.importing.values import Question, Value
 from skywright.models.importing.visuals import build_meshes
-from skywright.models.importing.xml_input import read_numbers
 from skywright.models.rotors import build_rotors
-
-ARM = "arm/"
-"""Prefix of all names of the file in `arm`."""
 
 
 class Request(NamedTuple):
@@ -93,28 +92,39 @@ def import_robot(request: Request, folder: Path, ask: Ask | None = None) -> Impo
 def _import(request: Request, folder: Path, ask: Ask | None) -> Imported:
     opened = open_file(request.file)
     arm = None if request.arm is None else open_file(request.arm)
+    trees = [choose_platform(opened, request.body)]
     if arm is not None:
-        _attach(opened, arm, request)
+        trees.append(choose_arm(arm))
+        mount_arm(opened, trees[0].body, arm, trees[1].body, request.mount or "0,0,0")
     model = compile_spec(request.file, opened.spec)
-    _check_mass(model, opened, "")
-    if arm is not None:
-        _check_mass(model, arm, ARM)
-    root = find_root(model, request.body)
-    locked = dict(opened.locked)
+    root = int(trees[0].body.id)
+    check_mass(opened, model, root, trees)
+    locked, assumed = dict(opened.locked), dict(opened.assumed)
     if arm is not None:
         locked |= {ARM + name: at for name, at in arm.locked.items()}
+        assumed |= {ARM + name: what for name, what in arm.assumed.items()}
     data = freeze(model, root, locked)
-    rotors = find_rotors(opened, model, data, root, [parse_rotor(t) for t in request.rotors])
+    given = [parse_rotor(text) for text in request.rotors]
+    rotors = find_rotors(opened, model, data, root, given)
+    check_rotors(request.file, model, data, rotors.rotors, {*locked, *request.weld})
     turning = {rotor.joint for rotor in rotors.rotors if rotor.joint}
     chain = find_chain(model, data, root, turning, locked, set(request.weld), request.tip)
-    _check_rotors(model, root, chain.joints, turning, request)
+    loops = check_loops(request.file, model, root, chain.joints)
     origin = request.file.name + ("" if request.arm is None else f" and {request.arm.name}")
-    limits = _read_limits(opened, "", model) | (
-        {} if arm is None else _read_limits(arm, ARM, model)
-    )
+    limits = read_limits(opened, "", model) | ({} if arm is None else read_limits(arm, ARM, model))
     name = request.name or folder.name
-    tables = build_tables(name, f"{origin} ({opened.kind})", chain, rotors, limits)
+    label, weld = f"{origin} ({opened.kind})", set(request.weld)
+    tables = build_tables(name, label, chain, rotors, limits)
+
+    def rebuild(other: mujoco.MjModel) -> Tables:
+        data = freeze(other, root, locked)
+        found = find_rotors(opened, other, data, root, given)
+        moved = find_chain(other, data, root, turning, locked, weld, request.tip)
+        return build_tables(name, label, moved, found, limits)
+
+    tables = mark_assumed(tables, model, assumed, rebuild)
     notes = [*opened.notes, *([] if arm is None else arm.notes), *rotors.notes, *chain.frozen]
+    notes += loops
     notes.append("contacts: capsules along the links, a hub and propeller discs")
     if request.meshes:
         files = [(opened, ""), *([] if arm is None else [(arm, ARM)])]
@@ -159,110 +169,6 @@ def _find_weakness(robot: Robot) -> list[str]:
     except SkywrightError as error:
         return [f"does not fly as the file describes it: {error}"]
     return []
-
-
-def _attach(opened: Opened, arm: Opened, request: Request) -> None:
-    """Weld the first tree of `arm` to the body that flies."""
-    mount = request.mount or "0,0,0"
-    where, parts = f"--mount {mount}", mount.split(",")
-    if len(parts) not in (3, 6):
-        raise InputError(f"{where}: valid: X,Y,Z or X,Y,Z,ROLL,PITCH,YAW (m, deg)")
-    numbers = read_numbers(" ".join(parts), len(parts), where, [])
-    turn = np.eye(3)
-    if len(parts) == 6:
-        roll, pitch, yaw = np.radians(numbers[3:])
-        turn = rot_z(yaw) @ rot_y(pitch) @ rot_x(roll)
-    for joint in list(arm.spec.joints):
-        if joint.type == mujoco.mjtJoint.mjJNT_FREE:
-            arm.spec.delete(joint)
-    first = arm.spec.worldbody.first_body()
-    if first is None:
-        raise InputError(f"{request.arm}: holds no body")
-    first.pos, first.quat = [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]
-    base = next((b for b in opened.spec.bodies if _flies(b, request.body)), None)
-    if base is None:
-        what = "no body" if request.body is None else f"--body {request.body!r}"
-        raise InputError(f"{request.file}: {what} does not fly (has no free joint): no arm mounted")
-    frame = base.add_frame(pos=numbers[:3], quat=quat_from_rot(turn))
-    opened.spec.compiler.fusestatic = False
-    for name in dir(arm.spec.option):  # solvers differ, but only kinematics and masses are used
-        if not name.startswith("_"):
-            setattr(arm.spec.option, name, getattr(opened.spec.option, name))
-    frame.attach_body(first, ARM, "")
-
-
-def _check_mass(model: mujoco.MjModel, opened: Opened, prefix: str) -> None:
-    """Compare MuJoCo's mass with that of the links in the XML: a reader may drop a root link."""
-    if opened.kind == "MJCF":
-        return
-    mine = [
-        float(model.body_mass[b]) for b in range(1, model.nbody)
-        if model.body(b).name.startswith(ARM) == bool(prefix)
-    ]  # fmt: skip
-    written = _written_mass(opened)
-    if abs(sum(mine) - written) > TOLERANCE * written:
-        raise InputError(
-            f"{opened.path}: MuJoCo reads {sum(mine):g} kg, the links of the file have "
-            f"{written:g} kg"
-        )
-
-
-def _written_mass(opened: Opened) -> float:
-    """Sum (kg) of the masses in the XML of a URDF or SDF file."""
-    if opened.kind == "SDF":
-        texts = [link.findtext("inertial/mass", "1.0") for link in opened.root.findall("link")]
-    else:
-        masses = [link.find("inertial/mass") for link in opened.root.findall("link")]
-        texts = [m.get("value", "0") for m in masses if m is not None]
-    return sum(float(text) for text in texts)
-
-
-def _flies(body: mujoco.MjsBody, name: str | None) -> bool:
-    free = any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in body.joints)
-    return free and (name is None or body.name == name)
-
-
-def _check_rotors(
-    model: mujoco.MjModel, root: int, joints: list[int], turning: set[str], request: Request
-) -> None:
-    """Reject rotors on moving links."""
-    moving = {int(model.jnt_bodyid[j]) for j in joints}
-    for a in range(model.nu):
-        if model.actuator_trntype[a] != mujoco.mjtTrn.mjTRN_SITE or request.rotors:
-            continue
-        body = int(model.site_bodyid[model.actuator_trnid[a, 0]])
-        while body not in (0, root):
-            if body in moving:
-                raise InputError(
-                    f"{request.file}: actuator {model.actuator(a).name!r} pushes at a link that "
-                    "moves: rotors that tilt in flight are not supported (--weld the joint)"
-                )
-            body = int(model.body_parentid[body])
-
-
-def _read_limits(
-    opened: Opened, prefix: str, model: mujoco.MjModel
-) -> dict[str, tuple[float | None, float | None]]:
-    """Effort (N m; N) and speed (rad/s; m/s) of joints by their name in the compiled model."""
-    out: dict[str, tuple[float | None, float | None]] = {}
-    if opened.kind == "MJCF":
-        for a in range(model.nu):
-            j = int(model.actuator_trnid[a, 0])
-            if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_JOINT:
-                limited = model.actuator_forcelimited[a]
-                most = float(model.actuator_forcerange[a, 1]) * abs(model.actuator_gear[a, 0])
-                out[model.joint(j).name] = (float(most) if limited else None, None)
-        return out
-    for joint in opened.root.findall("joint"):
-        limit = joint.find("limit")
-        name, where = joint.get("name", ""), f"{opened.path}: limit of {joint.get('name')!r}"
-        if limit is not None:
-            texts = (limit.get("effort"), limit.get("velocity"))
-        else:
-            texts = (joint.findtext("axis/limit/effort"), joint.findtext("axis/limit/velocity"))
-        effort, speed = (read_numbers(text, 1, where, [0.0])[0] for text in texts)
-        out[prefix + name] = (effort or None, speed or None)
-    return out
 
 
 class _Draft:
@@ -339,7 +245,7 @@ def write_toml(values: Mapping[str, Value], origin: str) -> str:
     for key, value in values.items():
         table, _, leaf = key.rpartition(".")
         tables.setdefault(table, []).append(f"{leaf} = {_write_value(value)}")
-    head = [f"# Imported from {json.dumps(origin)[1:-1]} by `skywright import`."]
+    head = [f"# Imported from {_quote(origin)[1:-1]} by `skywright import`."]
     head.append("# source: imported (the file), asked (an answer), assumed (a guess), derived")
     first = sorted(
         tables,
@@ -360,7 +266,7 @@ def _write_value(value: Value) -> str:
         numbers = value.value if isinstance(value.value, Sequence) else [value.value]
         low, high = min(value.range[0], *numbers), max(value.range[1], *numbers)
         parts.append(f"range = [{float(low)!r}, {float(high)!r}]")
-    return "{ " + ", ".join([*parts, f"note = {json.dumps(value.note)}"]) + " }"
+    return "{ " + ", ".join([*parts, f"note = {_quote(value.note)}"]) + " }"
 
 
 def _literal(value: Any) -> str:
@@ -369,5 +275,11 @@ def _literal(value: Any) -> str:
     if isinstance(value, float | int):
         return repr(float(value) + 0.0) if isinstance(value, float) else repr(value)
     if isinstance(value, str):
-        return json.dumps(value)
+        return _quote(value)
     return "[" + ", ".join(_literal(x) for x in value) + "]"
+
+
+def _quote(text: str) -> str:
+    """Return a TOML string. JSON's would write surrogates as escapes, and DEL as it is."""
+    whole = text.encode("utf-8", "replace").decode("utf-8")
+    return json.dumps(whole, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -14,8 +14,8 @@ import numpy as np
 
 from skywright.core.arrays import Array
 from skywright.core.rotations import rot_from_quat, rot_x, rot_y, rot_z
-from skywright.models.importing.opening import Opened, compile_spec
-from skywright.models.importing.sdf import read_pose
+from skywright.models.importing.opening import Opened, compile_spec, read_mjcf
+from skywright.models.importing.sdf_frames import read_pose
 from skywright.models.importing.xml_input import read_numbers
 
 Color = tuple[float, float, float]
@@ -108,12 +108,10 @@ def _read_rgba(element: ET.Element | None, key: str) -> Color | None:
 
 def _list_mjcf(path: Path) -> list[tuple[Look, bool]]:
     """Return the mesh geoms of an MJCF file; MuJoCo places them, with small balls instead."""
-    spec = mujoco.MjSpec.from_file(str(path))
+    spec = read_mjcf(path)
+    spec.compiler.settotalmass = -1.0  # of which MuJoCo warns, and masses are not used here
     meshes = {m.name or Path(m.file).stem: m for m in spec.meshes}
     paints = {m.name: m.rgba for m in spec.materials}
-    for things in (spec.keys, spec.sensors, spec.skins):
-        for thing in list(things):
-            spec.delete(thing)
     found: list[tuple[str, Look, bool]] = []
     for body in spec.bodies:
         for geom in list(body.geoms):

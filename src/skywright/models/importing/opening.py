@@ -17,10 +17,10 @@ import mujoco
 import numpy as np
 
 from skywright.errors import InputError
+from skywright.models.importing.mjcf_files import MAX_BODIES, check_files
 from skywright.models.importing.sdf import read_sdf
-from skywright.models.importing.xml_input import check_includes, check_span, read_numbers, read_xml
+from skywright.models.importing.xml_input import check_span, read_numbers, read_xml
 
-MAX_BODIES = 500
 _GEOM = mujoco.mjtGeom
 
 
@@ -33,13 +33,14 @@ class Opened(NamedTuple):
     root: ET.Element  # XML of the file; of SDF its model with includes
     notes: list[str]
     locked: Mapping[str, float] = {}  # joints with equal limits -> their position (rad or m)
+    assumed: Mapping[str, frozenset[str]] = {}  # link -> of "mass" and "inertia": not in the file
 
 
 def open_file(path: Path) -> Opened:
     """Read a robot file of another tool; InputError if it is invalid."""
     root = read_xml(path)
     if root.tag == "mujoco":
-        check_includes(path, root)
+        check_files(path, root)
         return Opened(path, "MJCF", _open_mjcf(path), root, [])
     if root.tag == "robot":
         locked = _find_locked(path, root)
@@ -47,7 +48,7 @@ def open_file(path: Path) -> Opened:
     if root.tag == "sdf":
         sdf = read_sdf(path, root)
         _check_size(path, sdf.spec)
-        return Opened(path, "SDF", sdf.spec, sdf.model, sdf.notes, sdf.locked)
+        return Opened(path, "SDF", sdf.spec, sdf.model, sdf.notes, sdf.locked, sdf.assumed)
     raise InputError(
         f"{path}: the root element is <{root.tag[:40]}>; valid: <mujoco> (MJCF), <robot> (URDF), "
         "<sdf>"
@@ -59,18 +60,31 @@ def _check_size(path: Path, spec: mujoco.MjSpec) -> None:
         raise InputError(f"{path}: {len(spec.bodies)} bodies; at most {MAX_BODIES} are read")
 
 
-def _open_mjcf(path: Path) -> mujoco.MjSpec:
+def read_mjcf(path: Path) -> mujoco.MjSpec:
+    """Return an MJCF file without the parts that do not describe the robot; raises InputError.
+
+    Bodies keep their frames and are not merged.
+    """
     if path.suffix.lower() != ".xml":
         raise InputError(f"{path}: MuJoCo reads MJCF from files that end in .xml only: rename it")
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
+    try:  # by a relative path, MuJoCo does not find models that an attached model attaches
+        spec = mujoco.MjSpec.from_file(str(path.absolute()))
     except ValueError as error:
         raise InputError(f"{path}: {' '.join(str(error).split())}") from None
-    _check_size(path, spec)
-    _check_ranges(path, spec)
-    for things in (spec.keys, spec.sensors, spec.skins):
+    for things in (spec.keys, spec.sensors, spec.skins, spec.pairs):
         for thing in list(things):
             spec.delete(thing)
+    spec.compiler.fusestatic = False
+    spec.compiler.alignfree = False  # else B had the principal axes of the inertia
+    for joint in spec.joints:
+        joint.align = mujoco.mjtAlignFree.mjALIGNFREE_FALSE
+    return spec
+
+
+def _open_mjcf(path: Path) -> mujoco.MjSpec:
+    spec = read_mjcf(path)
+    _check_size(path, spec)
+    _check_ranges(path, spec)
     folder = path.parent / spec.meshdir
     files = {mesh.name or Path(mesh.file).stem: mesh.file for mesh in spec.meshes}
     used = set()
@@ -100,12 +114,20 @@ def _open_mjcf(path: Path) -> mujoco.MjSpec:
 
 
 def _check_ranges(path: Path, spec: mujoco.MjSpec) -> None:
-    """Reject ranges that MuJoCo would silently ignore."""
-    ranges = [(f"range of joint {joint.name!r}", joint.range) for joint in spec.joints]
+    """Reject ranges that MuJoCo would silently ignore, and those without an end."""
+    ranges = []
+    for joint in spec.joints:
+        ranges.append((f"range of joint {joint.name!r}", joint.range))
+        ranges.append((f"actuatorfrcrange of joint {joint.name!r}", joint.actfrcrange))
     for actuator in spec.actuators:
         ranges.append((f"ctrlrange of actuator {actuator.name!r}", actuator.ctrlrange))
         ranges.append((f"forcerange of actuator {actuator.name!r}", actuator.forcerange))
     for what, (low, high) in ranges:
+        if not (math.isfinite(low) and math.isfinite(high)):
+            raise InputError(
+                f"{path}: {what} is {low:g} {high:g}; two finite numbers are required (without "
+                "limits: remove the range)"
+            )
         if low >= high and (low or high):
             raise InputError(f"{path}: {what} is {low:g} {high:g}; valid: lower below upper")
 
@@ -137,6 +159,7 @@ def _is_weighed(spec: mujoco.MjSpec, body: mujoco.MjsBody, geom: mujoco.MjsGeom)
 
 def _open_urdf(path: Path, root: ET.Element, locked: Collection[str]) -> mujoco.MjSpec:
     """Read links and joints; shapes have no effect on the inertia of a URDF link."""
+    _check_roots(path, root)
     copy = ET.Element("robot", name=root.get("name") or path.stem)
     for element in root:
         if element.tag not in ("link", "joint"):
@@ -148,7 +171,7 @@ def _open_urdf(path: Path, root: ET.Element, locked: Collection[str]) -> mujoco.
         mass = element.find("inertial/mass")
         if mass is not None:
             where = f"{path}: mass of link {element.get('name')!r}"
-            read_numbers(mass.get("value"), 1, where, [0.0])
+            read_numbers(mass.get("value") or "", 1, where, [])
         if element.tag == "joint" and element.get("type") in ("floating", "planar"):
             raise InputError(
                 f"{path}: joint {element.get('name')!r} is {element.get('type')}; valid: fixed, "
@@ -161,11 +184,28 @@ def _open_urdf(path: Path, root: ET.Element, locked: Collection[str]) -> mujoco.
     except ValueError as error:
         raise InputError(f"{path}: {' '.join(str(error).split())}") from None
     spec.compiler.fusestatic = False
-    body = spec.worldbody.first_body()
-    if body is None:
+    trees = spec.worldbody.bodies
+    if not trees:
         raise InputError(f"{path}: holds no link")
-    body.add_freejoint(name="free root")
+    # several trees only below a link `world`; a free body must have a mass
+    heavy = [b for b in trees if any(part.mass > 0.0 for part in (b, *b.find_all("body")))]
+    for i, body in enumerate(heavy or trees):
+        if not body.joints:
+            body.add_freejoint(name=f"free root {i + 1}" if i else "free root")
     return spec
+
+
+def _check_roots(path: Path, root: ET.Element) -> None:
+    """Raise InputError if links of a URDF file are not connected: MuJoCo drops the second tree."""
+    below = {child.get("link") for child in root.iterfind("joint/child")}
+    names = [link.get("name", "") for link in root.findall("link")]
+    roots = [name for name in names if name not in below]
+    if len(roots) > 1:
+        raise InputError(
+            f"{path}: {len(roots)} links are not the child of a joint "
+            f"({', '.join(map(repr, roots[:5]))}); one root link is required: connect them with "
+            "joints, or remove the others"
+        )
 
 
 @contextmanager
@@ -185,7 +225,7 @@ def compile_spec(path: Path, spec: mujoco.MjSpec) -> mujoco.MjModel:
         model = spec.compile()
     except ValueError as error:
         raise InputError(f"{path}: {' '.join(str(error).split())}") from None
-    for name in ("body_mass", "body_inertia", "body_ipos", "body_pos", "jnt_axis"):
+    for name in ("body_mass", "body_inertia", "body_ipos", "body_pos", "site_pos", "jnt_axis"):
         if not np.all(np.isfinite(getattr(model, name))):
             raise InputError(f"{path}: {name} holds numbers that are not finite")
     return model

@@ -27,6 +27,13 @@ NAMED = re.compile(
     r"(^|[_/: ])(rotor|prop|propeller|thrust|thruster)[_ ]?\d*($|[_/ ])", re.IGNORECASE
 )
 
+AROUND = re.compile(
+    r"[_/ -](guard|mount|arm|boom|cage|duct|shroud|holder|bracket|protector)s?[_ ]?\d*"
+    r"($|[_/ -])",
+    re.IGNORECASE,
+)
+"""Parts named after the rotor that they hold or protect."""
+
 
 class FoundRotor(NamedTuple):
     """A rotor in the frame of the root body, all joints at zero."""
@@ -36,6 +43,7 @@ class FoundRotor(NamedTuple):
     spin: str  # ccw, cw, or "" if the file does not state it
     joint: str  # joint that turns it, "" if it is fixed to the body
     constants: dict[str, float]  # by key of [robot.rotors]
+    body: int = -1  # that carries it; -1 if the file does not give the rotor
 
 
 class FoundRotors(NamedTuple):
@@ -64,6 +72,9 @@ def find_rotors(
             rotors, origin = _of_plugins(opened, model, data, notes), "plug-in tags"
         if not rotors and opened.kind != "MJCF":
             rotors, origin = _of_names(model, data, root), "names of links"
+            if rotors:
+                names = ", ".join(model.body(rotor.body).name for rotor in rotors)
+                notes.append(f"links taken as rotors by their names: {names}")
     if len(rotors) < 3:
         raise InputError(
             f"{opened.path}: {len(rotors)} rotors found (actuators at sites, motor plug-ins, links "
@@ -74,6 +85,26 @@ def find_rotors(
             if np.linalg.norm(rotor.p - other.p) < CLOSE:
                 notes.append(f"rotors {k + 1} and {i + 1} are at one place: is one there twice?")
     return FoundRotors(rotors, origin, _common(opened, rotors, notes), notes)
+
+
+def has_rotors(opened: Opened, model: mujoco.MjModel, root: int) -> bool:
+    """Whether the tree of a body has rotors, by any of the three sources."""
+    for a in range(model.nu):
+        if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_SITE:
+            site = int(model.actuator_trnid[a, 0])
+            if model.body_rootid[model.site_bodyid[site]] == root:
+                return True
+    names = {model.body(b).name for b in range(1, model.nbody) if model.body_rootid[b] == root}
+    for plugin in opened.root.iter("plugin"):
+        if plugin.find("motorConstant") is not None and _text(plugin, "linkName") in names:
+            return True
+    return opened.kind != "MJCF" and any(map(is_rotor, names))
+
+
+def is_rotor(name: str) -> bool:
+    """Whether a link with this name is a rotor, and not a part around or below one."""
+    found = NAMED.search(name)
+    return found is not None and not AROUND.search(name[found.start() :])
 
 
 def parse_rotor(text: str) -> FoundRotor:
@@ -118,7 +149,8 @@ def _of_actuators(
             constants |= {"thrust_min_n": max(low, 0.0), "thrust_max_n": high}
         R = data.site_xmat[site].reshape(3, 3)
         spin = "" if along == 0.0 else "cw" if along > 0.0 else "ccw"
-        out.append(FoundRotor(data.site_xpos[site].copy(), R @ axis, spin, "", constants))
+        body = int(model.site_bodyid[site])
+        out.append(FoundRotor(data.site_xpos[site].copy(), R @ axis, spin, "", constants, body))
     return out
 
 
@@ -165,7 +197,7 @@ def _of_plugins(
             left_out.add("rollingMomentCoefficient")
         # Gazebo's motor model pushes along z of the rotor's link
         up = data.xmat[body].reshape(3, 3)[:, 2]
-        out.append(FoundRotor(data.xpos[body].copy(), up.copy(), spin, joint, constants))
+        out.append(FoundRotor(data.xpos[body].copy(), up.copy(), spin, joint, constants, body))
     notes += [f"left out: {what}" for what in sorted(left_out)]
     return out
 
@@ -185,7 +217,7 @@ def _of_names(model: mujoco.MjModel, data: mujoco.MjData, root: int) -> list[Fou
     out, centres = [], []
     for body in range(1, model.nbody):
         leaf = body not in parents and body != root and model.body_rootid[body] == root
-        if not leaf or not NAMED.search(model.body(body).name):
+        if not leaf or not is_rotor(model.body(body).name):
             continue
         joint, axis = "", data.xmat[body].reshape(3, 3)[:, 2].copy()
         if model.body_jntnum[body]:
@@ -193,7 +225,7 @@ def _of_names(model: mujoco.MjModel, data: mujoco.MjData, root: int) -> list[Fou
             joint, axis = model.joint(j).name, data.xaxis[j].copy()
             if axis @ data.xmat[body].reshape(3, 3)[:, 2] < 0.0:
                 axis = -axis  # the sign of the joint's axis gives at most the sense of rotation
-        out.append(FoundRotor(data.xpos[body].copy(), axis, "", joint, {}))
+        out.append(FoundRotor(data.xpos[body].copy(), axis, "", joint, {}, body))
         centres.append(data.xipos[body].copy())
     if out and np.max(np.ptp([rotor.p for rotor in out], axis=0)) < CLOSE:
         out = [rotor._replace(p=p) for rotor, p in zip(out, centres, strict=True)]

@@ -32,6 +32,11 @@ from skywright.models.importing.values import PLACEHOLDER, Question, Value, impo
 from skywright.models.urdf import roll_pitch_yaw
 
 SHORT = 1e-6
+PARALLEL = 0.9
+"""Least cosine between axes of propellers that may be above each other."""
+COAXIAL, SAME_PLACE, ALONE = 0.5, 1e-3, 0.22
+"""Distance of axes over that of hubs below which propellers are above each other; m between hubs of
+one place; m assumed between propellers if no two of them are side by side."""
 
 
 class Tables(NamedTuple):
@@ -129,8 +134,7 @@ def _build_rotors(found: FoundRotors, weight: float, questions: list[Question]) 
             senses[rotor] = ("ccw", "cw")[i % 2]
         text = "sense of each propeller seen from above, a list"
         questions.append(Question("robot.rotors.spin", text, senses, None))
-    gap = min(float(np.linalg.norm(p[i] - p[j])) for i in range(n) for j in range(i))
-    R = round(0.45 * gap if gap > 1e-3 else 0.1, 4)
+    R = round(0.45 * _find_gap(p, axis), 4)
     most = known.get("thrust_max_n", round(2.0 * weight / n, 3))
     guesses = {
         "propeller_radius_m": ("radius of the propellers, m", R, 2.0),
@@ -167,6 +171,23 @@ def _build_rotors(found: FoundRotors, weight: float, questions: list[Question]) 
         guess = float(f"{1e-4 * (R / 0.13):.3g}")
         out[key] = Value(guess, "assumed", "scaled with the radius", (0.3 * guess, 5.0 * guess))
     return {f"robot.rotors.{key}": value for key, value in out.items()}
+
+
+def _find_gap(p: Array, axis: Array) -> float:
+    """Return the least distance (m) between propellers at `p` (n, 3) with `axis` (n, 3).
+
+    Of parallel rotors it is the distance between their axes, and coaxial pairs do not count.
+    """
+    gaps = []
+    for i in range(len(p)):
+        for j in range(i):
+            d = p[i] - p[j]
+            far = beside = float(np.linalg.norm(d))
+            if abs(axis[i] @ axis[j]) > PARALLEL:
+                beside = float(np.linalg.norm(d - (d @ axis[i]) * axis[i]))
+            if far > SAME_PLACE and beside > COAXIAL * far:
+                gaps.append(beside)
+    return min(gaps, default=ALONE)
 
 
 def _build_arm(
@@ -328,7 +349,7 @@ def _servo(
 
 def _name(text: str, taken: list[str]) -> str:
     """Return a name for a link that no part of a robot and no key of [robot.arm] has."""
-    name = re.sub(r"\W+", "_", text).strip("_") or "link"
+    name = re.sub(r"[^A-Za-z0-9_]+", "_", text).strip("_") or "link"
     if TAKEN.fullmatch(name) or name == "tool_link" or name in Arm.model_fields:
         name = f"link_{name}"
     while name in taken:

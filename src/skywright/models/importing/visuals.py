@@ -24,7 +24,7 @@ from skywright.models.importing.chain import Chain
 from skywright.models.importing.collada_meshes import Surface, read_collada
 from skywright.models.importing.looks import Look, list_looks
 from skywright.models.importing.opening import Opened
-from skywright.models.importing.sdf import RESOURCES
+from skywright.models.importing.sdf_files import RESOURCES
 from skywright.models.importing.values import Value
 
 LARGEST_FILE = 60_000_000

@@ -79,8 +79,12 @@ def _declare_prefixes(text: str) -> str:
 
 
 def read_numbers(text: str | None, n: int, what: str, default: Sequence[float]) -> list[float]:
-    """Return `n` finite numbers of a text; InputError names `what`."""
-    if text is None or not text.strip():
+    """Return `n` finite numbers of a text, the default if it is empty; InputError names `what`.
+
+    Without a default, an empty text is an error.
+    """
+    text = text or ""
+    if default and not text.strip():
         return list(default)
     try:
         values = [float(x) for x in text.split()]
@@ -98,17 +102,3 @@ def check_span(low: float, high: float, what: str) -> None:
             f"{what}: lower limit {low:g} is above upper limit {high:g}; valid: lower <= upper "
             "(equal: locked)"
         )
-
-
-def check_includes(path: Path, root: ET.Element, above: tuple[Path, ...] = ()) -> None:
-    """Read the files that an MJCF file includes; InputError if one is missing or circular."""
-    chain = (*above, path.resolve())
-    if len(chain) > MAX_INCLUDES:
-        raise InputError(f"{path}: more than {MAX_INCLUDES} nested includes")
-    for element in root.iter("include"):
-        if not element.get("file"):
-            raise InputError(f"{path}: an <include> without file='...'")
-        other = (chain[0].parent / element.get("file", "")).resolve()
-        if other in chain:
-            raise InputError(f"{path}: includes itself by way of {element.get('file')!r}")
-        check_includes(other, read_xml(other), chain)

@@ -1,0 +1,90 @@
+"""Effort and speed limits of the joints of an imported file."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+
+from skywright.errors import InputError
+from skywright.models.importing.opening import Opened
+from skywright.models.importing.sdf import read_limit
+
+PLAIN = {
+    int(kind)
+    for kind in (
+        mujoco.mjtDyn.mjDYN_NONE, mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT
+    )
+}  # fmt: skip
+"""Dynamics of actuators whose force at rest is proportional to the control."""
+AT_JOINT = {int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)}
+
+Limits = dict[str, tuple[float | None, float | None]]
+
+
+def read_limits(opened: Opened, prefix: str, model: mujoco.MjModel) -> Limits:
+    """Return effort (N m; N) and speed (rad/s; m/s) of a file's joints; None if it has none.
+
+    `model` is the compiled model, in which names of the file have the `prefix`.
+    """
+    if opened.kind == "MJCF":
+        return {name: (most, None) for name, most in _list_efforts(model, prefix).items()}
+    out: Limits = {}
+    for joint in opened.root.findall("joint"):
+        limit = joint.find("limit")
+        name, where = joint.get("name", ""), f"{opened.path}: limit of {joint.get('name')!r}"
+        if limit is not None:
+            texts = (limit.get("effort"), limit.get("velocity"))
+        else:
+            texts = (joint.findtext("axis/limit/effort"), joint.findtext("axis/limit/velocity"))
+        effort, speed = (read_limit(text, where, 0.0) for text in texts)
+        if -math.inf in (effort, speed):
+            raise InputError(f"{where} is -inf; valid: a number, or inf for no limit")
+        out[prefix + name] = (
+            effort if 0.0 != effort < math.inf else None,
+            speed if 0.0 != speed < math.inf else None,
+        )
+    return out
+
+
+def _list_efforts(model: mujoco.MjModel, prefix: str) -> dict[str, float]:
+    """Return the largest effort of the joints of an MJCF file that have one.
+
+    It is the smaller one of the limit of the joint (`actuatorfrcrange`) and that of its actuator
+    (`forcerange`, or `ctrlrange` times gain, each times `gear`). Of several actuators on a joint,
+    the strongest counts.
+    """
+    out: dict[str, float] = {}
+    for a in range(model.nu):
+        if int(model.actuator_trntype[a]) in AT_JOINT:
+            name, most = model.joint(int(model.actuator_trnid[a, 0])).name, _find_force(model, a)
+            if most is not None:
+                out[name] = max(out.get(name, 0.0), most * abs(float(model.actuator_gear[a, 0])))
+    for j in range(model.njnt):
+        if model.jnt_actfrclimited[j]:
+            name, most = model.joint(j).name, _reach(model.jnt_actfrcrange[j])
+            out[name] = min(out.get(name, math.inf), most)
+    return {name: most for name, most in out.items() if name.startswith(prefix) and most > 0.0}
+
+
+def _find_force(model: mujoco.MjModel, a: int) -> float | None:
+    """Return the largest force of an actuator, before its gear; None without a limit."""
+    out = math.inf
+    if model.actuator_forcelimited[a]:
+        out = _reach(model.actuator_forcerange[a])
+    plain = (
+        model.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_FIXED
+        and model.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_NONE
+        and int(model.actuator_dyntype[a]) in PLAIN
+    )
+    if plain and model.actuator_ctrllimited[a]:
+        gain = abs(float(model.actuator_gainprm[a, 0]))
+        out = min(out, gain * _reach(model.actuator_ctrlrange[a]))
+    return out if out < math.inf else None
+
+
+def _reach(span: np.ndarray) -> float:
+    """Return what a range (2,) gives in both directions; in its one direction if it has one."""
+    low, high = float(span[0]), float(span[1])
+    return min(-low, high) if low < 0.0 < high else max(abs(low), abs(high))

@@ -1,0 +1,163 @@
+"""Imported robots whose rotors move, or whose joints form loops."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import imported_models as models
+from skywright.description.robot.loader import load_robot
+from skywright.errors import InputError
+from skywright.models.importing.importer import Imported, Request, import_robot
+from skywright.models.rotors import build_rotors
+
+PLACES = [(0.3, 0.0), (0.15, 0.26), (-0.15, 0.26), (-0.3, 0.0), (-0.15, -0.26), (0.15, -0.26)]
+MASS = '<inertial pos="0 0 0.001" mass="0.05" diaginertia="2e-5 3e-5 4e-5"/>'
+
+
+def take(file: Path, folder: Path, **given: Any) -> tuple[Imported, Any]:
+    made = import_robot(Request(file, **({"assume": True} | given)), folder / "made")
+    return made, load_robot(made.path)[0]
+
+
+def write_tilting(folder: Path, kind: str, boom: str, axis: str = "1 0 0") -> Path:
+    """A hexarotor; its last rotor is on a boom, whose joint is a hinge, a slide or fixed."""
+    names = {"hinge": "revolute", "slide": "prismatic"}
+    if kind == "mjcf":
+        joint = f'<joint name="tilt" type="{boom}" axis="{axis}" range="-0.5 0.5"/>'
+        bodies = ""
+        for i, (x, y) in enumerate(PLACES):
+            pos = f'pos="{x} {y} 0.05"'
+            moving = joint if i == 5 and boom != "fixed" else ""
+            bodies += f'<body name="hub{i}" {pos}>{MASS}{moving}<site name="s{i}"/></body>'
+        motors = "".join(
+            f'<motor site="s{i}" gear="0 0 1 0 0 {0.02 * (-1) ** i}" ctrlrange="0 9"/>'
+            for i in range(6)
+        )
+        body = MASS.replace("0.05", "2.0").replace("2e-5 3e-5 4e-5", "0.02 0.02 0.03")
+        return models.write(
+            folder / "hexa.xml",
+            f"""<mujoco><compiler angle="radian"/><worldbody><body name="base"><freejoint/>{body}
+{bodies}</body></worldbody><actuator>{motors}</actuator></mujoco>""",
+        )
+    parts = ""
+    for i, (x, y) in enumerate([*PLACES, PLACES[5]]):
+        at = (x, y, 0.03 if i == 6 else 0.05)
+        link = "boom" if i == 6 else f"rotor_{i}"
+        over = "boom" if i == 5 else "base"
+        joint = names.get(boom, boom) if i == 6 else "revolute" if kind == "sdf" else "continuous"
+        way, name = (axis, "tilt") if i == 6 else ("0 0 1", f"spin{i}")
+        if kind == "sdf":
+            parts += f"""<link name="{link}"><pose>{at[0]} {at[1]} {at[2]} 0 0 0</pose>
+{models.inertial("sdf", 0.02, "0 0 0.01", models.SMALL)}</link><joint name="{name}" type="{joint}">
+<parent>{over}</parent><child>{link}</child><axis><xyz>{way}</xyz><limit>
+<lower>{-0.5 if i == 6 else -1e16}</lower><upper>{0.5 if i == 6 else 1e16}</upper></limit></axis>
+</joint>"""
+            if i < 6:
+                parts += f"""<plugin filename="motor" name="m{i}"><jointName>spin{i}</jointName>
+<linkName>{link}</linkName><turningDirection>{"ccw" if i % 2 else "cw"}</turningDirection>
+<maxRotVelocity>900</maxRotVelocity><motorConstant>9e-6</motorConstant></plugin>"""
+        else:
+            place = "0 0 0.02" if i == 5 else " ".join(map(str, at))
+            parts += f"""<link name="{link}">
+{models.inertial("urdf", 0.02, "0 0 0.01", models.SMALL)}</link>
+<joint name="{name}" type="{joint}"><parent link="{over}"/><child link="{link}"/>
+<origin xyz="{place}"/><axis xyz="{way}"/>
+<limit lower="-0.5" upper="0.5" effort="1" velocity="5"/></joint>"""
+    base = f'<link name="base">{models.inertial(kind, 2.0, "0 0 0", models.BODY)}</link>{parts}'
+    if kind == "sdf":
+        text = f'<sdf version="1.9"><model name="h">{base}</model></sdf>'
+        return models.write(folder / "hexa" / "model.sdf", text)
+    return models.write(folder / "hexa.urdf", f'<robot name="h">{base}</robot>')
+
+
+@pytest.mark.parametrize("boom", ["hinge", "slide"])
+@pytest.mark.parametrize("kind", ["sdf", "urdf", "mjcf"])
+def test_a_rotor_on_a_moving_boom_is_refused(tmp_path: Path, kind: str, boom: str) -> None:
+    """Frozen by --weld, or fixed in the file, it is a rotor like the others."""
+    file = write_tilting(tmp_path, kind, boom)
+    with pytest.raises(InputError, match=r"hexa.*: joint 'tilt' moves rotor 6, .*--weld tilt"):
+        take(file, tmp_path)
+    for weld in (("tilt",), ("*",)):
+        made, robot = take(file, tmp_path / weld[0].replace("*", "all"), weld=weld)
+        assert (made.joints, made.rotors) == ([], 6)
+        rotors = build_rotors(robot.rotors)
+        np.testing.assert_allclose(rotors.axis, np.tile([0.0, 0.0, 1.0], (6, 1)), atol=1e-9)
+        np.testing.assert_allclose(rotors.position[:, :2], PLACES, atol=1e-9)
+    assert take(write_tilting(tmp_path, kind, "fixed"), tmp_path)[0].rotors == 6
+
+
+@pytest.mark.parametrize("kind", ["sdf", "urdf", "mjcf"])
+def test_a_boom_beside_an_arm_is_refused_too(tmp_path: Path, kind: str) -> None:
+    """Its joint does not lead to the tip, so it would be frozen."""
+    arm = models.urdf_arm(tmp_path)
+    options = {"arm": arm, "mount": "0.05,0,-0.05,180,0,0"}
+    with pytest.raises(InputError, match=r"joint 'tilt' moves rotor 6"):
+        take(write_tilting(tmp_path, kind, "hinge"), tmp_path, **options)
+    made, _ = take(write_tilting(tmp_path, kind, "hinge"), tmp_path, weld=("tilt",), **options)
+    assert made.joints == [f"arm/joint{i}" for i in range(1, 5)]
+
+
+def test_a_joint_that_turns_a_propeller_moves_no_rotor(tmp_path: Path) -> None:
+    """Its axis is that of the thrust, through the site; rotors given by hand have no link."""
+    arm = models.urdf_arm(tmp_path)
+    options = {"arm": arm, "mount": "0.05,0,-0.05,180,0,0"}
+    file = write_tilting(tmp_path, "mjcf", "hinge", "0 0 1")
+    assert take(file, tmp_path, **options)[0].rotors == 6
+    file.write_text(file.read_text().replace('<site name="s5"', '<site name="s5" pos=".01 0 0"'))
+    with pytest.raises(InputError, match=r"joint 'tilt' moves rotor 6"):
+        take(file, tmp_path / "beside", **options)
+    given = tuple(f"{x},{y},0.05,{'ccw' if i % 2 else 'cw'}" for i, (x, y) in enumerate(PLACES))
+    assert take(file, tmp_path / "given", rotors=given, **options)[0].rotors == 6
+
+
+def write_loop(folder: Path, equality: str, table: str = "") -> Path:
+    """A quadrotor with two links in a row, and a crank beside the second one."""
+    file = models.write_quad(folder)
+    arm = f"""<body name="upper" pos="0 0 -0.05"><joint name="a" axis="0 1 0" range="-60 60"/>{MASS}
+<body name="lower" pos="0.1 0 0"><joint name="b" axis="0 1 0" range="-60 60"/>{MASS}
+<body name="tcp" pos="0.1 0 0"/></body>
+<body name="crank" pos="0 0.1 0"><joint name="c" axis="0 1 0"/>{MASS}</body></body>"""
+    text = file.read_text().replace("</body></worldbody>", f"{arm}</body>{table}</worldbody>")
+    text = text.replace("</worldbody>", f"</worldbody><equality>{equality}</equality>")
+    file.write_text(text)
+    return file
+
+
+@pytest.mark.parametrize(
+    ("equality", "joints"),
+    [
+        ('<connect name="e" body1="lower" body2="quad" anchor="0 0 0.1"/>', ["a", "b"]),
+        ('<weld name="e" body1="upper" body2="lower"/>', ["b"]),
+        ('<connect name="e" body1="crank" body2="lower" anchor="0 0 0.1"/>', ["b"]),
+        ('<weld name="e" site1="s0" site2="s1"/>', []),
+        ('<connect name="e" body1="crank" body2="upper" anchor="0 0 0.1"/>', []),
+    ],
+)
+def test_a_loop_of_the_arm_is_refused(tmp_path: Path, equality: str, joints: list[str]) -> None:
+    """Loops of frozen joints, as in the linkage of a finger, are rigid and noted."""
+    file = write_loop(tmp_path, equality)
+    if joints:
+        over = ", ".join(map(repr, joints))
+        weld = " ".join(f"--weld {name}" for name in joints)
+        with pytest.raises(InputError, match=f"'e' .* closes a loop over joint {over}: .*{weld}$"):
+            take(file, tmp_path, tip="tcp")
+        made, _ = take(file, tmp_path, tip="tcp", weld=tuple(joints))
+    else:
+        made, _ = take(file, tmp_path, tip="tcp")
+    left = [name for name in ("a", "b") if name not in joints]
+    assert made.joints == left
+    assert any(note.startswith("left out: equality 'e'") for note in made.notes)
+
+
+def test_other_equalities_close_no_loop(tmp_path: Path) -> None:
+    off = '<connect name="e" body1="lower" body2="quad" anchor="0 0 0.1" active="false"/>'
+    assert take(write_loop(tmp_path, off), tmp_path / "off", tip="tcp")[0].joints == ["a", "b"]
+    rope = '<connect name="e" body1="lower" body2="table" anchor="0 0 0.1"/>'
+    table = '<body name="table"><geom size="0.1"/></body>'
+    made, _ = take(write_loop(tmp_path, rope, table), tmp_path / "rope", tip="tcp")
+    assert made.joints == ["a", "b"]
+    assert any("of which one does not belong to the robot" in note for note in made.notes)
