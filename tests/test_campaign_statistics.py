@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from skywright.analysis.campaign import figures
 from skywright.analysis.campaign.report import Facts, write_campaign_page
 from skywright.description.mission.spec import Requirement
 from skywright.run.rows import (
@@ -19,7 +20,15 @@ from skywright.run.rows import (
     compute_sensitivities,
     group_failures,
 )
-from skywright.run.verdict import GO, NO_GO, NOT_YET, build_verdict
+from skywright.run.verdict import (
+    GO,
+    LIMIT_USE,
+    NO_GO,
+    NOT_YET,
+    add_limit_use,
+    build_scale,
+    build_verdict,
+)
 
 REQUIREMENTS = {
     "contact.gap_max_mm": Requirement(limit=1.0, sense="<", unit="mm"),
@@ -91,6 +100,30 @@ def test_verdict_is_go_no_go_or_not_yet() -> None:
     assert compute_interval(8 + more, 8 + more)[0] < 0.9
 
 
+def test_an_undecided_verdict_states_the_runs_that_decide() -> None:
+    """Also where more runs at the present rate give NO-GO, and where none decide."""
+    good, bad = build_rows(1)[0], build_rows(1)[0]._replace(outcome="aborted", requirement="x")
+
+    def judge(succeeded: int, runs: int, target: float = 0.9) -> tuple[int, str]:
+        rows = [good] * succeeded + [bad] * (runs - succeeded)
+        found = build_verdict(rows, (), {}, target)
+        assert found.answer == NOT_YET
+        return found.more_runs, found.headline
+
+    more, told = judge(17, 20)
+    assert told.endswith(
+        f"for the required 90%: about {more} more runs at this rate would give NO-GO."
+    )
+    total = 20 + more
+    assert compute_interval(math.ceil(0.85 * total), total)[1] < 0.9
+    assert compute_interval(math.ceil(0.85 * 0.95 * total), int(0.95 * total))[1] >= 0.9
+    more, told = judge(19, 20)
+    assert more and told.endswith(f"about {more} more runs at this rate would give GO.")
+    assert judge(18, 20)[0] == 0 and judge(18, 20)[1].endswith("no number of runs decides.")
+    assert judge(9, 10, 0.9001) == (0, judge(9, 10, 0.9001)[1])
+    assert judge(9, 10, 0.9001)[1].endswith("over 100000 runs at this rate would give NO-GO.")
+
+
 def test_verdict_names_what_limits_it() -> None:
     failing = build_verdict(build_rows(200, gap_at_full_wind=1.2), KEYS, REQUIREMENTS, 0.5)
     assert "Limited by contact.gap_max_mm" in failing.limited_by
@@ -148,6 +181,96 @@ def test_headroom_is_the_way_from_median_to_limit() -> None:
     assert first.used == pytest.approx((max(gaps) - np.median(gaps)) / (1 - np.median(gaps)))
     crossings = next(h for h in compute_headroom(rows, REQUIREMENTS) if h.name == "weld.crossings")
     assert crossings.used == 0.0 and crossings.worst == 4.0
+
+
+def build_errors(
+    values: list[float], sense: str = "<=", limit: float = 1.0
+) -> tuple[list[Row], dict[str, Requirement]]:
+    """Runs with the metric `err`, which grows with the condition `wind`, if the values do."""
+    asked = Requirement.model_validate({"limit": limit, "sense": sense})
+    met = {"<": float.__lt__, "<=": float.__le__, ">": float.__gt__, ">=": float.__ge__,
+           "==": float.__eq__}[sense]  # fmt: skip
+    rows = []
+    for run, value in enumerate(values):
+        failed = () if met(float(value), limit) else ("err",)
+        row = Row(
+            run, run, "failed" if failed else "succeeded", "err" if failed else "", failed, "",
+            {"wind": float(run)}, {"err": float(value)}, {}, 1, "",
+        )  # fmt: skip
+        rows.append(row)
+    return rows, {"err": asked}
+
+
+def list_uses(rows: list[Row], asked: dict[str, Requirement]) -> list[float]:
+    found = add_limit_use(rows, compute_headroom(rows, asked))
+    return [row.metrics[LIMIT_USE] for row in found]
+
+
+@pytest.mark.parametrize("failing", [0, 5, 24, 39, 40])
+@pytest.mark.parametrize(("sign", "limit"), [(1.0, 1.0), (-1.0, 0.9), (1.0, 0.0), (-1.0, -2.0)])
+def test_a_limit_is_used_more_the_worse_a_run_is(failing: int, sign: float, limit: float) -> None:
+    """Whichever side of the limit the median run is on, for upper and lower limits."""
+    steps = np.arange(40) - (39.5 - failing)  # negative: the limit is met
+    sense = "<=" if sign > 0 else ">="
+    rows, asked = build_errors([limit + sign * 0.03 * s for s in steps], sense, limit)
+    assert sum(not r.succeeded for r in rows) == failing
+    use = np.array(list_uses(rows, asked))
+    assert np.all(np.diff(use) > 0.0)
+    assert np.array_equal(use > 1.0, [not r.succeeded for r in rows])
+    if failing < 40:
+        assert np.median(use[use < 1.0]) == pytest.approx(0.0, abs=1e-12)
+    verdict = build_verdict(rows, ["wind"], asked, 0.9)
+    (s,) = [s for s in verdict.sensitivities if s.metric == LIMIT_USE]
+    assert s.rho == pytest.approx(1.0) and s.significant
+    figure = figures.draw_conditions(rows, ["wind"], verdict)
+    assert figure is not None
+    good, *bad = [np.ma.getdata(c.get_offsets()) for c in figure.axes[0].collections]
+    assert len(good) == 40 - failing and np.all(good[:, 1] < 1.0)
+    assert sum(map(len, bad)) == failing
+    assert all(np.all((b[:, 1] > 1.0) & (b[:, 1] < figures.TOP)) for b in bad)
+    figure = figures.draw_headroom(rows, verdict)
+    assert figure is not None
+    blue, red = (np.ma.getdata(c.get_offsets()) for c in figure.axes[0].collections)
+    assert (len(blue), len(red)) == (40 - failing, failing)
+    assert np.all(blue[:, 0] < 1.0) and np.all(red[:, 0] > 1.0)
+    assert ("no run meets it" in figure.axes[0].texts[0].get_text()) == (failing == 40)
+
+
+def test_a_limit_without_near_and_far_has_no_use() -> None:
+    """Counts of which none is allowed, yes or no, ==, values that were not measured."""
+    for values, sense, limit in (
+        ([0, 0, 0, 2], "<=", 0.0),
+        ([1, 1, 0, 1], ">=", 1.0),
+        ([4, 3, 4, 4], "==", 4.0),
+        ([math.nan] * 4, "<=", 1.0),
+    ):
+        rows, asked = build_errors([float(v) for v in values], sense, limit)
+        assert all(map(math.isnan, list_uses(rows, asked))), (values, sense)
+        verdict = build_verdict(rows, ["wind"], asked, 0.9)
+        assert figures.draw_headroom(rows, verdict) is None
+        figure = figures.draw_conditions(rows, ["wind"], verdict)
+        assert figure is not None
+        good, *bad = [np.ma.getdata(c.get_offsets())[:, 1] for c in figure.axes[0].collections]
+        assert np.all(good == figures.BOTTOM)
+        assert all(np.all(b == figures.TOP) for b in bad)
+    none_landed = build_errors([0.0] * 4, ">=", 1.0)
+    assert list_uses(*none_landed) == [2.0] * 4
+    assert list_uses(*build_errors([0.5] * 4)) == [0.0] * 4
+
+
+def test_use_of_a_limit_counts_what_failed() -> None:
+    """A strict limit, a waived requirement, a missing value, an aborted run."""
+    rows, asked = build_errors([0.5, 0.75, 1.0], "<")
+    assert list_uses(rows, asked)[2] == 1.0 and not rows[2].succeeded
+    rows, asked = build_errors([0.5, 0.7, 0.9, 2.0, math.nan])
+    rows[3] = rows[3]._replace(outcome="succeeded", failed=())  # waived
+    rows.append(rows[0]._replace(outcome="aborted", metrics={"err": 0.0}))  # cut short
+    use = list_uses(rows, asked)
+    assert use[:3] == pytest.approx([-2 / 3, 0.0, 2 / 3]) and all(map(math.isnan, use[3:]))
+    only_aborted = [r._replace(outcome="aborted") for r in rows[:3]]
+    (h,) = compute_headroom(only_aborted, asked)
+    scale = build_scale(only_aborted, h)
+    assert scale is not None and scale.compute_use(only_aborted[1]) == pytest.approx(0.0)
 
 
 def test_sensitivities_find_monotone_periodic_and_categorical_effects_and_nothing_else() -> None:
@@ -213,9 +336,7 @@ def test_page_answers_in_its_first_line(
 
 def test_of_many_conditions_those_that_act_are_drawn() -> None:
     """A condition that decides is not left out of the picture because it was named last."""
-    from skywright.analysis.campaign.figures import MAX_PANELS, draw_conditions
-
-    keys = [f"world.idle{i}" for i in range(MAX_PANELS + 3)] + ["world.wind.mean_mps"]
+    keys = [f"world.idle{i}" for i in range(figures.MAX_PANELS + 3)] + ["world.wind.mean_mps"]
     rng = np.random.default_rng(4)
     rows = []
     for i in range(60):
@@ -228,6 +349,6 @@ def test_of_many_conditions_those_that_act_are_drawn() -> None:
             Row(i, i, outcome, "error" if failed else "", failed, "", varied, metrics, {}, 1, "")
         )
     requirements = {"error": Requirement(limit=0.8)}
-    figure = draw_conditions(rows, keys, build_verdict(rows, keys, requirements, 0.9))
-    assert figure is not None and len(figure.axes) == MAX_PANELS
+    figure = figures.draw_conditions(rows, keys, build_verdict(rows, keys, requirements, 0.9))
+    assert figure is not None and len(figure.axes) == figures.MAX_PANELS
     assert "world.wind.mean_mps" in [ax.get_xlabel() for ax in figure.axes]

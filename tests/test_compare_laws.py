@@ -11,20 +11,34 @@ import pytest
 from click.testing import CliRunner
 
 from skywright.analysis.campaign import local
-from skywright.analysis.compare_laws.cases import choose_cases, list_cases, list_law_sets
+from skywright.analysis.campaign.campaign import CampaignResult
+from skywright.analysis.campaign.spec import Campaign
+from skywright.analysis.compare_laws import compare as compare_module
+from skywright.analysis.compare_laws.cases import (
+    Case,
+    LeftOut,
+    check_varied,
+    choose_cases,
+    list_cases,
+    list_law_sets,
+)
 from skywright.analysis.compare_laws.check import check_law
 from skywright.analysis.compare_laws.compare import Flown, LawComparison, compare_laws
 from skywright.analysis.compare_laws.cost import measure_cost
+from skywright.analysis.compare_laws.figures import draw_medians
 from skywright.analysis.compare_laws.paired import (
+    FEWEST,
+    Difference,
     compare_metric,
     find_significant,
     pair_rows,
 )
-from skywright.analysis.compare_laws.report import write_laws_page
+from skywright.analysis.compare_laws.report import tell_difference, write_laws_page
 from skywright.cli import main
 from skywright.description.loader import load_description
 from skywright.errors import InputError
 from skywright.run.rows import Row
+from skywright.run.verdict import build_verdict
 
 
 def build_row(run: int, **metrics: float) -> Row:
@@ -67,6 +81,70 @@ def test_equal_laws_and_few_runs_are_no_finding() -> None:
     assert compare_metric("b", "c", "x", np.zeros(0), np.zeros(0)) is None
 
 
+def test_below_six_pairs_there_is_no_interval(tmp_path: Path) -> None:
+    """Neither in the JSON object nor on the page, and recorded results have none."""
+    d = compare_metric("b", "nominal", "x", np.array([1.0, 2.0, 3.0]), np.array([2.0, 3.5, 3.9]))
+    assert d is not None and math.isnan(d.low) and math.isnan(d.high) and d.median == 1.0
+    assert tell_difference(d) == "+1"
+    found = build_comparison(["a", "b"], differences=[d])
+    (told,) = json.loads(json.dumps(found.to_json(), allow_nan=False))["differences"]
+    assert told["interval"] is None and told["p"] is None and told["median"] == 1.0
+    write_laws_page(found, tmp_path / "laws.html")
+    assert "nan" not in (tmp_path / "laws.html").read_text().lower().split("<h2")[-2]
+    enough = compare_metric("b", "nominal", "x", np.zeros(6), np.arange(6.0))
+    assert enough is not None
+    (told,) = build_comparison(["a", "b"], differences=[enough]).to_json()["differences"]
+    assert told["interval"] == [enough.low, enough.high] and enough.low < enough.high
+    kept = Path(__file__).parents[1] / "benchmarks" / "laws"
+    for file in kept.glob("*.json"):
+        for one in json.loads(file.read_text())["differences"]:
+            assert (one["interval"] is None) == (one["pairs"] < FEWEST), file
+
+
+def build_comparison(
+    laws: list[str],
+    rows: list[Row] | None = None,
+    differences: list[Difference] | None = None,
+    left_out: tuple[LeftOut, ...] = (),
+) -> LawComparison:
+    """A comparison in the nominal case in which the metric `x` differs from law to law."""
+    flown = [
+        Flown(law, "nominal", rows or [build_row(0, x=1.0 + k)], "") for k, law in enumerate(laws)
+    ]
+    return LawComparison(
+        "m", "r", "w", 1, 1, laws, [Case("nominal", ())], {}, ["x"], {}, flown, differences or [],
+        set(), dict.fromkeys(laws, math.nan), left_out,
+    )  # fmt: skip
+
+
+def test_many_laws_are_drawn_and_told_apart() -> None:
+    laws = [f"law {k}" for k in range(30)]
+    figure = draw_medians(build_comparison(laws))
+    assert figure is not None
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == laws
+    drawn = {(line.get_color(), str(line.get_marker())) for line in legend.get_lines()}
+    assert len(drawn) == len(laws)
+    dots = {(line.get_markeredgecolor(), line.get_marker()) for line in figure.axes[0].lines}
+    assert dots == drawn
+
+
+def test_aborted_flights_are_hollow_dots_and_count_in_the_median(tmp_path: Path) -> None:
+    """As the caption of the figure states."""
+    cut = build_row(1, x=0.2)._replace(outcome="aborted")
+    found = build_comparison(["a", "b"], [build_row(0, x=1.0), cut, build_row(2)])
+    figure = draw_medians(found)
+    assert figure is not None
+    whole, hollow = figure.axes[0].lines[:2]
+    assert list(whole.get_ydata()) == [1.0] and whole.get_markerfacecolor() != "none"
+    assert list(hollow.get_ydata()) == [0.2] and hollow.get_markerfacecolor() == "none"
+    assert found.flown[0].compute_median("x") == 0.6
+    write_laws_page(found, tmp_path / "laws.html")
+    text = (tmp_path / "laws.html").read_text()
+    assert "did not reach their end; the median includes them" in text
+    assert "Incomplete flights" not in text
+
+
 def test_cases_are_named_or_defined_and_the_nominal_one_is_always_there() -> None:
     base = load_description("pipe-weld-scan")
     assert [c.name for c in list_cases(base)] == [
@@ -81,6 +159,71 @@ def test_cases_are_named_or_defined_and_the_nominal_one_is_always_there() -> Non
         choose_cases(base, ["masses"])
     with pytest.raises(InputError, match="a name other than"):
         choose_cases(base, [":world.wind.mean_mps=1"])
+
+
+def test_a_built_in_case_and_its_assignments_merge_in_any_order() -> None:
+    base = load_description("pipe-weld-scan")
+    texts = ["mass", "mass:plant.rotor_gain_error=0.02"]
+    sets = ("plant.mass_error=0.1", "plant.rotor_gain_error=0.02")
+    for given in (texts, texts[::-1], [*texts, "mass"]):
+        assert choose_cases(base, given)[1:] == [Case("mass", sets)]
+    alone = choose_cases(base, texts[1:])
+    assert alone[1:] == [Case("mass", ("plant.rotor_gain_error=0.02",))]
+
+
+def test_built_in_cases_make_way_for_keys_that_vary() -> None:
+    cases = list_cases(load_description("pipe-weld-scan"))
+    varied = ["plant.mass_error", "world.wind.kind", "world.wind.mean_mps", "world.weld.angle_deg"]
+    laws = ["push_and_slide", "push_and_slide:moment_feed_forward=friction"]
+    flown, left_out = check_varied(cases, laws, varied, given=False)
+    assert [c.name for c in flown] == ["nominal", "delay", "friction"]
+    assert [(x.case.name, x.keys) for x in left_out] == [
+        ("mass", ("plant.mass_error",)),
+        ("wind", ("world.wind.kind", "world.wind.mean_mps")),
+        ("gusts", ("world.wind.kind", "world.wind.mean_mps")),
+    ]
+    assert check_varied(cases, laws, ["mission.law.start_up_s"], given=False) == (cases, [])
+    with pytest.raises(InputError, match=r"--case mass sets plant.mass_error, which --vary draws"):
+        check_varied(cases[:2], laws, varied, given=True)
+    for key in ("mission.law", "mission.law.moment_feed_forward"):
+        with pytest.raises(InputError, match=f"--vary {key}: not valid here, because the law push"):
+            check_varied(cases, laws, [key], given=False)
+
+
+def test_varied_keys_of_built_in_cases_are_told_and_fly(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The documented command: the table varies a key of each built-in case."""
+    flown = []
+
+    def fly(campaign: Campaign, runs: int, *, out: Path, **_: object) -> CampaignResult:
+        flown.append(out.parts[-2:])
+        rows = [build_row(i, **{"tip.tangential_rms_mm": 1.0 + i}) for i in range(runs)]
+        verdict = build_verdict(rows, [], {}, 0.9)
+        return CampaignResult(rows, verdict, out, 0.0, interrupted=False)
+
+    monkeypatch.setattr(compare_module, "run_campaign", fly)
+    monkeypatch.setattr(compare_module, "_measure", lambda *_: math.nan)
+    monkeypatch.chdir(tmp_path)
+    table = Path(__file__).parents[1] / "benchmarks" / "weld-scan-conditions.csv"
+    words = ["compare", "laws", "push_and_slide,direct_force", "--mission", "pipe-weld-scan",
+             "--robot", "othex-force", "--runs", "2", "--vary", str(table)]  # fmt: skip
+    found = CliRunner().invoke(main, words, prog_name="skywright")
+    assert found.exit_code == 0, found.output
+    assert flown == [("push_and_slide", "nominal"), ("direct_force", "nominal")]
+    assert found.stderr.count("left out") == 1
+    page = Path("compare.html").read_text()
+    for told in (found.stderr, page):
+        assert (
+            "eft out, because --vary draws a key that the built-in case sets: mass (plant." in told
+        )
+        assert "friction (world.pipe.friction)" in told
+    left_out = json.loads(CliRunner().invoke(main, [*words, "--json"]).stdout)["left_out"]
+    assert list(left_out) == ["mass", "delay", "wind", "gusts", "friction"]
+    assert left_out["delay"] == ["world.link.delay_s"]
+    found = CliRunner().invoke(main, [*words, "--case", "own:plant.mass_error=0"])
+    assert found.exit_code == 2 and "--case own sets plant.mass_error, which --vary" in found.stderr
+    assert "--set" not in found.stderr and len(flown) == 4
 
 
 def test_a_law_may_have_options() -> None:

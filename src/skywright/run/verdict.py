@@ -25,7 +25,13 @@ from skywright.run.rows import (
 )
 
 LIMIT_USE = "limit use"
-"""Derived metric of a row: share of the way from the median to a limit; worst requirement."""
+"""Derived metric of a row: use of a limit on its `LimitScale`; worst requirement."""
+
+COMPLETED = ("succeeded", "failed")
+"""Outcomes of complete flights."""
+
+MOST_MORE = 100_000
+"""Largest number of runs that the headline computes."""
 
 GO, NO_GO, NOT_YET = "GO", "NO-GO", "NO-GO YET"
 
@@ -45,7 +51,8 @@ class Verdict(NamedTuple):
     interval: tuple[float, float]
     target: float
     more_runs: int
-    """Further runs after which the answer is GO at the present rate; 0 if it never is."""
+    """Further runs after which the answer is GO or NO-GO at the present rate; 0 if it is decided,
+    if the rate equals the target, or if more than MOST_MORE runs are needed."""
     flown: int
     """Runs that took off; the others were refused before take-off."""
     flown_interval: tuple[float, float]
@@ -89,8 +96,8 @@ def build_verdict(
         + {
             GO: f"above the required {target:.0%}.",
             NO_GO: f"below the required {target:.0%}.",
-            NOT_YET: f"which is inconclusive for the required {target:.0%}"
-            + (f": about {more} more runs at this rate would decide." if more else "."),
+            NOT_YET: f"which is inconclusive for the required {target:.0%}: "
+            + _describe_more_runs(k, n, target, more),
         }[answer]
     )
     reasons = {row.run: row.reason for row in rows}
@@ -101,36 +108,93 @@ def build_verdict(
     )  # fmt: skip
 
 
-def add_limit_use(rows: Sequence[Row], headroom: Sequence[Headroom]) -> list[Row]:
-    """Add to each row its distance from the median to its tightest limit (1: at the limit).
+class LimitScale(NamedTuple):
+    """Scale of a requirement on which all runs are compared with its limit.
 
-    Requirements whose median lies on the limit, and rows that were not completed, are excluded.
+    The use of the limit is 1 at the limit and larger beyond it, for upper and lower limits. It is 0
+    at the median of the completed runs that meet the limit. If none meets it, it is 2 at the median
+    of the runs that miss it.
     """
+
+    name: str
+    limit: float
+    sign: float
+    """1 if larger values are worse, -1 if smaller ones are."""
+    room: float
+    """Difference of the metric that changes the use by 1; positive."""
+    met: bool
+    """Whether a completed run meets the limit."""
+
+    def compute_use(self, row: Row) -> float:
+        """Return the use of the limit by a run; NaN if it is not measured or was waived."""
+        value = row.metrics.get(self.name, math.nan)
+        use = 1.0 + self.sign * (value - self.limit) / self.room
+        if not math.isfinite(use) or (use > 1.0 and self.name not in row.failed):
+            return math.nan
+        return use
+
+
+def build_scale(rows: Sequence[Row], h: Headroom) -> LimitScale | None:
+    """Return the scale of a requirement; None if the limit has no near and far.
+
+    There is none for ==, and none where the median run lies on the limit, as with a count of which
+    none is allowed.
+    """
+    if h.sense == "==":
+        return None
+    sign = 1.0 if h.sense in ("<", "<=") else -1.0
+    met, missed = [], []
+    for row in [r for r in rows if r.outcome in COMPLETED] or rows:
+        room = sign * (h.limit - row.metrics.get(h.name, math.nan))
+        if not math.isfinite(room):
+            continue
+        if h.name in row.failed:
+            missed.append(-room)
+        elif room >= 0.0:  # otherwise the requirement was waived in this run
+            met.append(room)
+    room = float(np.median(met or missed)) if met or missed else 0.0
+    return LimitScale(h.name, h.limit, sign, room, bool(met)) if room > 0.0 else None
+
+
+def add_limit_use(rows: Sequence[Row], headroom: Sequence[Headroom]) -> list[Row]:
+    """Add to each row the largest use of a limit (`LimitScale`).
+
+    It is NaN for rows that were not completed. Requirements without a scale are excluded.
+    """
+    scales = [scale for h in headroom if (scale := build_scale(rows, h)) is not None]
     out = []
     for row in rows:
-        uses = []
-        for h in headroom:
-            value = row.metrics.get(h.name, math.nan)
-            room = h.limit - h.median
-            if math.isfinite(value) and math.isfinite(room) and room != 0.0 and h.sense != "==":
-                uses.append((value - h.median) / room)
-        completed = row.outcome in ("succeeded", "failed")
-        use = max(uses) if uses and completed else math.nan
+        uses = [use for scale in scales if math.isfinite(use := scale.compute_use(row))]
+        use = max(uses) if uses and row.outcome in COMPLETED else math.nan
         out.append(row._replace(metrics={**row.metrics, LIMIT_USE: use}))
     return out
 
 
 def _count_more_runs(succeeded: int, runs: int, target: float) -> int:
-    """Return the runs needed until the interval's lower end reaches the target at this rate."""
+    """Return the further runs until the interval excludes the target at this rate; 0: too many."""
     rate = succeeded / runs
-    if rate <= target:
+    if rate == target:
         return 0
     total = runs
-    while total < 100_000:
+    while total < MOST_MORE:
         total = max(total + 1, int(total * 1.02))
-        if compute_interval(int(np.floor(rate * total)), total)[0] >= target:
+        if rate > target:
+            decided = compute_interval(math.floor(rate * total), total)[0] >= target
+        else:
+            decided = compute_interval(math.ceil(rate * total), total)[1] < target
+        if decided:
             return total - runs
     return 0
+
+
+def _describe_more_runs(succeeded: int, runs: int, target: float, more: int) -> str:
+    """State how many further runs give an answer, and which one."""
+    rate = succeeded / runs
+    if rate == target:
+        return "this rate equals the required one, and at it no number of runs decides."
+    answer = GO if rate > target else NO_GO
+    count = f"about {more} more run{'s' if more != 1 else ''}" if more else f"over {MOST_MORE} runs"
+    return f"{count} at this rate would give {answer}."
 
 
 def _in_words(name: str, measures: Measures) -> str:

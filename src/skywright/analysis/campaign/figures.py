@@ -20,10 +20,10 @@ from skywright.reports.figures.style import (
     new_figure,
 )
 from skywright.run.rows import Row
-from skywright.run.verdict import LIMIT_USE, Verdict, add_limit_use
+from skywright.run.verdict import LIMIT_USE, Verdict, add_limit_use, build_scale
 
-TOP = 1.6
-"""Largest drawn use of a limit; larger or missing values are drawn there."""
+BOTTOM, TOP = -0.3, 1.6
+"""Smallest and largest drawn use of a limit. Above 1 the scale is compressed: TOP is infinite."""
 
 MARKERS = "XPsD^v*"
 FAILURES = (RED, BLACK, PURPLE, ORANGE, GREEN)
@@ -58,7 +58,7 @@ def draw_conditions(rows: Sequence[Row], keys: Sequence[str], verdict: Verdict) 
             hit = np.array([not r.succeeded and r.requirement == name for r in rows])
             ax.scatter(x[hit], use[hit], s=34, color=colour, marker=marker, lw=0, zorder=4)
         ax.axhline(1.0, color=LIMIT, lw=1.1, ls=(0, (5, 3)), zorder=1)
-        ax.set_ylim(-0.4, TOP + 0.12)
+        ax.set_ylim(BOTTOM - 0.1, TOP + 0.12)
         ax.set_yticks([0.0, 0.5, 1.0], ["median", "half-way", "limit"])
         if i % columns:
             ax.tick_params(labelleft=False)
@@ -111,11 +111,11 @@ def draw_map(rows: Sequence[Row], keys: Sequence[str], verdict: Verdict) -> Figu
 
 
 def draw_headroom(rows: Sequence[Row], verdict: Verdict) -> Figure | None:
-    """Draw one line per requirement: all runs between the median (0) and the limit (1)."""
+    """Draw one line per requirement: all runs between the median that meets the limit (0) and the
+    limit (1); runs that failed the requirement are red."""
     shown = [
-        h for h in verdict.headroom
-        if h.measured and h.sense != "==" and math.isfinite(h.limit - h.median)
-        and h.limit != h.median
+        (h, scale) for h in verdict.headroom
+        if h.measured and (scale := build_scale(rows, h)) is not None
     ]  # fmt: skip
     if not shown:
         return None
@@ -123,22 +123,22 @@ def draw_headroom(rows: Sequence[Row], verdict: Verdict) -> Figure | None:
     figure = new_figure(WIDTH, height)
     ax = figure.add_axes((0.24, 0.5 / height, 0.5, (height - 0.75) / height))
     rng = np.random.default_rng(0)  # only spreads the dots vertically
-    for line, h in enumerate(shown):
-        values = np.array([row.metrics.get(h.name, math.nan) for row in rows])
-        x = (values - h.median) / (h.limit - h.median)
-        x = np.clip(x[np.isfinite(x)], -1.0, TOP)
-        bad = x > 1.0
+    for line, (h, scale) in enumerate(shown):
+        x = np.array([scale.compute_use(row) for row in rows])
+        bad = np.array([h.name in row.failed for row in rows])[np.isfinite(x)]
+        x = np.maximum(_compress(x[np.isfinite(x)]), -1.0)
         y = line + rng.uniform(-0.26, 0.26, len(x))
         ax.scatter(x[~bad], y[~bad], s=8, color=BLUE, alpha=0.4, lw=0)
         ax.scatter(x[bad], y[bad], s=18, color=LIMIT, marker="X", lw=0)
         unit = f" {h.unit}" if h.unit else ""
         ax.text(
-            TOP + 0.08, line, f"median {h.median:.3g}, worst {h.worst:.3g}\n"
-            f"limit {h.limit:.3g}{unit}", va="center", fontsize=8,
+            TOP + 0.08, line, f"median of all {h.median:.3g}, worst {h.worst:.3g}\n"
+            f"limit {h.limit:.3g}{unit}{'' if scale.met else ', no run meets it'}",
+            va="center", fontsize=8,
         )  # fmt: skip
     ax.axvline(1.0, color=LIMIT, lw=1.1, ls=(0, (5, 3)))
     ax.set(xlim=(-1.05, TOP + 0.04), ylim=(len(shown) - 0.5, -0.5))
-    ax.set_yticks(range(len(shown)), [h.name for h in shown])
+    ax.set_yticks(range(len(shown)), [h.name for h, _ in shown])
     ax.set_xticks([0.0, 0.5, 1.0], ["median", "half-way", "limit"])
     ax.grid(axis="y", visible=False)
     return figure
@@ -181,10 +181,20 @@ def draw_sensitivities(keys: Sequence[str], verdict: Verdict, most: int = 14) ->
 
 
 def _compute_use(rows: Sequence[Row], verdict: Verdict) -> Array:
-    """Return the drawn height (n,) of each run; TOP for a failure without a finite limit use."""
+    """Return the drawn height (n,) of each run.
+
+    A failure without a use of 1 or more is drawn at TOP, a success without a use at BOTTOM.
+    """
     use = np.array([row.metrics[LIMIT_USE] for row in add_limit_use(rows, verdict.headroom)])
-    unexplained = ~np.isfinite(use) | (~(use >= 1.0) & [not row.succeeded for row in rows])
-    return np.where(unexplained, TOP, np.clip(use, -0.3, TOP))
+    good = np.array([row.succeeded for row in rows])
+    drawn = np.maximum(np.where(np.isfinite(use), _compress(use), BOTTOM), BOTTOM)
+    return np.where(good | (use >= 1.0), drawn, TOP)
+
+
+def _compress(use: Array) -> Array:
+    """Compress uses (n,) beyond the limit into 1 to TOP, with slope 1 at the limit."""
+    beyond, width = np.maximum(use - 1.0, 0.0), TOP - 1.0
+    return np.minimum(use, 1.0) + width * beyond / (width + beyond)
 
 
 def _choose_styles(verdict: Verdict) -> dict[str, tuple[str, str]]:

@@ -44,9 +44,11 @@ def write_campaign_page(path: Path, rows: Sequence[Row], verdict: Verdict, facts
                 "Where it fails" if verdict.failures else "Distance of each run from its limits",
                 figures.draw_conditions(rows, keys, verdict),
                 "Each dot is one run at its value of the varied condition. The height "
-                    "shows the use of its tightest limit, from the median of all runs "
-                    "(bottom) to the limit (dashed). Failures have a separate mark; failures "
-                    "without a value (a missed count, an incomplete run) are drawn at the top."
+                    "shows the use of its tightest limit, from the median of the runs that meet "
+                    "the limit (bottom) to the limit (dashed); beyond the limit the scale is "
+                    "compressed. Failures have a separate mark. Failures without a value (a "
+                    "missed count, an incomplete run) are drawn at the top, other runs without "
+                    "a value at the bottom."
                 + (f" The {figures.MAX_PANELS} most influential of {len(keys)} conditions are "
                     "drawn."
                    if len(keys) > figures.MAX_PANELS else ""),
@@ -59,8 +61,9 @@ def write_campaign_page(path: Path, rows: Sequence[Row], verdict: Verdict, facts
             ),
             build_picture(
                 "Distance to each limit", figures.draw_headroom(rows, verdict),
-                "All runs on one line per requirement, between the median of all runs and "
-                    "the limit.",
+                "All runs on one line per requirement, between the median of the runs that "
+                    "meet its limit and the limit. Red: runs that failed the requirement. Beyond "
+                    "the limit the scale is compressed.",
             ),
             build_picture(
                 "Influence of the conditions on the "
@@ -68,7 +71,8 @@ def write_campaign_page(path: Path, rows: Sequence[Row], verdict: Verdict, facts
                 "Percentage of a metric's rank variance that a condition alone explains. "
                     "An arrow shows whether the metric rises or falls with the condition; no "
                     "arrow: both. Empty cells are not significant (false discovery rate "
-                    f"{1 - CONFIDENCE:.0%}). “{LIMIT_USE}” is the height in the first picture.",
+                    f"{1 - CONFIDENCE:.0%}). “{LIMIT_USE}” is the use of the tightest limit, "
+                    "drawn as height in the first picture.",
             ),
         ]  # fmt: skip
     page = render_page(

@@ -14,14 +14,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skywright.analysis.campaign.campaign import run_campaign
+from skywright.analysis.campaign.distributions import parse_variations
 from skywright.analysis.campaign.local import keep_workers
 from skywright.analysis.campaign.spec import Campaign, build_campaign
 from skywright.analysis.compare_laws.cases import (
     NOMINAL,
     Case,
+    LeftOut,
+    check_varied,
     choose_cases,
     list_cases,
     list_law_sets,
+    tell_left_out,
 )
 from skywright.analysis.compare_laws.check import check_law
 from skywright.analysis.compare_laws.cost import measure_cost
@@ -99,6 +103,7 @@ class LawComparison(NamedTuple):
     differences: list[Difference]
     significant: set[tuple[str, str, str]]
     cost_s: dict[str, float]  # time of a step; NaN: not measured
+    left_out: tuple[LeftOut, ...] = ()  # built-in cases that are not flown
 
     def list_constant(self) -> dict[str, float]:
         """Return the metrics with equal values in all flights, and their values."""
@@ -128,6 +133,7 @@ class LawComparison(NamedTuple):
             "mission": self.mission, "robot": self.robot, "world": self.world, "seed": self.seed,
             "reference": self.laws[0],
             "cases": {c.name: list(c.sets) for c in self.cases},
+            "left_out": {x.case.name: list(x.keys) for x in self.left_out},
             "flown": [
                 {
                     "law": f.law, "case": f.case, "runs": len(f.rows), "succeeded": f.succeeded,
@@ -140,7 +146,8 @@ class LawComparison(NamedTuple):
             "differences": [
                 {
                     **{k: getattr(d, k) for k in ("law", "case", "metric", "pairs", "median")},
-                    "interval": [d.low, d.high], "p": number(d.p),
+                    "interval": [d.low, d.high] if math.isfinite(d.low) else None,
+                    "p": number(d.p),
                     "significant": (d.law, d.case, d.metric) in self.significant,
                 }
                 for d in self.differences
@@ -168,7 +175,8 @@ def compare_laws(
     """Fly `runs` flights of each law in each case; all laws fly the same seeds and conditions.
 
     A law is the name of a built-in one or FILE.py:CLASS, followed by :KEY=VALUE for each key of
-    [mission.law] that it changes. `choose_cases` parses `cases`.
+    [mission.law] that it changes. `choose_cases` parses `cases`. Without `cases`, built-in cases
+    that set a key of `vary` are left out. `step` receives progress as text.
 
     The campaigns are kept in `out`/LAW/CASE; the same call continues them. The result includes laws
     that a robot or a case refuses, with the reason. Raises InputError on a wrong name or key, for
@@ -186,6 +194,10 @@ def compare_laws(
             raise InputError(
                 f"{text}: not valid here, because the compared laws set mission.law; leave it out"
             )
+    varied = [v.key for v in parse_variations(vary)]
+    chosen, left_out = check_varied(chosen, names, varied, given=bool(cases))
+    if left_out and step is not None:
+        step(tell_left_out(left_out))
     known = list_cases(base)
     planned: list[tuple[str, Case, Campaign | str]] = []
     for case in chosen:
@@ -197,7 +209,7 @@ def compare_laws(
                     sets=assignments,
                 )))  # fmt: skip
             except InputError as error:
-                if case.name == NOMINAL or case not in known or vary:  # the input is wrong
+                if case.name == NOMINAL or case not in known:  # the input is wrong
                     raise
                 planned.append((law, case, str(error)))
     for _, case, campaign in planned:
@@ -238,6 +250,7 @@ def compare_laws(
             if any(not f.refused for f in flown if f.law == law) else math.nan
             for law in names
         },
+        tuple(left_out),
     )  # fmt: skip
 
 

@@ -35,13 +35,13 @@ class Difference(NamedTuple):
     pairs: int
     reference: float  # median of the reference law over these runs
     median: float  # of the differences; negative: the law has the smaller value
-    low: float  # 95 % interval of that median, bootstrap
+    low: float  # 95 % interval of that median, bootstrap; NaN below FEWEST pairs
     high: float
     p: float  # Wilcoxon's signed-rank test, two-sided; NaN below FEWEST pairs
 
     @property
     def is_zero(self) -> bool:
-        """Whether all differences are zero."""
+        """Whether all differences are zero, and enough for a test."""
         return self.low == self.high == self.median == 0.0
 
 
@@ -65,7 +65,8 @@ def compare_metric(
     if n == 0:
         return None
     d = values - reference
-    low = high = median = float(np.median(d))
+    median = float(np.median(d))
+    low = high = median if n >= FEWEST else math.nan
     if n >= FEWEST and np.ptp(d) > 0.0:
         found = scipy.stats.bootstrap(
             (d,), np.median, confidence_level=CONFIDENCE, n_resamples=RESAMPLES,

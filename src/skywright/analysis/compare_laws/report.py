@@ -6,6 +6,7 @@ import math
 import sys
 from pathlib import Path
 
+from skywright.analysis.compare_laws.cases import tell_left_out
 from skywright.analysis.compare_laws.compare import Flown, LawComparison
 from skywright.analysis.compare_laws.figures import draw_medians
 from skywright.analysis.compare_laws.paired import FEWEST, Difference
@@ -26,8 +27,10 @@ def write_laws_page(c: LawComparison, path: Path) -> None:
     with house_style():
         picture = build_picture(
             "Metrics over the cases", draw_medians(c),
-            "Each dot is one flight, the bar is the median of its law. Dashed: the mission's "
-            "limit. Incomplete flights and refused laws have no dot.",
+            "Each dot is one flight, the bar is the median of its law. Hollow dots are flights "
+            "that did not reach their end; the median includes them. Dashed: the mission's limit. "
+            "Refused laws, and flights in which the metric was not measured, have no dot."
+            + (f" {told[0].upper()}{told[1:]}." if (told := tell_left_out(c.left_out)) else ""),
         )  # fmt: skip
     write_page(path, render_page(
         "compare_laws.html.j2", c=c, picture=picture, same=c.list_constant(),
@@ -80,7 +83,7 @@ def tell_difference(d: Difference | None) -> str:
     """Format the difference with its interval."""
     if d is None:
         return "–"
-    if d.low == d.high:
+    if not math.isfinite(d.low) or d.low == d.high:
         return f"{d.median:+.3g}"
     return f"{d.median:+.3g} ({d.low:+.2g} to {d.high:+.2g})"
 
