@@ -5,12 +5,16 @@ from __future__ import annotations
 import csv
 import json
 import re
+import shutil
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet
 import pytest
+import yaml
 from click.testing import CliRunner
+from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 import skywright
@@ -18,7 +22,8 @@ from skywright.analysis.compare_runs.overlay import compare_runs
 from skywright.cli import main
 from skywright.cli.runs import FORMATS as OFFERED
 from skywright.errors import SimulationError
-from skywright.run.export import FORMATS
+from skywright.inspection.history.store import InspectionStore
+from skywright.run.export import FORMATS, export_run
 from skywright.run.results import flatten, open_run
 
 
@@ -95,6 +100,88 @@ def test_a_bag_is_read_by_a_library_for_ros(runs):
         message = reader.deserialize(last[2], last[0].msgtype)
         assert message.pose.position.z == run["p_WB"][-1, 2]
     assert "already exists" in refuse("export", runs[0], "--format", "rosbag2")
+
+
+def test_a_bag_gives_every_message_to_a_library_for_ros(runs, tmp_path):
+    """Also the latched ones, whose QoS the metadata hold."""
+    call("export", runs[0], "--format", "rosbag2", "--out", tmp_path / "bag")
+    with (runs[0] / "recording.mcap").open("rb") as stream:
+        found = Counter(channel.topic for _, channel, _ in make_reader(stream).iter_messages())
+        stream.seek(0)
+        summary = make_reader(stream).get_summary()
+    with AnyReader([tmp_path / "bag"]) as reader:
+        assert Counter(c.topic for c, _, _ in reader.messages()) == found
+    assert found["/robot_description"] and found["/tf_static"]
+    told = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())
+    topics = told["rosbag2_bagfile_information"]["topics_with_message_count"]
+    told_qos = {
+        t["topic_metadata"]["name"]: t["topic_metadata"]["offered_qos_profiles"] for t in topics
+    }
+    assert "durability: 1" in told_qos["/tf_static"]
+    for channel in summary.channels.values():
+        assert told_qos[channel.topic] == channel.metadata.get("offered_qos_profiles", "")
+
+
+def test_a_run_is_exported_from_its_own_folder(runs, tmp_path, monkeypatch):
+    shutil.copytree(runs[0], tmp_path / "flown")
+    monkeypatch.chdir(tmp_path / "flown")
+    call("export", ".", "--format", "csv")
+    assert [p.name for p in tmp_path.glob("*.csv")] == ["flown.csv"]
+
+
+def test_an_export_to_a_folder_that_is_a_file_is_refused(runs, tmp_path):
+    (tmp_path / "file").write_text("")
+    for out in ("file/x.csv", "file/sub/x.csv"):
+        said = refuse("export", runs[0], "--format", "csv", "--out", tmp_path / out)
+        assert f"{out}: cannot be written: {tmp_path}/file is a file" in said
+        assert "partial" not in said
+    said = refuse("export", runs[0], "--format", "csv", "--out", tmp_path / ("x" * 300) / "x.csv")
+    assert "cannot be written: File name too long" in said
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_an_interrupted_export_leaves_nothing(form, runs, tmp_path, monkeypatch):
+    """Not even a folder that it created; and what has a similar name is not touched."""
+    (tmp_path / "x.partial").mkdir()
+    (tmp_path / "x.partial" / "recording.mcap").write_text("of a killed run")
+    kept = sorted(tmp_path.rglob("*"))
+
+    chosen = FORMATS[form]
+
+    def write(*args):
+        chosen.write(*args)
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(FORMATS, form, chosen._replace(write=write))
+    for out in ("x", "new/folder/x"):
+        with pytest.raises(KeyboardInterrupt):
+            export_run(open_run(runs[0]), form, tmp_path / out)
+        assert sorted(tmp_path.rglob("*")) == kept
+
+
+# A run in a folder with the name of a built-in mission
+
+
+def test_a_folder_named_like_a_mission_keeps_its_settings(tmp_path, monkeypatch):
+    """The robot, the seed and the requirements are those of the run, not the built-in mission's."""
+    point = [{"x_m": 0.3, "y_m": 0.0, "z_m": 1.2, "hold_s": 0.5}]
+    sets = {"mission.task.points": point}
+    d = skywright.load("waypoints", robot="f550-bridge", seed=7, sets=sets)
+    assert d.robot.name != skywright.load("waypoints").robot.name
+    monkeypatch.chdir(tmp_path)
+    flown = skywright.run(d, out="waypoints", report=False).requirements
+    found = skywright.evaluate("waypoints")
+    assert found.description.robot == d.robot and found.description.mission.seed == 7
+    assert found.requirements == flown
+    played = skywright.fly(mission="waypoints", backend="recording")
+    assert played.backend.robot.name == "f550-bridge"
+    call("report", "waypoints")
+    page = Path("waypoints/report.html").read_text(encoding="utf-8")
+    assert "skywright run ./waypoints --out waypoints-again" in page
+    call("records", "r.sqlite", "--import", "waypoints")
+    store = InspectionStore(tmp_path / "r.sqlite")
+    assert [flight.robot for flight in store.list_flights()] == ["f550-bridge"]
+    store.close()
 
 
 def test_what_cannot_be_exported_is_refused(runs, tmp_path):

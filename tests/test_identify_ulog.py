@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+import skywright
 from exact_map import KNOWN
 from identify_log import (
     COM,
@@ -277,6 +278,39 @@ def test_bad_input(tmp_path: Path, made: FlightLog) -> None:
         assert said in result.output + result.stderr, (args, result.output, result.stderr)
         assert "Traceback" not in result.output + result.stderr
     assert not (tmp_path / "x.pdf").exists()
+
+
+def test_identify_without_a_log_is_refused() -> None:
+    with pytest.raises(InputError, match="at least one run directory, recording, ULog or table"):
+        skywright.identify()
+
+
+def test_a_robot_file_of_the_user_is_not_replaced(
+    made: FlightLog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only the file of an earlier identification is, unless --robot names or extends it."""
+    log = str(write_ulog(tmp_path / "flight.ulg", ulog_topics(made)))
+    monkeypatch.chdir(tmp_path)
+    mine, heir = Path("mine.toml"), Path("heir.toml")
+    mine.write_text('[robot]\nname = "mine"\nextends = "f550-bridge"\n')
+    text = mine.read_bytes()
+
+    def refuse(robot: str, out: str) -> str:
+        with monkeypatch.context() as patch:  # refused before computing
+            patch.setattr("skywright.analysis.identify.identify.identify", pytest.fail)
+            result = call(log, "--robot", robot, "--out", out)
+        assert result.exit_code == 2 and not Path(out).exists(), result.output
+        return " ".join(result.stderr.split())
+
+    assert "mine.toml: is a file of the robot" in refuse("mine.toml", "mine.html")
+    assert "not from an earlier identification" in refuse("f550-bridge", "mine.html")
+    assert mine.read_bytes() == text
+    for robot in ("mine.toml", "f550-bridge"):
+        result = call(log, "--robot", robot, "--mass", str(MASS), "--out", "found.html")
+        assert result.exit_code == 0, result.output + result.stderr
+    Path("found.html").unlink()
+    heir.write_text('[robot]\nname = "heir"\nextends = "found.toml"\n')
+    assert "found.toml: is a file of the robot" in refuse("heir.toml", "found.html")
 
 
 def test_a_recording_of_another_robot_is_told(tmp_path: Path) -> None:

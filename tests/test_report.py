@@ -177,7 +177,8 @@ def test_report_leads_to_everything_of_the_run(flight: RunResult, text_only: Non
         assert f'href="{name}"' in page
     assert '<a href="replay.html"' not in page  # this run has none
     assert "skywright run waypoints --seed 1" in text
-    assert "skywright run run --out run-again" in text and "seed (1)" in text
+    assert "skywright run ./run --out run-again" in text and "seed (1)" in text
+    assert "skywright report ./run --figures run-figures" in text
 
 
 def test_figures_are_written_for_a_paper(flight: RunResult, tmp_path: Path) -> None:

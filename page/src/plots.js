@@ -4,6 +4,15 @@ import { format, make } from './dom.js';
 
 const KEEP = 1500; // most points of a live plot
 const INK = '#0b4f8a', LIMIT = '#b3005e';
+const LEAST = 1e-4; // least range of a plot, relative to its values
+
+// Returns the range of the axis of values. Of a range near the resolution of the numbers, such as
+// that of a robot that stands still, uPlot would compute ticks without end.
+function findRange(u, min, max) {
+  if (min === null) return [null, null];
+  const more = 0.5 * Math.max(LEAST * Math.max(Math.abs(min), Math.abs(max)) - (max - min), 0);
+  return uPlot.rangeNum(min - more, max + more, 0.1, true);
+}
 
 export class Plots {
   constructor(parent, channels, onseek) {
@@ -40,7 +49,7 @@ export class Plots {
     this.box.append(holder);
     const plot = new uPlot({
       width: 300, height: 100, title: `${c.name}${c.unit ? `, ${c.unit}` : ''}${c.limit !== null ? `  (dashed: limit ${c.limit})` : ''}`,
-      legend: { show: false }, scales: { x: { time: false } }, padding: [8, 8, 0, 0],
+      legend: { show: false }, scales: { x: { time: false }, y: { range: findRange } }, padding: [8, 8, 0, 0],
       axes: [
         { size: 20, font: '10px sans-serif', values: (u, ticks) => ticks.map((x) => `${x} s`), ticks: { size: 3 }, gap: 1 },
         { size: 44, font: '10px sans-serif', ticks: { size: 3 }, gap: 2, space: 22 },

@@ -165,18 +165,21 @@ def identify(
 
     LOG is a run's directory, a recording.mcap, a PX4 ULog or a table (.csv); several flights of
     one robot add up.
-    Beside the page a robot file is written (PAGE.toml) that a run takes as --robot.
+    Beside the page a robot file is written (PAGE.toml) that a run takes as --robot. An existing
+    PAGE.toml is replaced only if an earlier identification wrote it.
     """
     from skywright.analysis.identify.identify import identify as identify_logs
-    from skywright.analysis.identify.overrides import build_overrides
+    from skywright.analysis.identify.overrides import build_overrides, check_replaceable
     from skywright.analysis.identify.report import print_identification, write_identify_page
-    from skywright.description.robot.loader import load_robot
+    from skywright.description.robot.loader import find_robot, load_robot, load_robot_layers
 
     spec = None if robot is None else load_robot(robot)[0]
-    found = identify_logs(logs, spec, mass)
-    overrides = build_overrides(found, robot or found.robot.name)
     page = check_writable(out or Path("identify.html"), (".html",))
     robot_file = check_writable(page.with_suffix(".toml"), (".toml",))
+    base = [] if robot is None else load_robot_layers(find_robot(robot))
+    check_replaceable(robot_file, [Path(layer.label) for layer in base])
+    found = identify_logs(logs, spec, mass)
+    overrides = build_overrides(found, robot or found.robot.name)
     write_identify_page(found, overrides, page)
     robot_file.write_text(overrides, encoding="utf-8")
     if as_json:

@@ -76,7 +76,8 @@ def render_report(result: RunResult) -> str:
     kind, folder = result.description.mission.kind, result.directory
     figures = load_kind(kind).figures()
     started = result.timing.get("started_unix_s")
-    name = shlex.quote(folder.name.removesuffix(SUFFIX))
+    name = folder.resolve().name.removesuffix(SUFFIX)  # of "." too
+    path, out = shlex.quote(f"./{name}"), shlex.quote(f"{name}-")  # a name alone may be built in
     trust = " --trust" if any(folder.glob("*.py")) else ""
     with house_style(), blame(type(load_kind(kind)), "a chart"):
         task = [
@@ -115,8 +116,8 @@ def render_report(result: RunResult) -> str:
         versions=collect_versions(),
         flown=started and write_time(datetime.fromtimestamp(started, UTC)),
         files={file: what for file, what in FILES.items() if (folder / file).is_file()},
-        repeat=f"skywright run {name} --out {name}-again{trust}",
-        redraw=f"skywright report {name} --figures {name}-figures{trust}",
+        repeat=f"skywright run {path} --out {out}again{trust}",
+        redraw=f"skywright report {path} --figures {out}figures{trust}",
     )
 
 

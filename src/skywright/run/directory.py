@@ -21,6 +21,8 @@ from skywright.run.flight import PhaseRecord
 from skywright.run.stored import Stored
 
 SUFFIX = ".partial"
+MISSION = "mission.toml"
+"""A run's settings; a folder's name alone would select a built-in mission of that name."""
 
 
 class StoredRun(NamedTuple):
@@ -147,7 +149,7 @@ def load_run(directory: Path) -> StoredRun:
 
     Raises InputError if files are missing or damaged.
     """
-    for name in ("mission.toml", "recording.mcap", "metrics.json"):
+    for name in (MISSION, "recording.mcap", "metrics.json"):
         if not (directory / name).is_file():
             raise InputError(f"{directory}: is not a run directory, {name} is missing")
     file = directory / "metrics.json"

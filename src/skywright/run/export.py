@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import csv
+import json
 import shutil
+import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from io import StringIO
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -78,6 +81,8 @@ def _write_bag(run: Run, path: Path, _: str) -> None:
             _TOPIC.format(
                 name=channel.topic, kind=summary.schemas[channel.schema_id].name,
                 encoding=channel.message_encoding,
+                # a JSON string is a quoted YAML scalar
+                qos=json.dumps(channel.metadata.get("offered_qos_profiles", "")),
                 count=s.channel_message_counts.get(channel.id, 0),
             )
             for channel in summary.channels.values()
@@ -114,7 +119,7 @@ _TOPIC = """    - topic_metadata:
         name: {name}
         type: {kind}
         serialization_format: {encoding}
-        offered_qos_profiles: ""
+        offered_qos_profiles: {qos}
       message_count: {count}
 """
 
@@ -146,25 +151,28 @@ def export_run(run: Run, form: str, out: Path | None = None, trajectory: str = P
     """
     if form not in FORMATS:
         raise InputError(f"--format {form}; valid: {', '.join(FORMATS)}")
-    chosen = FORMATS[form]
-    path = out or run.directory.with_name(f"{run.directory.name}{chosen.suffix}")
-    if path.exists():
-        raise InputError(f"{path} already exists; give another --out or remove it")
-    partial = path.with_name(path.name + ".partial")
-    try:  # written under a temporary name: an interrupted export leaves no partial file
+    chosen, folder = FORMATS[form], run.directory
+    if folder.name in ("", ".."):
+        folder = folder.resolve()
+    path = out or folder.with_name(f"{folder.name}{chosen.suffix}")
+    fresh: list[Path] = []
+    try:
+        if path.exists():
+            raise InputError(f"{path} already exists; give another --out or remove it")
+        fresh = [parent for parent in path.parents if not parent.exists()]
         path.parent.mkdir(parents=True, exist_ok=True)
-        _remove(partial)
-        chosen.write(run, partial, trajectory)
-        partial.rename(path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
-    finally:
-        _remove(partial)
+        # an interrupted export leaves nothing: a partial file is in a folder of its own
+        with tempfile.TemporaryDirectory(prefix=".export-", dir=path.parent) as partial:
+            chosen.write(run, Path(partial) / "export", trajectory)
+            (Path(partial) / "export").rename(path)
+    except BaseException as error:
+        for parent in fresh:
+            with suppress(OSError):
+                parent.rmdir()
+        if not isinstance(error, OSError):
+            raise
+        why: object = error.strerror or error
+        if isinstance(error, (FileExistsError, NotADirectoryError)):
+            why = next((f"{p} is a file" for p in path.parents if p.is_file()), why)
+        raise InputError(f"{path}: cannot be written: {why}") from None
     return path
-
-
-def _remove(path: Path) -> None:
-    if path.is_dir():
-        shutil.rmtree(path)
-    else:
-        path.unlink(missing_ok=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 from skywright.description.loader import load_description
 from skywright.errors import InputError
 from skywright.inspection.history.store import InspectionStore
-from skywright.run.directory import load_run
+from skywright.run.directory import MISSION, load_run
 from skywright.run.flight import Flown
 from skywright.run.planning import plan_mission
 from skywright.run.records import FlightRecords
@@ -21,7 +21,8 @@ def import_run(file: Path, directory: Path) -> str:
     Contacts with measured force are stored only during a mission, so they are not added. Raises
     InputError if the directory is not a run, is already in the database, or has no start time.
     """
-    stored, description = load_run(directory), load_description(directory)
+    stored = load_run(directory)
+    description = load_description(directory / MISSION)
     where = directory.resolve()
     store = InspectionStore(file, create=True)
     try:

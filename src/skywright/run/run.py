@@ -26,7 +26,7 @@ from skywright.models.capability import check_can_fly
 from skywright.planning.motion.plan_file import write_plan_file
 from skywright.recordings.columns import build_dtype
 from skywright.run.backends import PHYSICS, build_for_mission, check_backend
-from skywright.run.directory import load_run, open_directory, write_json, write_unfinished
+from skywright.run.directory import MISSION, load_run, open_directory, write_json, write_unfinished
 from skywright.run.faults._rule import Acted, Rule
 from skywright.run.flight import Flight, Flown, PhaseRecord
 from skywright.run.flight_recording import FlightRecording, Pace
@@ -216,7 +216,8 @@ def evaluate_directory(directory: Path) -> RunResult:
     A killed run is evaluated as interrupted, with phases from the recording's events. Raises
     InputError if files are missing or damaged.
     """
-    stored, description = load_run(directory), load_description(directory)
+    stored = load_run(directory)
+    description = load_description(directory / MISSION)
     setup = Setup(description)
     plan = plan_mission(description, setup)
     outcome = stored.outcome if stored.outcome in ("interrupted", "diverged") else ""

@@ -15,7 +15,7 @@ from skywright.description.mission.safety import Checklist
 from skywright.errors import InputError
 from skywright.recordings.columns import build_dtype
 from skywright.run.backends import build_vehicle
-from skywright.run.directory import load_run
+from skywright.run.directory import MISSION, load_run
 from skywright.run.faults._watch import RuleActed
 from skywright.run.parts import build_rules
 from skywright.run.planning import MissionPlan
@@ -285,5 +285,6 @@ def open_recording(directory: Path) -> Vehicle:
     """Play a run through the interface of a vehicle; raises InputError if there is no run."""
     run = load_run(directory)
     phases = [Phase(p.name, p.start_s, p.end_s) for p in run.phases]
-    recorded = RecordedVehicle(Setup(load_description(directory)), run.samples, phases)
+    setup = Setup(load_description(directory / MISSION))
+    recorded = RecordedVehicle(setup, run.samples, phases)
     return Vehicle(recorded, None, None, None)

@@ -132,10 +132,12 @@ def identify(
     """Identify a robot from one or more flights (further poses of the arm, more data).
 
     `robot` is required for a ULog or a table, and replaces that of a recording. `mass` (kg) is the
-    weighed mass of the robot, default that of the robot file. Raises InputError for logs that
-    cannot be read or belong to different robots, and if the model does not predict the flight
-    (`plausible.check_fit`).
+    weighed mass of the robot, default that of the robot file. Raises InputError without a log, for
+    logs that cannot be read or belong to different robots, and if the model does not predict the
+    flight (`plausible.check_fit`).
     """
+    if not paths:
+        raise InputError("no log; give at least one run directory, recording, ULog or table")
     if mass is not None and not (math.isfinite(mass) and mass > 0.0):
         raise InputError(f"--mass {mass:g}: give the mass of the robot in kg, above 0")
     logs = [load_log(path, robot) for path in paths]

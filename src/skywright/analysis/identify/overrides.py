@@ -1,12 +1,42 @@
 """Robot file of an identification: the identified values on top of the base robot."""
 
+from pathlib import Path
+
 import numpy as np
 
 from skywright.analysis.identify.fit import unpack_inertia
 from skywright.analysis.identify.identify import Identification
 from skywright.description.robot.limbs import list_joints, list_servos
+from skywright.errors import InputError
 from skywright.models.part_masses import platform_inertia
 from skywright.models.rigid_body import build_body_model, compute_body
+
+WRITTEN = (
+    "# This file contains the identified values only; all other values are those of the base robot."
+)
+"""Line by which `check_replaceable` recognises a robot file that `build_overrides` returned."""
+
+
+def check_replaceable(file: Path, base: list[Path]) -> None:
+    """Raise InputError if a robot file cannot be replaced by identified values.
+
+    It must be absent or from an earlier identification, and none of `base`, the files of the robot
+    that the new file extends; names of built-in robots in `base` are ignored.
+    """
+    if not file.exists():
+        return
+    if any(path.exists() and file.samefile(path) for path in base):
+        raise InputError(
+            f"{file}: is a file of the robot that --robot names and would be replaced; give "
+            "another --out"
+        )
+    with file.open("rb") as stream:
+        head = stream.read(10_000)
+    if WRITTEN.encode() not in head.splitlines():
+        raise InputError(
+            f"{file}: already exists and is not from an earlier identification; give another "
+            "--out or remove it"
+        )
 
 
 def build_overrides(found: Identification, base: str) -> str:
@@ -20,8 +50,7 @@ def build_overrides(found: Identification, base: str) -> str:
     note = "identified from " + ", ".join(found.logs)
     lines = [
         f"# {robot.name}, {note}.",
-        "# This file contains the identified values only; all other values are those of "
-        "the base robot.",
+        WRITTEN,
         "",
         "[robot]",
         f'name = "{robot.name}-identified"',

@@ -163,7 +163,8 @@ function addPanel(box, panel, data, phases, clock, first) {
       x: {time: false, auto: false, range: (u, min, max) => [min, max]},
       y: {range: (u, min, max) => {
         if (!clock.range || min == null) return panel.y;
-        const room = 0.1 * (max - min) || 0.05 * Math.abs(max) || 1;
+        // of a range near the resolution of the numbers uPlot would compute ticks without end
+        const room = Math.max(0.1 * (max - min), 1e-4 * Math.abs(max)) || 1;
         return [min - room, max + room];
       }},
     },
