@@ -448,3 +448,24 @@ def test_browser_plays_the_page_without_network(
     assert read_clock() == pytest.approx(at - 1.0, abs=0.06)
     assert not [url for url in asked if not url.startswith(("file:", "data:", "blob:"))]
     expect(page.locator("#banner")).to_be_hidden()
+
+
+@pytest.mark.browser
+def test_plots_of_a_robot_that_stands_still_have_ticks(
+    flight: RunResult, open_page: Callable[..., Page]
+) -> None:
+    """Values that differ by the resolution of a float: uPlot alone computes ticks without end."""
+    page = open_page()
+    page.goto(write_replay(flight).resolve().as_uri())
+    expect(page.locator("#phase")).not_to_be_empty()
+    ranges = page.evaluate(
+        """() => {
+            const p = window.skywright.player.plots;
+            p.fill([1, 2, 3], p.channels.map(() => [2, Math.fround(2.0000002), 2]));
+            const free = p.plots.filter((u, i) => u && p.channels[i].limit === null);
+            return new Promise((done) => setTimeout(
+                () => done(free.map((u) => u.scales.y.max - u.scales.y.min)), 100));
+        }"""
+    )
+    assert ranges
+    assert all(1e-4 < r < 1e-2 for r in ranges)
