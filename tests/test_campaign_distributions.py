@@ -256,3 +256,21 @@ def test_all_that_is_wrong_with_vary_is_told_at_once() -> None:
     with pytest.raises(InputError) as error:
         parse_variations(texts)
     assert len(str(error.value).splitlines()) == 3
+
+
+def test_fixed_values_may_be_a_mapping():
+    """They become the texts that the command of a run repeats, and give the same description."""
+    sets = {
+        "world.wind.mean_mps": np.float64(1.25), "mission.name": "two words",
+        "mission.task.points": ({"x_m": 1, "y_m": 0.0, "z_m": 1.5},),
+    }  # fmt: skip
+    vary = ["plant.mass_error=normal(0, 0.02)"]
+    campaign = build_campaign("waypoints", vary, sets=sets)
+    assert campaign.sets == (
+        "world.wind.mean_mps=1.25", "mission.name=two words",
+        'mission.task.points=[{"x_m" = 1, "y_m" = 0.0, "z_m" = 1.5}]',
+    )  # fmt: skip
+    assert build_campaign("waypoints", vary, sets=campaign.sets).base == campaign.base
+    assert len(campaign.base.mission.task.points) == 1
+    with pytest.raises(InputError, match=r"mission\.name = None; valid: a number"):
+        build_campaign("waypoints", vary, sets={"mission.name": None})

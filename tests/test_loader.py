@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 import tomli_w
 from hypothesis import given
@@ -43,6 +44,30 @@ def refusal(*args: object, **kwargs: object) -> str:
     message = str(info.value)
     assert "\n" not in message
     return message
+
+
+# Values of Python
+
+
+def test_values_of_numpy_and_tuples_are_plain_values():
+    wanted = (30.0, 90.0, 150.0, 210.0, 270.0, 330.0)
+    sets = {"world.wind.mean_mps": np.float64(1.5), "robot.rotors.azimuth_deg": wanted}
+    d = load_description(WAYPOINTS, robot="hexarotor", sets=sets, seed=np.int64(3))
+    assert d.mission.seed == 3 and d.world.wind.mean_mps == 1.5
+    assert list(d.robot.rotors.azimuth_deg) == list(wanted)
+    sets["robot.rotors.azimuth_deg"] = np.array(wanted)
+    again = load_description(WAYPOINTS, robot="hexarotor", sets=sets, seed=3)
+    assert dump_description(again) == dump_description(d)
+
+
+@pytest.mark.parametrize("sets", [None, 3, [1], {1: 2.0}])
+def test_assignments_that_are_none_are_refused(sets):
+    assert "valid: a dictionary of keys and values" in refusal(WAYPOINTS, sets=sets)
+
+
+def test_assignments_may_come_from_a_generator():
+    texts = (f"world.wind.mean_mps={speed}" for speed in (1, 2))
+    assert load_description(WAYPOINTS, sets=texts).world.wind.mean_mps == 2.0
 
 
 # Layers

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import re
 import runpy
 import subprocess
@@ -16,8 +17,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import skywright
+from skywright.analysis.locate.locate import locate as locate_files
 from skywright.core.compiled_code import _list_imports, find_dependents
 from skywright.errors import InfeasibleError, InputError
+from skywright.inspection.weld_data import process_file
+from skywright.models import as_mujoco
 from skywright.models.capability import Capability
 from skywright.models.rigid_body import build_body_model, compute_body, posture
 from skywright.run.planning import MissionPlan
@@ -95,6 +99,18 @@ def test_script_is_what_the_page_shows(script):
 def test_the_page_names_all_that_is_public():
     assert {name for name in skywright.__all__ if f"`{name}" not in PAGE} == set()
     assert set(skywright.__all__) <= set(dir(skywright))
+
+
+def test_the_page_lists_the_keywords_of_the_commands():
+    listed: dict[str, list[str]] = {"weld": [], "locate": [], "identify": []}
+    table = PAGE.partition("| function | keyword |")[2].partition("\n\n")[0].splitlines()[2:]
+    for row in table:
+        function, keywords = row.split("|")[1:3]
+        listed[function.strip(" `")] += re.findall(r"`(\w+)`", keywords)
+    functions = {"weld": process_file, "locate": locate_files, "identify": skywright.identify}
+    for name, function in functions.items():
+        first, *keywords = inspect.signature(function).parameters
+        assert first in ("path", "data", "logs") and sorted(listed[name]) == sorted(keywords)
 
 
 # Results by name
@@ -200,6 +216,30 @@ def test_the_model_as_text_is_the_model_that_flies(nominal):
     assert (built.geom_contype.any() or built.npair > 0) is not nominal
 
 
+def test_the_text_has_the_stiffness_of_docking_feet():
+    """The feet's stiffness follows from the compiled model: every array must be in the text."""
+    built = skywright.build_model("f550-bridge")
+    read = mujoco.MjModel.from_xml_string(skywright.build_mjcf("f550-bridge"))
+    assert built.geom_solref.min() < -1000.0
+    for name in (n for n in dir(built) if not n.startswith("_")):
+        values = getattr(built, name)
+        if isinstance(values, np.ndarray) and values.dtype.kind in "fiu":
+            np.testing.assert_allclose(
+                getattr(read, name), values, rtol=1e-4, atol=1e-8, err_msg=name
+            )
+
+
+def test_sizes_that_mujoco_refuses_are_wrong_input(monkeypatch):
+    def build_wrong(*_):
+        spec = mujoco.MjSpec()
+        spec.worldbody.add_geom(name="dot", size=[0.0, 0.0, 0.0])
+        return spec
+
+    monkeypatch.setattr(as_mujoco, "build_spec", build_wrong)
+    with pytest.raises(InputError, match=r"robot 'othex' in world 'open': .*size"):
+        skywright.build_mjcf("othex")
+
+
 BOX = skywright.Box(centre=(2.0, 0.0, 1.0), size=(0.2, 2.0, 2.0))
 
 
@@ -236,6 +276,17 @@ def test_a_motion_into_a_shape_is_refused_with_its_name():
         ({"goal": (np.nan, 0.0, 1.0, 0.0)}, "goal: .* finite"),
         ({"goal": skywright.Configuration(np.ones(3), 0.0, np.zeros(5))}, "q has 5 angles"),
         ({"margin": 0.0}, "margin 0"),
+        ({"margin": "1"}, "margin '1'"),
+        ({"seed": -1}, "seed -1"),
+        ({"seed": 1.5}, "seed 1.5"),
+        ({"shapes": None}, "shapes: None"),
+        ({"start": "home"}, "start: 'home'; .* four numbers"),
+        ({"start": ["0", "0", "1", "0"]}, "start: .* four numbers"),
+        ({"goal": [[1.0], [1.0, 2.0]]}, "goal: .* four numbers"),
+        ({"goal": skywright.Configuration(np.ones(3), 0.0, "abc")}, "q = 'abc'; valid: 0 angles"),
+        ({"goal": skywright.Configuration("abc", 0.0, [])}, "goal: .* three numbers"),
+        ({"goal": skywright.Configuration(np.ones(3), "east", [])}, "goal: .* yaw a number"),
+        ({"goal": (1e12, 0.0, 1.0, 0.0)}, "goal: .* within 1000 m"),
         ({"robot": "othexx"}, "othex"),
     ],
 )
@@ -249,6 +300,12 @@ def test_a_capability_takes_a_name_or_a_robot():
     heavy = skywright.load_robot("hexarotor", sets=["robot.platform.mass_kg=8"])
     light = skywright.compute_capability("hexarotor")
     assert skywright.compute_capability(heavy).payload < light.payload
+
+
+@pytest.mark.parametrize("posture", [["a", "b"], [[0.0], [0.0, 1.0]], None])
+def test_a_posture_that_is_none_is_refused(posture):
+    with pytest.raises(InputError, match=r"posture .*; valid: .* 2 angles"):
+        skywright.compute_capability("othex", posture=posture)
 
 
 # A law and an estimator alone
@@ -322,6 +379,25 @@ def test_fixes_may_come_faster_than_control_ticks():
     assert found["ready"][-1] and np.abs(found["p_WB"] - last)[len(found) // 2 :].max() < 0.1
 
 
+def test_the_observer_uses_the_period_of_the_fixes():
+    """Its gains depend on it: with the control period (2 ms) the error is five times as large."""
+    description = skywright.load("waypoints", sets={"mission.estimator": "observer"})
+    t, t_fix, w = 0.001 * np.arange(6000), 0.01 * np.arange(600), 2.0 * np.pi * 0.5  # 0.5 Hz
+    accel = np.zeros((len(t), 3)) + [0.0, 0.0, 9.81]
+    accel[:, 0] = -0.5 * w**2 * np.sin(w * t)
+    p = np.stack([0.5 * np.sin(w * t_fix), 0.0 * t_fix, 0.0 * t_fix + 1.0], axis=1)
+    found = skywright.run_estimator(
+        description, t=t, gyro=np.zeros((len(t), 3)), accel=accel, t_fix=t_fix, p_fix=p,
+        R_fix=np.tile(np.eye(3), (len(t_fix), 1, 1)),
+    )  # fmt: skip
+    late = found[found["t"] > 2.0]
+    error = late["p_WB"][:, 0] - 0.5 * np.sin(w * late["t"])
+    assert np.sqrt(np.mean(error**2)) < 0.015
+
+
+GNSS = skywright.load("waypoints", sets={"world.localisation": "gnss"})
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -329,7 +405,20 @@ def test_fixes_may_come_faster_than_control_ticks():
         ({"accel": np.full((100, 3), np.nan)}, "accel: row 0 is not finite"),
         ({"t": np.linspace(0, 1, 100) ** 3}, "t: .*evenly spaced"),
         ({"t_fix": [0.2, 0.1]}, "t_fix: .*rise"),
-        ({"R_fix": None}, "give R_fix"),
+        ({"t": np.zeros(100)}, "t: .*rise"),
+        ({"t": -0.001 * np.arange(100)}, "t: .*rise"),
+        ({"t": 1e9 + 0.001 * np.arange(100)}, "t_fix: 0.01 to 0.02 s; .*same clock"),
+        ({"t": [0.0, 0.001], "gyro": np.zeros((2, 3)), "accel": np.zeros((2, 3))},
+         "t_fix: .*within the times t"),
+        ({"t_fix": [], "p_fix": np.zeros((0, 3)), "R_fix": np.zeros((0, 3, 3))},
+         "t_fix: no fixes"),
+        ({"R_fix": np.zeros((2, 3, 3))}, "R_fix: row 0 is not a rotation"),
+        ({"R_fix": np.stack([np.eye(3), 2.0 * np.eye(3)])}, "R_fix: row 1 is not a rotation"),
+        ({"R_fix": np.stack([np.eye(3), -np.eye(3)])}, "R_fix: row 1 is not a rotation"),
+        ({"R_fix": None}, "R_fix: missing"),
+        ({"heading": [0.0, 0.0]}, "heading: not read; .*give R_fix only"),
+        ({"description": GNSS, "R_fix": None}, "heading: missing"),
+        ({"description": GNSS, "heading": [0.0, 0.0]}, "R_fix: not read; .*give heading only"),
         ({"description": skywright.load("waypoints", sets={"mission.estimator": "truth"})},
          "reads no inertial samples"),
         ({"description": skywright.load("bridge-contact", sets={

@@ -183,7 +183,8 @@ def run_estimator(
     B; fixes at `t_fix` (m,) s on the same clock: `p_fix` (m, 3) m in W, and with motion capture
     `R_fix` (m, 3, 3), else (satellites) `heading` (m,) rad of B's x axis. Positions are
     those of B's origin, with satellites those of the antenna; the robot must then be at rest at
-    the start. The estimator assumes the sensor noise of the mission's robot and world.
+    the start. The estimator assumes the sensor noise of the mission's robot and world. Raises
+    InputError if `R_fix` or `heading` is missing or not read, or if no fix is within `t`.
 
     Returns a structured array with one row per control period: `t`, `p_WB`, `v_WB`, `R_WB`,
     `w_WB_B`, `p_std` (m, stated deviations) and `ready`, false until the estimate is valid.
@@ -194,6 +195,8 @@ def run_estimator(
     n, m = len(times), len(fixed)
     if n < 2 or not np.allclose(np.diff(times), np.median(np.diff(times)), rtol=0.2, atol=0.0):
         raise InputError("t: valid: at least two times (s), evenly spaced within 20 %")
+    if not np.median(np.diff(times)) > 0.0:
+        raise InputError("t: valid: times (s) that rise")
     if not np.all(np.diff(fixed) > 0.0):
         raise InputError("t_fix: valid: times (s) that rise")
     arrays = [
@@ -204,6 +207,8 @@ def run_estimator(
         None if value is None else _check(name, value, shape, m)
         for name, value, shape in (("R_fix", R_fix, (3, 3)), ("heading", heading, ()))
     ]
+    if more[0] is not None:
+        _check_rotations("R_fix", more[0])
     return EstimatorRun(build_vehicle(description)).feed(times, *arrays, *more)
 
 
@@ -238,7 +243,7 @@ def campaign(
     robot: Path_ | None = None,
     world: Path_ | None = None,
     seed: int | None = None,
-    sets: Sequence[str] = (),
+    sets: Sets = (),
     out: Path_ | None = None,
     workers: int | None = None,
 ) -> CampaignResult:
@@ -246,8 +251,8 @@ def campaign(
     "uniform(0, 5)"}.
 
     `out` is the folder (default: one under `campaigns/`); the same call continues a campaign.
-    `workers` is the number of processes (default: all cores). The result has `rows` (one per run:
-    outcome, metrics, varied values), the `verdict` and the `folder`.
+    `sets` is that of `load`. `workers` is the number of processes (default: all cores). The result
+    has `rows` (one per run: outcome, metrics, varied values), the `verdict` and the `folder`.
     Raises InputError before the first flight.
     """
     from skywright.analysis.campaign.campaign import run_campaign
@@ -261,8 +266,8 @@ def campaign(
 def weld(data: Path_, **options: Any) -> WeldReport:
     """Find the weld in a scan: a CSV file, a run's directory or its recording.
 
-    `options` are those of `skywright weld`: `calibrate` ("T0:T1", s), `calibration_file`,
-    `surface_file`, `lift_off_threshold`, `weld_threshold`. `report.result` holds arrays,
+    `options` are `calibrate` ("T0:T1", s), `calibration_file`, `surface_file`, `columns`,
+    `lift_off_threshold` and `weld_threshold`. `report.result` holds arrays,
     `report.to_json()` what the command prints.
     """
     from skywright.inspection.weld_data import process_file
@@ -273,8 +278,9 @@ def weld(data: Path_, **options: Any) -> WeldReport:
 def locate(*data: Path_, **options: Any) -> LocateReport:
     """Fuse the recordings of a total station and a tracking camera, or evaluate a trajectory.
 
-    `data` are files as of `skywright locate`; `options` its flags (`station`, `camera`,
-    `reference`, `align`, `span`, `time_offset`, `prism`, `compare`, ...).
+    `data` are files as of `skywright locate`; `options` are `station`, `camera`, `reference`,
+    `align`, `span` ("T0:T1", s, of `--calibrate`), `time_offset`, `prism`, `frame`, `compare` and
+    `reference_offset`.
     `report.trajectory` has `t` (n,) s and `p` (n, 3) m.
     """
     from skywright.analysis.locate.locate import locate as locate_files
@@ -323,3 +329,14 @@ def _check(name: str, value: ArrayLike, shape: tuple[int, ...], n: int | None = 
     if not np.all(np.isfinite(out)):
         raise InputError(f"{name}: row {int(np.argwhere(~np.isfinite(out))[0, 0])} is not finite")
     return out
+
+
+def _check_rotations(name: str, R: NDArray[Any]) -> None:
+    """Raise InputError, which names the row, unless all matrices (n, 3, 3) are rotations."""
+    off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    wrong = (off > 1e-3) | (np.abs(np.linalg.det(R) - 1.0) > 2e-3)
+    if np.any(wrong):
+        raise InputError(
+            f"{name}: row {int(np.argmax(wrong))} is not a rotation; valid: orthonormal matrices "
+            "with the determinant 1, within 0.001"
+        )

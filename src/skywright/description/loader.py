@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Generic, NamedTuple
 
+import numpy as np
+
 from skywright.core.bounded import LARGEST_TOML
 from skywright.core.catalog import Entry, Found, find_file, list_entries
 from skywright.core.find import find
@@ -134,7 +136,7 @@ def _load(
     found: Found, robot: str | os.PathLike[str] | None, world: str | os.PathLike[str] | None,
     sets: Sets, seed: int | None,
 ) -> Description:  # fmt: skip
-    layers = load_layers(found, robot, world, split_assignments(sets), seed)
+    layers = load_layers(found, robot, world, split_assignments(sets), to_plain(seed))
     tree, sources, origin = merge_layers(layers)
     parts: dict[str, Any] = {}
     folder = found.path.parent
@@ -172,12 +174,30 @@ def list_layer_problems(mission: str | os.PathLike[str]) -> list[str]:
 
 
 def split_assignments(sets: Sets) -> list[tuple[str, object]]:
-    """Convert `sets` into (dotted key, value) pairs."""
-    if isinstance(sets, Mapping):
-        pairs: Iterable[tuple[str, object]] = sets.items()
-    else:
-        pairs = map(parse_assignment, [sets] if isinstance(sets, str) else sets)
-    return [(rename_key(key), value) for key, value in pairs]
+    """Convert `sets` into (dotted key, value) pairs; arrays and tuples become lists.
+
+    Raises InputError if `sets` is neither a mapping with texts as keys nor a list of texts.
+    """
+    given: Any = [sets] if isinstance(sets, str) else sets
+    if isinstance(given, Iterable) and not isinstance(given, Mapping):
+        given = list(given)  # a generator is read once
+    if not isinstance(given, Mapping | list) or not all(isinstance(item, str) for item in given):
+        raise InputError(
+            f"sets: {given!r}; valid: a dictionary of keys and values, or a list of KEY=VALUE texts"
+        )
+    pairs = given.items() if isinstance(given, Mapping) else map(parse_assignment, given)
+    return [(rename_key(key), to_plain(value)) for key, value in pairs]
+
+
+def to_plain(value: Any) -> Any:
+    """Return a value with Python's numbers and lists in place of NumPy's and of tuples."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return [to_plain(item) for item in value]
+    if isinstance(value, Mapping):
+        return {key: to_plain(item) for key, item in value.items()}
+    return value
 
 
 def load_layers(

@@ -7,7 +7,7 @@ from mujoco import MjModel as MjModel
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.models.arm_body import Deviation
-from skywright.models.scene import build_scene, build_spec
+from skywright.models.scene import build_scene, build_spec, compile_spec
 
 
 def build_mjcf(robot: Robot, world: World, *, nominal: bool = False) -> str:
@@ -16,10 +16,10 @@ def build_mjcf(robot: Robot, world: World, *, nominal: bool = False) -> str:
     By default it is the plant with zero errors: contacts, joint flexibility, the probe's spring and
     servos. The rotors are not actuators: their thrusts are forces on the body `platform`
     (`xfrc_applied`). With `nominal` it is the model that controllers and planners use: rigid arm,
-    released spring, no contacts.
+    released spring, no contacts. Raises InputError for sizes that MuJoCo refuses.
     """
     spec = build_spec(robot, world, None if nominal else Deviation())
-    spec.compile()
+    compile_spec(spec, robot, world)
     return str(spec.to_xml())
 
 

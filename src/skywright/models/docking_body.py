@@ -57,8 +57,8 @@ def add_docking(
         )  # fmt: skip
 
 
-def set_foot_stiffness(model: mujoco.MjModel, docking: Docking) -> None:
-    """Set the stiffness and damping of the feet in a compiled model from the robot file.
+def set_foot_stiffness(model: mujoco.MjModel, docking: Docking, spec: mujoco.MjSpec) -> None:
+    """Set stiffness and damping of the feet in a compiled model, and in its spec for the MJCF.
 
     MuJoCo's contact force is the reference acceleration over R = (1 - d) / d w, where w is the
     inverse mass of the foot's body (`body_invweight0`, available after compilation). The direct
@@ -72,3 +72,4 @@ def set_foot_stiffness(model: mujoco.MjModel, docking: Docking) -> None:
         model.geom_solref[geom] = [
             -docking.stiffness_n_per_m * scale, -docking.damping_ns_per_m * scale,
         ]  # fmt: skip
+        spec.geom(f"docking foot{i}").solref = model.geom_solref[geom]

@@ -79,7 +79,16 @@ def choose_posture(
     if robot.arm is None:
         return np.zeros(0), "none"
     if not isinstance(choice, str):
-        q = np.asarray(choice, dtype=np.float64)
+        try:
+            given = np.asarray(choice)
+        except ValueError:  # lists of different lengths
+            given = np.asarray("")
+        if given.dtype.kind not in "fiu":
+            raise InputError(
+                f"posture {choice!r}; valid: extended, folded, worst, or {len(worst_q)} angles "
+                "(rad)"
+            )
+        q = given.astype(np.float64)
         if q.shape != worst_q.shape or not np.all(np.isfinite(q)):
             raise InputError(
                 f"posture has {q.size} finite angles; the arm has {len(worst_q)} joints"

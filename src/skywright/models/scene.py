@@ -94,13 +94,7 @@ def build_scene(
     spec.option.timestep = timestep
     for add in extend:
         add(spec)
-    try:
-        model = spec.compile()
-    except ValueError as error:  # sizes that no earlier check covers, in MuJoCo's words
-        what = " ".join(str(error).split())
-        raise InputError(f"robot {robot.name!r} in world {world.name!r}: {what}") from None
-    if robot.docking is not None:
-        set_foot_stiffness(model, robot.docking)
+    model = compile_spec(spec, robot, world)
     stiff = find_stiff_contact(model, timestep) if timestep > TIMESTEP else None
     if stiff is not None:
         raise InputError(
@@ -110,6 +104,21 @@ def build_scene(
     return Scene(model, _build_index(model, robot, deviation is not None), len(joint_names(robot)))
 
 
+def compile_spec(spec: mujoco.MjSpec, robot: Robot, world: World) -> mujoco.MjModel:
+    """Compile a spec and set the stiffness of docking feet, in the model and in the spec.
+
+    Raises InputError for sizes that MuJoCo refuses.
+    """
+    try:
+        model = spec.compile()
+    except ValueError as error:  # sizes that no earlier check covers, in MuJoCo's words
+        what = " ".join(str(error).split())
+        raise InputError(f"robot {robot.name!r} in world {world.name!r}: {what}") from None
+    if robot.docking is not None:
+        set_foot_stiffness(model, robot.docking, spec)
+    return model
+
+
 def build_spec(
     robot: Robot,
     world: World,
@@ -117,7 +126,7 @@ def build_spec(
     error: Array | None = None,
     nominal: Nominal | None = None,
 ) -> mujoco.MjSpec:
-    """Build the MjSpec of `build_scene`; the stiffness of docking feet is set after compilation."""
+    """Build the MjSpec of `build_scene`; `compile_spec` sets the stiffness of docking feet."""
     nominal = nominal or Nominal(robot, world)
     spec = mujoco.MjSpec()
     spec.modelname = robot.name

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
+import operator
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +20,9 @@ from skywright.models.rigid_body import joint_names, posture
 from skywright.models.scene import build_scene
 from skywright.planning.motion.space import MAX_OBSTACLES
 from skywright.planning.motion.transit import Configuration, Transit, plan_transit
+
+FARTHEST = 1000.0
+"""m from W's origin, in each coordinate, for start and goal: a long path takes long to check."""
 
 
 class Box(NamedTuple):
@@ -56,8 +61,17 @@ def plan_between(
     seed: int,
 ) -> Transit:
     """Plan among `shapes` on the ground of `world`; skywright.plan_motion has the arguments."""
-    if not (np.isfinite(margin) and margin > 0.0):
-        raise InputError(f"margin {margin:g}: valid: a distance above 0 in m")
+    wide = _read_numbers(margin)
+    if wide is None or wide.shape or not 0.0 < wide < math.inf:
+        raise InputError(f"margin {margin!r}: valid: a distance above 0 in m")
+    try:
+        number = operator.index(seed)
+    except TypeError:
+        number = -1
+    if number < 0:
+        raise InputError(f"seed {seed!r}: valid: an integer of at least 0")
+    if not isinstance(shapes, Sequence) or isinstance(shapes, str | bytes):
+        raise InputError(f"shapes: {shapes!r}; valid: a list of Box, Cylinder and Sphere")
     if len(shapes) > MAX_OBSTACLES:
         raise InputError(f"{len(shapes)} shapes: a scene holds at most {MAX_OBSTACLES}")
     scene = build_planning_scene(build_scene(robot, world), robot)
@@ -74,7 +88,7 @@ def plan_between(
                 f"{scene.q_min[j]:.3f} to {scene.q_max[j]:.3f}"
             )
     found = plan_transit(
-        scene, begin, stop, build_stream(seed, "planner"), margin,
+        scene, begin, stop, build_stream(number, "planner"), float(wide),
         passive="pendulum" if robot.pendulum is not None else None,
     )  # fmt: skip
     if found.blocked_by is not None:
@@ -84,18 +98,36 @@ def plan_between(
 
 def _read_end(name: str, end: Sequence[float] | Configuration, robot: Robot) -> Configuration:
     """Return a configuration; (x, y, z, yaw) has the arm folded."""
-    if not isinstance(end, Configuration):
-        given = np.asarray(end, dtype=float)
-        if given.shape != (4,):
-            raise InputError(f"{name}: {end!r}; valid: x, y, z (m) and yaw (rad), four numbers")
-        end = Configuration(given[:3], float(given[3]), posture(robot, "folded"))
-    p, q = np.asarray(end.p_WB, dtype=float), np.asarray(end.q, dtype=float)
     names = joint_names(robot)
-    if q.shape != (len(names),):
-        raise InputError(f"{name}: q has {q.size} angles; {robot.name!r} has {len(names)} joints")
-    if p.shape != (3,) or not np.all(np.isfinite([*p, end.yaw, *q])):
+    if isinstance(end, Configuration):
+        p, yaw, q = (_read_numbers(value) for value in end)
+        if q is None:
+            raise InputError(f"{name}: q = {end.q!r}; valid: {len(names)} angles (rad)")
+        if q.shape != (len(names),):
+            raise InputError(
+                f"{name}: q has {q.size} angles; {robot.name!r} has {len(names)} joints"
+            )
+    else:
+        given = _read_numbers(end)
+        if given is None or given.shape != (4,):
+            raise InputError(f"{name}: {end!r}; valid: x, y, z (m) and yaw (rad), four numbers")
+        p, yaw, q = given[:3], given[3], posture(robot, "folded")
+    if p is None or p.shape != (3,) or yaw is None or np.shape(yaw):
+        raise InputError(f"{name}: {end!r}; valid: p_WB of three numbers (m), yaw a number (rad)")
+    if not np.all(np.isfinite([*p, yaw, *q])):
         raise InputError(f"{name}: {end!r}; every number must be finite")
-    return Configuration(p, float(end.yaw), q)
+    if np.max(np.abs(p)) > FARTHEST:
+        raise InputError(f"{name}: {end!r}; valid: x, y and z within {FARTHEST:g} m of W's origin")
+    return Configuration(p, float(yaw), q)
+
+
+def _read_numbers(value: Any) -> Array | None:
+    """Return a number or an array of numbers, or None if the value is neither."""
+    try:
+        out = np.asarray(value)
+    except ValueError:  # lists of different lengths
+        return None
+    return out.astype(float) if out.dtype.kind in "fiu" else None
 
 
 def _build_row(i: int, shape: Shape) -> tuple[int, int, Array, Array, Array, Array, float]:

@@ -130,13 +130,15 @@ class EstimatorRun(Stepped):
         self._set_period(h, k * h)
         mocap, fix = self.find(MocapSample), self.find(Fix)
         target = mocap if mocap is not None else fix
-        if target is None or (mocap is not None and R_fix is None):
-            what = "requires poses: give R_fix" if target is not None else "reads no fixes"
-            raise InputError(f"estimator {self.vehicle.estimator.name!r} {what}")
-        out = np.zeros(len(t) // k, ESTIMATES)
+        self._check_inputs(mocap, fix, R_fix, heading)
+        ticks = len(t) // k
+        self._check_span(t[: ticks * k], t_fix, h, k)
+        out = np.zeros(ticks, ESTIMATES)
         est, state = View(self.assembly.get(Estimate)), self.find(EstimatorState)
         self.assembly.get(Allocated)["f_B_alloc"] = 0.0
         nxt = int(np.searchsorted(t_fix, t[0] - 0.5 * h))
+        # the first sample has no predecessor: its period is that of the others
+        last_fix = t_fix[nxt] - (float(np.median(np.diff(t_fix))) if len(t_fix) > 1 else k * h)
         for i in range(len(out)):
             last = (i + 1) * k
             now = float(t[last - 1])
@@ -148,11 +150,13 @@ class EstimatorRun(Stepped):
             if due > nxt:
                 nxt = due - 1  # the newest fix, if several came since the last control tick
                 target.fresh, target.t = 1.0, float(t_fix[nxt])
-                if mocap is not None and R_fix is not None:
+                if mocap is not None:
+                    assert R_fix is not None
+                    mocap.period, last_fix = t_fix[nxt] - last_fix, t_fix[nxt]
                     self._set_pose(mocap, p_fix[nxt], R_fix[nxt])
                 else:
-                    fix.p = p_fix[nxt]
-                    fix.heading = 0.0 if heading is None else float(heading[nxt])
+                    assert heading is not None
+                    fix.p, fix.heading = p_fix[nxt], float(heading[nxt])
                 nxt += 1
             self.run()
             row = out[i]
@@ -162,6 +166,35 @@ class EstimatorRun(Stepped):
                 row[name] = est[name]
             row["p_std"] = np.nan if state is None else state.p_std
         return out
+
+    @staticmethod
+    def _check_inputs(mocap: Any, fix: Any, R_fix: Array | None, heading: Array | None) -> None:
+        """Raise InputError for a missing input, or for one that the estimator does not read."""
+        inputs = {"R_fix": R_fix, "heading": heading}
+        if mocap is None and fix is None:
+            raise InputError("the mission's estimator reads no fixes")
+        poses = mocap is not None
+        source = "poses of motion capture" if poses else "positions with a heading"
+        needed, other = ("R_fix", "heading") if poses else ("heading", "R_fix")
+        if inputs[needed] is None:
+            raise InputError(f"{needed}: missing; the mission's estimator requires {source}")
+        if inputs[other] is not None:
+            raise InputError(
+                f"{other}: not read; the mission's estimator requires {source}: give {needed} only"
+            )
+
+    @staticmethod
+    def _check_span(t: Array, t_fix: Array, h: float, k: int) -> None:
+        """Raise InputError unless `t` holds a control period (k samples) and a fix is within it."""
+        if not len(t):
+            raise InputError(f"t: valid: at least {k} times, one control period ({k * h:g} s)")
+        start, end = t[0] - 0.5 * h, t[-1] + 0.5 * h
+        if not np.any((t_fix >= start) & (t_fix <= end)):
+            given = f"{t_fix[0]:.12g} to {t_fix[-1]:.12g} s" if len(t_fix) else "no fixes"
+            raise InputError(
+                f"t_fix: {given}; valid: at least one fix within the times t, "
+                f"{t[0]:.12g} to {t[-1]:.12g} s, on the same clock"
+            )
 
     def _set_pose(self, mocap: Any, p_WB: Array, R_WB: Array) -> None:
         """Fill a sample of motion capture; the probe's pose follows from the nominal arm."""

@@ -1,9 +1,10 @@
 """Definition of a campaign (mission, layers, seed, variations) and of each of its runs."""
 
 import hashlib
+import json
 import os
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,7 +18,13 @@ from skywright.analysis.campaign.distributions import (
 from skywright.core.toml_files import parse_value
 from skywright.core.user_files import PythonEndedError, read_sources, tried_first
 from skywright.description.dump import dump_description, list_sources
-from skywright.description.loader import Description, load_description, split_assignments
+from skywright.description.loader import (
+    Description,
+    Sets,
+    load_description,
+    split_assignments,
+    to_plain,
+)
 from skywright.errors import InputError
 from skywright.run.source_hash import collect_code_versions
 
@@ -55,15 +62,16 @@ def build_campaign(
     *,
     robot: str | os.PathLike[str] | None = None,
     world: str | os.PathLike[str] | None = None,
-    sets: Sequence[str] = (),
+    sets: Sets = (),
     seed: int | None = None,
 ) -> Campaign:
-    """Load the mission and parse the variations; `seed` defaults to the mission's.
+    """Load the mission and parse the variations; `sets` and `seed` as `load_description` has them.
 
     Raises InputError on a wrong key, distribution or file.
     """
     robot_text, world_text = (None if x is None else os.fspath(x) for x in (robot, world))
-    fixed = split_assignments(tuple(sets))
+    texts = _write_sets(sets)
+    fixed = split_assignments(texts)
     variations = parse_variations(vary)
     for key in [*(key for key, _ in fixed), *(v.key for v in variations)]:
         if key == "mission.seed":
@@ -74,10 +82,38 @@ def build_campaign(
         for given, root in ((robot, "robot"), (world, "world")):
             if given is not None and variation.key == f"mission.{root}":
                 raise InputError(f"mission.{root} is fixed by --{root} and varied by --vary")
-    base = load_description(mission, robot, world, sets, seed)
+    base = load_description(mission, robot, world, texts, seed)
     return Campaign(
-        os.fspath(mission), robot_text, world_text, tuple(sets), base.mission.seed, variations, base
+        os.fspath(mission), robot_text, world_text, texts, base.mission.seed, variations, base
     )
+
+
+def _write_sets(sets: Sets) -> tuple[str, ...]:
+    """Return `sets` as the `KEY=VALUE` texts that a run's command line repeats."""
+    if isinstance(sets, str):
+        return (sets,)
+    if not isinstance(sets, Mapping):
+        return tuple(sets)
+    return tuple(
+        f"{key}={value if isinstance(value, str) else _write_toml(key, to_plain(value))}"
+        for key, value in sets.items()
+    )
+
+
+def _write_toml(key: str, value: Any) -> str:
+    """Return a value as TOML of one line; raises InputError for values that TOML lacks."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int | float):
+        return repr(value)
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, list):
+        return f"[{', '.join(_write_toml(key, item) for item in value)}]"
+    if isinstance(value, dict):
+        items = (f"{json.dumps(name)} = {_write_toml(key, v)}" for name, v in value.items())
+        return f"{{{', '.join(items)}}}"
+    raise InputError(f"sets: {key} = {value!r}; valid: a number, text, boolean, list or dictionary")
 
 
 def draw_run(campaign: Campaign, run: int) -> Draw:
