@@ -6,6 +6,7 @@ to its place in all rows at once. Decoding reads each column from all rows at on
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -13,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.errors import InputError
 from skywright.recordings.cdr import Column as Place
 from skywright.recordings.cdr import Layout, build_layout, read_layout
 from skywright.recordings.columns import Topic
@@ -61,7 +63,10 @@ class Rows(NamedTuple):
 
 
 def build_rows(topics: Sequence[tuple[int, Topic]], samples: np.dtype[Any]) -> Rows:
-    """Return the row layout: one MCAP record for each (channel, topic), one after the other."""
+    """Return the row layout: one MCAP record for each (channel, topic), one after the other.
+
+    Raises InputError for a column that does not fit into the field of its message.
+    """
     template = bytearray()
     names: list[str] = []
     formats: list[Any] = []
@@ -88,9 +93,14 @@ def build_rows(topics: Sequence[tuple[int, Topic]], samples: np.dtype[Any]) -> R
             if path.endswith("stamp"):
                 stamps.append(add(f"{topic.name} {path}", place.format, body + place.offset))
         for path, column in topic.fields.items():
-            place = layout.column(path)
+            place, shape = layout.column(path), samples[column].shape
+            if math.prod(shape) > place.length:
+                raise InputError(
+                    f"topic {topic.name!r}: column {column!r} has {math.prod(shape)} numbers, "
+                    f"the field {path!r} of {topic.kind} has {place.length}"
+                )
             name = f"{topic.name} {path}"
-            add(name, _format(place, samples[column].shape), body + place.offset)
+            add(name, _format(place, shape), body + place.offset)
             fills.append(_Fill(name, column, layout.is_quaternion(path)))
     dtype = np.dtype(
         {"names": names, "formats": formats, "offsets": places, "itemsize": len(template)}

@@ -35,6 +35,14 @@ def check_positive(name: str, value: Any) -> float:
     return out
 
 
+def check_seed(value: Any) -> None:
+    """Raise InputError if a value is neither a seed of random numbers nor None."""
+    if value is None:
+        return
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 0:
+        raise InputError(f"seed = {value!r}; valid: a whole number from 0")
+
+
 def check_bounded(name: str, value: ArrayLike) -> Array:
     """Return a position, velocity or force (3,) in SI units up to LARGEST; raise InputError."""
     out = check_vector(name, value)

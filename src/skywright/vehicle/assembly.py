@@ -7,7 +7,7 @@ is the name of the component. `Me` is always keyed by the name of its component.
 from __future__ import annotations
 
 import dataclasses
-import re
+import uuid
 import zlib
 from collections import defaultdict
 from collections.abc import Sequence
@@ -20,10 +20,11 @@ from skywright.core.find import blame
 from skywright.core.record import Record, View
 from skywright.core.streams import STREAMS, build_stream
 from skywright.errors import InputError, SimulationError
+from skywright.vehicle.arguments import check_seed
 from skywright.vehicle.bus import Clock, Drive, MuJoCo, Setpoint, Truth
 from skywright.vehicle.component import Component, Context, Draws, Output, ReferenceBlock
 from skywright.vehicle.link_ends import NEAR, name_far, name_near
-from skywright.vehicle.native import check_calls, compile_step
+from skywright.vehicle.native import check_calls, compile_step, shorten_error
 from skywright.vehicle.ordering import order_steps
 from skywright.vehicle.ports import FILL, Port, Step, list_records, list_steps
 from skywright.vehicle.schedule import ROW
@@ -61,6 +62,7 @@ class State(NamedTuple):
     arena: NDArray[np.uint8]
     blocks: list[NDArray[Any]]
     generators: list[Any]
+    owner: str  # token of the assembly: the arena contains addresses of its memory
 
 
 class Assembly:
@@ -73,7 +75,7 @@ class Assembly:
     def __init__(self, components: Sequence[Component], context: Context, seed: int) -> None:
         """Build all components; raise InputError if they do not fit together."""
         check_calls()
-        self.components = list(components)
+        self.components, self.token = list(components), uuid.uuid4().hex
         names = [c.name for c in self.components]
         twice = sorted({n for n in names if names.count(n) > 1})
         if twice:
@@ -275,7 +277,7 @@ class Assembly:
             code_ = step.function.__code__
             raise InputError(
                 f"{step.label} does not compile ({code_.co_filename}:{code_.co_firstlineno}): "
-                f"{_shorten(error)}"
+                f"{shorten_error(error)}"
             ) from error
         self.alive.append(code)
         return address
@@ -357,10 +359,18 @@ class Assembly:
     def save(self) -> State:
         """Return copies of all records and random states; blocks are immutable and not copied."""
         states = [g.bit_generator.state for g in self._generators]
-        return State(self.arena.copy(), list(self._drawn), states)
+        return State(self.arena.copy(), list(self._drawn), states, self.token)
 
     def restore(self, state: State, seed: int | None = None) -> None:
-        """Restore a saved state; with a `seed` the following random numbers are drawn from it."""
+        """Restore a saved state; with a `seed` the following random numbers are drawn from it.
+
+        Raises InputError, and changes nothing, for a state of another assembly or a wrong seed.
+        """
+        if state.owner != self.token:
+            raise InputError(
+                "restore: this state was saved by another vehicle; valid: a state of this vehicle"
+            )
+        check_seed(seed)
         self.arena[:] = state.arena
         for i, drawn in enumerate(state.blocks):
             self._place(i, drawn)
@@ -388,13 +398,3 @@ def _me(component: Component) -> type[Record]:
 
 def _is_repeated(component: Component, assembly: Assembly) -> bool:
     return sum(type(c) is type(component) for c in assembly.components) > 1
-
-
-def _shorten(error: Exception) -> str:
-    """Return the lines of numba's message that state the error and its location."""
-    if isinstance(error, KeyError):
-        return f"a record has no field {error}"
-    text = re.sub(r"\x1b\[\d*m", "", str(error))  # numba's messages contain colour codes
-    lines = [line.strip() for line in text.splitlines() if line.strip()]
-    kept = [x for x in lines if not x.startswith(("During:", "Failed in", "This error", "<"))]
-    return " ".join(kept[:3] + [x for x in lines if x.startswith("File ")][-1:])

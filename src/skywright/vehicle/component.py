@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from skywright.core.compiled import helper, integers, table, words
 from skywright.core.record import Array, Record
 from skywright.core.spec import NonNegative, Spec
+from skywright.core.streams import build_stream
 
 if TYPE_CHECKING:
     from skywright.description.robot.spec import Robot
@@ -166,8 +167,6 @@ class PlantContext(Context):
 
     def stream(self, name: str) -> np.random.Generator:
         """Return a new generator of a named random stream of this run."""
-        from skywright.core.streams import build_stream
-
         return build_stream(self.seed, name)
 
 
@@ -249,10 +248,8 @@ class Component:
         return rng.random(size) if issubclass(what, Uniform) else rng.standard_normal(size)
 
     def extend_scene(self, spec: Any) -> None:
-        """Add elements, such as a sensor, to the scene (a mujoco.MjSpec) before its compilation.
-
-        Called before `build`, for components of the description only.
-        """
+        """Add elements, such as a sensor, to the scene (a mujoco.MjSpec) before its compilation;
+        called before `build`, for components of the description only."""
 
     def before_tick(self, t: float, n_ticks: int) -> None:
         """Called in Python before a mission tick from `t` (s) with `n_ticks` control ticks."""
@@ -264,7 +261,10 @@ class Component:
         """Return the state of this object outside its records."""
 
     def restore(self, saved: Any) -> None:
-        """Restore the state that `save` returned."""
+        """Restore the state that `save` returned; the records are restored before."""
+
+    def reseed(self, seed: int) -> None:
+        """Called after `restore` if a seed is given: build own random streams from this seed."""
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:

@@ -187,8 +187,8 @@ class Follower(Component):
         return self._rows
 
     def restore(self, saved: Any) -> None:
-        """Restore the reference to the tracked rows."""
-        self._rows = saved
+        """Restore the reference to the tracked rows; those of a copied state are elsewhere."""
+        self._rows, self._me.rows = saved, saved.ctypes.data
 
     @staticmethod
     def step(me: Me, clock: Clock, ref: Out[Reference]) -> None:

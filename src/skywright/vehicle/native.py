@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import pickle
+import re
 from collections.abc import Sequence
 from functools import cache
 from typing import Any
@@ -37,6 +38,16 @@ def compile_step(function: Any, ports: Sequence[np.dtype[Any] | None]) -> tuple[
     dispatcher.compile(types.void(*signature))
     found = dispatcher.overloads[signature]
     return int(found.library.get_pointer_to_function(found.fndesc.llvm_func_name)), dispatcher
+
+
+def shorten_error(error: Exception) -> str:
+    """Return the lines of numba's message that state the error and its location."""
+    if isinstance(error, KeyError):
+        return f"a record has no field {error}"
+    text = re.sub(r"\x1b\[\d*m", "", str(error))  # numba's messages contain colour codes
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    kept = [x for x in lines if not x.startswith(("During:", "Failed in", "This error", "<"))]
+    return " ".join(kept[:3] + [x for x in lines if x.startswith("File ")][-1:])
 
 
 @cache  # numba iterates over the fields each time; dtypes that differ in alignment are equal

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -112,12 +113,13 @@ class Recorder(Component):
                         self.setpoints[name] = Place(at, column, component)
                     found = near if component.side == "robot" else found
                 source = find_source(found, column, counts.get(column.per))
+                check_shape(component.name, name, column, source.shape)
                 sources.append(source)
                 shape = (4,) if column.rotation else source.shape
                 fields.append((name, source.dtype.str, shape))
         self.dtype = np.dtype(fields)
         self._rows = np.zeros(SAMPLES, self.dtype)
-        self._newest = 0  # the row that was newest when the rows were last taken
+        self._newest = np.zeros(1, self.dtype)  # when the rows were last taken
         moves = [
             (s.ctypes.data, self.dtype.fields[f[0]][1], s.size, c.rotation, 0)  # type: ignore[index]
             for s, f, c in zip(sources, fields, self.recorded.values(), strict=True)
@@ -139,8 +141,8 @@ class Recorder(Component):
     @property
     def last(self) -> NDArray[Any]:
         """The newest row, (1,)."""
-        i = int(self._me.n) - 1 if self._me.n else self._newest
-        return self._rows[i : i + 1]
+        n = int(self._me.n)
+        return self._rows[n - 1 : n] if n else self._newest
 
     def list_columns(self) -> tuple[Column, ...]:
         """Return the columns in their order, as a recording describes them."""
@@ -152,9 +154,17 @@ class Recorder(Component):
     def take(self) -> NDArray[Any]:
         """Return a copy of the rows written so far, and clear the buffer."""
         n, self._me.n = int(self._me.n), 0
-        self._newest = n - 1 if n else self._newest
+        self._newest = self._rows[n - 1 : n].copy() if n else self._newest
         raw = self._rows.view(np.uint8)[: n * self.dtype.itemsize]
         return raw.copy().view(self.dtype)  # as bytes: NumPy copies rows field by field
+
+    def save(self) -> Any:
+        """Return a copy of the newest row."""
+        return self.last.copy()
+
+    def restore(self, saved: Any) -> None:
+        """Discard the rows that were not taken; the newest row is the saved one."""
+        self._me.n, self._newest = 0, saved.copy()
 
     @staticmethod
     def step(me: Me) -> None:
@@ -188,6 +198,19 @@ def find_source(record: NDArray[Any], column: Recorded, count: int | None) -> ND
     out = found.reshape(found.shape[1:])
     assert out.size == 0 or np.shares_memory(out, record)
     return out
+
+
+def check_shape(owner: str, name: str, column: Recorded, shape: tuple[int, ...]) -> None:
+    """Raise InputError if the samples cannot hold a field of this shape as a column."""
+    told = f"component {owner!r}: column {name!r} shows {column.field!r} of the shape {shape}"
+    if column.rotation and shape != (3, 3):
+        raise InputError(f"{told} as a rotation; valid: (3, 3)")
+    if len(shape) > 1 and not column.rotation:
+        raise InputError(
+            f"{told}; valid: one number, or one row of numbers: declare the field as "
+            f"Annotated[Array, {math.prod(shape)}], or, for a rotation matrix, the column with "
+            "rotation=True"
+        )
 
 
 @helper

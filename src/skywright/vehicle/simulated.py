@@ -273,15 +273,18 @@ class SimulatedVehicle(NoPilotSwitch):
         return Saved(self.assembly.save(), self.sim.save(), self._table, self._table_start, parts)
 
     def restore(self, saved: Saved, seed: int | None = None) -> None:
-        """Restore a saved state: the same ticks follow bit for bit.
+        """Restore a state that this vehicle saved: the same ticks follow bit for bit.
 
         With a `seed`, the noise from then on is that of this seed. Samples not yet delivered at
-        either time are discarded.
+        either time are discarded. Raises InputError, and changes nothing, for a state of another
+        vehicle or a wrong seed.
         """
+        self.assembly.restore(saved.assembly, seed)
         self.sim.restore(saved.physics)
         for c in self.assembly.components:
             c.restore(saved.parts[c.name])
-        self.assembly.restore(saved.assembly, seed)
+            if seed is not None:
+                c.reseed(seed)
         self._table, self._table_start = saved.table, saved.table_start
         self._table_end = float(self._table[-1]["t"])
         self._recorder.take()

@@ -10,6 +10,7 @@ import numpy as np
 
 from skywright.core.record import Record
 from skywright.core.rotations import quat_to_rot
+from skywright.core.streams import build_stream
 from skywright.description.robot.localisation import RangeFinder as RangeTable
 from skywright.models.range_finder import (
     RANGE_BLOCK,
@@ -64,6 +65,10 @@ class RangeFinder(Sensor):
     def restore(self, saved: Any) -> None:
         """Restore it."""
         self._rng.bit_generator.state = saved
+
+    def reseed(self, seed: int) -> None:
+        """Draw the noise by another seed, from the next tick on."""
+        self._rng, self._me.finder["index"] = build_stream(seed, "range_finder"), RANGE_BLOCK
 
     @staticmethod
     def step(me: Me, clock: Clock, out: Out[Range]) -> None:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from skywright.core.record import Array, Mat3, Record
 from skywright.core.rotations import exp_so3, mat_mat, quat_to_rot
 from skywright.core.scratch import local
+from skywright.core.streams import build_stream
 from skywright.description.world.localisation import TotalStation
 from skywright.errors import InputError
 from skywright.models.localisation.calibration import Calibration, calibrate
@@ -186,6 +187,11 @@ class StationCamera(Sensor):
         """Restore it."""
         for name, rng in self._rng.items():
             rng.bit_generator.state = saved[name]
+
+    def reseed(self, seed: int) -> None:
+        """Draw the noise of both sensors by another seed, from the next tick on."""
+        self._rng = {name: build_stream(seed, name) for name in self._rng}
+        self._me.station.index, self._me.camera.index = STATION_BLOCK, CAMERA_BLOCK
 
     @staticmethod
     def step(

@@ -163,6 +163,18 @@ class Ultrasonic(Sensor):
             (me.when, me.film, me.coupled, me.tilt, me.u, me.v),
         )  # fmt: skip
 
+    def save(self) -> Any:
+        """Return the seed of the noise of A-scans."""
+        return self._seed
+
+    def restore(self, saved: Any) -> None:
+        """Restore it."""
+        self._seed = saved
+
+    def reseed(self, seed: int) -> None:
+        """Compute the following A-scans with the noise of another seed."""
+        self._seed = seed
+
     @staticmethod
     def step(
         me: Me, clock: Clock, truth: Truth, surface: Surface, drawn: Touched, trapped: Trapped,
