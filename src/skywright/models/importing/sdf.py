@@ -184,7 +184,7 @@ class _Builder:
             self.notes.append(found.note)
         if found.assumed:
             self.assumed[name] = found.assumed
-        inertial = link.find("inertial")
+        inertial = link.find("./inertial")
         if inertial is not None and inertial.get("auto") in ("1", "true"):
             mass = inertial.find("mass")  # which the check of the masses adds up
             mass = ET.SubElement(inertial, "mass") if mass is None else mass

@@ -57,7 +57,7 @@ def read_pose(element: ET.Element | None, where: str) -> Pose:
 
 def find_canonical(model: ET.Element) -> str:
     """Return the link to which the model's own frame is attached; "" if there is no link."""
-    first = model.find("link")
+    first = model.find("./link")
     name = "" if first is None else first.get("name", "")
     return (model.get("canonical_link") or name).strip()
 

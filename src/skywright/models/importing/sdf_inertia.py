@@ -49,7 +49,7 @@ def read_inertia(
     `place(pose, what)` returns the pose of a part of the link in the link's frame. Raises
     InputError, which names `where`, if a number is invalid or a shape has no closed form.
     """
-    inertial, name = link.find("inertial"), link.get("name", "")
+    inertial, name = link.find("./inertial"), link.get("name", "")
     if inertial is None:
         return LinkInertia(
             1.0, np.zeros(3), np.eye(3), frozenset(("mass", "inertia")),
