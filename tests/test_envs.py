@@ -284,7 +284,9 @@ def test_a_contradictory_combination_is_refused_and_a_wrong_range_before_a_fligh
         return starts.Start(None, [], i, {}, 0)  # type: ignore[arg-type]
 
     def begin(*vary: str, conditions: int = 2, seed: int = 1) -> Any:
-        campaign = starts.build_conditions("pipe-weld-scan", vary, "othex-force", None, (), seed)
+        campaign = starts.build_conditions(
+            "pipe-weld-scan", vary, "othex-force", None, (), seed, conditions
+        )
         wanted: Any = None
         return starts.build_starts(campaign, wanted, range(conditions), 1)
 

@@ -9,6 +9,8 @@ import { OrbitControls } from 'three/examples/jsm/controls/OrbitControls.js';
 import { decode } from './frames.js';
 
 const UP = new Vector3(0, 0, 1);
+const FOV = 45; // degrees, vertical
+const ASPECT = 1.3; // as in views3d.py
 const FORCE_SCALE = 0.04; // length of an arrow, in m for each N ...
 const FORCE_MOST = 0.8; // ... up to this length (m)
 const FELT = 0.2; // N, above which a ring marks a contact: force estimates of hands are noisy
@@ -59,9 +61,6 @@ function drawGrid(half) {
   });
 }
 
-const FOV = 45; // degrees, vertical
-const ASPECT = 1.3;
-
 export class View {
   constructor(canvas, labels) {
     this.canvas = canvas;
@@ -99,8 +98,8 @@ export class View {
     this.setLens();
   }
 
-  // The views of a run are placed for windows of this aspect or wider (ASPECT in views3d.py): in a
-  // narrower one the vertical angle grows, so that the horizontal one, and what it shows, stay.
+  // The views of a run are placed for windows of ASPECT or wider. In a narrower one the vertical
+  // angle grows, so that the horizontal one, and what it shows, stay.
   setLens() {
     const own = this.data?.camera.name === this.mode;
     const grow = own ? 1 : Math.max(1, ASPECT / Math.max(this.camera.aspect, 0.1));

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -18,6 +19,28 @@ HEADER = "# A complete description: `skywright run` on this file, or on its fold
 
 IN_FILE = re.compile(r"(.+\.py):([A-Za-z_]\w*)")
 """A kind in a user's file."""
+
+
+def write_literal(value: Any) -> str:
+    """Return a number, text, boolean, list or dictionary as TOML of one line.
+
+    Raises TypeError for other values, which TOML lacks.
+    """
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float):
+        return repr(float(value) + 0.0)  # without the sign of a zero
+    if isinstance(value, int):
+        return repr(value)
+    if isinstance(value, str):  # JSON's text would have surrogates as escapes, and DEL as it is
+        whole = value.encode("utf-8", "replace").decode("utf-8")
+        return json.dumps(whole, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(write_literal, value))}]"
+    if isinstance(value, Mapping):
+        items = (f"{write_literal(name)} = {write_literal(v)}" for name, v in value.items())
+        return f"{{{', '.join(items)}}}"
+    raise TypeError(f"{value!r} has no form in TOML")
 
 
 def list_sources(description: Description) -> list[Path]:

@@ -72,6 +72,15 @@ def check_hover(
     )
 
 
+def read_numbers(value: Any) -> Array | None:
+    """Return a number or an array of numbers, or None if the value is neither."""
+    try:
+        out = np.asarray(value)
+    except ValueError:  # lists of different lengths
+        return None
+    return out.astype(np.float64) if out.dtype.kind in "fiu" else None
+
+
 def choose_posture(
     robot: Robot, choice: str | Sequence[float] | Array, worst_q: Array
 ) -> tuple[Array, str]:
@@ -79,16 +88,12 @@ def choose_posture(
     if robot.arm is None:
         return np.zeros(0), "none"
     if not isinstance(choice, str):
-        try:
-            given = np.asarray(choice)
-        except ValueError:  # lists of different lengths
-            given = np.asarray("")
-        if given.dtype.kind not in "fiu":
+        q = read_numbers(choice)
+        if q is None:
             raise InputError(
                 f"posture {choice!r}; valid: extended, folded, worst, or {len(worst_q)} angles "
                 "(rad)"
             )
-        q = given.astype(np.float64)
         if q.shape != worst_q.shape or not np.all(np.isfinite(q)):
             raise InputError(
                 f"posture has {q.size} finite angles; the arm has {len(worst_q)} joints"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +15,7 @@ from skywright.core.streams import build_stream
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.errors import InfeasibleError, InputError
+from skywright.models.hover import read_numbers
 from skywright.models.kinematic_tree import BOX, CAPSULE, build_planning_scene, build_shapes
 from skywright.models.rigid_body import joint_names, posture
 from skywright.models.scene import build_scene
@@ -61,7 +62,7 @@ def plan_between(
     seed: int,
 ) -> Transit:
     """Plan among `shapes` on the ground of `world`; skywright.plan_motion has the arguments."""
-    wide = _read_numbers(margin)
+    wide = read_numbers(margin)
     if wide is None or wide.shape or not 0.0 < wide < math.inf:
         raise InputError(f"margin {margin!r}: valid: a distance above 0 in m")
     try:
@@ -100,7 +101,7 @@ def _read_end(name: str, end: Sequence[float] | Configuration, robot: Robot) -> 
     """Return a configuration; (x, y, z, yaw) has the arm folded."""
     names = joint_names(robot)
     if isinstance(end, Configuration):
-        p, yaw, q = (_read_numbers(value) for value in end)
+        p, yaw, q = (read_numbers(value) for value in end)
         if q is None:
             raise InputError(f"{name}: q = {end.q!r}; valid: {len(names)} angles (rad)")
         if q.shape != (len(names),):
@@ -108,7 +109,7 @@ def _read_end(name: str, end: Sequence[float] | Configuration, robot: Robot) -> 
                 f"{name}: q has {q.size} angles; {robot.name!r} has {len(names)} joints"
             )
     else:
-        given = _read_numbers(end)
+        given = read_numbers(end)
         if given is None or given.shape != (4,):
             raise InputError(f"{name}: {end!r}; valid: x, y, z (m) and yaw (rad), four numbers")
         p, yaw, q = given[:3], given[3], posture(robot, "folded")
@@ -119,15 +120,6 @@ def _read_end(name: str, end: Sequence[float] | Configuration, robot: Robot) -> 
     if np.max(np.abs(p)) > FARTHEST:
         raise InputError(f"{name}: {end!r}; valid: x, y and z within {FARTHEST:g} m of W's origin")
     return Configuration(p, float(yaw), q)
-
-
-def _read_numbers(value: Any) -> Array | None:
-    """Return a number or an array of numbers, or None if the value is neither."""
-    try:
-        out = np.asarray(value)
-    except ValueError:  # lists of different lengths
-        return None
-    return out.astype(float) if out.dtype.kind in "fiu" else None
 
 
 def _build_row(i: int, shape: Shape) -> tuple[int, int, Array, Array, Array, Array, float]:

@@ -49,6 +49,11 @@ class Row(NamedTuple):
         """Whether every requirement was met."""
         return self.outcome == "succeeded"
 
+    @property
+    def completed(self) -> bool:
+        """Whether the mission came to its end; other metrics cover only a part of it."""
+        return self.outcome in ("succeeded", "failed")
+
 
 class Sensitivity(NamedTuple):
     """How a metric depends on a varied key over all rows."""

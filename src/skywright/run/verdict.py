@@ -27,9 +27,6 @@ from skywright.run.rows import (
 LIMIT_USE = "limit use"
 """Derived metric of a row: use of a limit on its `LimitScale`; worst requirement."""
 
-COMPLETED = ("succeeded", "failed")
-"""Outcomes of complete flights."""
-
 MOST_MORE = 100_000
 """Largest number of runs that the headline computes."""
 
@@ -144,7 +141,7 @@ def build_scale(rows: Sequence[Row], h: Headroom) -> LimitScale | None:
         return None
     sign = 1.0 if h.sense in ("<", "<=") else -1.0
     met, missed = [], []
-    for row in [r for r in rows if r.outcome in COMPLETED] or rows:
+    for row in [r for r in rows if r.completed] or rows:
         room = sign * (h.limit - row.metrics.get(h.name, math.nan))
         if not math.isfinite(room):
             continue
@@ -165,7 +162,7 @@ def add_limit_use(rows: Sequence[Row], headroom: Sequence[Headroom]) -> list[Row
     out = []
     for row in rows:
         uses = [use for scale in scales if math.isfinite(use := scale.compute_use(row))]
-        use = max(uses) if uses and row.outcome in COMPLETED else math.nan
+        use = max(uses) if uses and row.completed else math.nan
         out.append(row._replace(metrics={**row.metrics, LIMIT_USE: use}))
     return out
 

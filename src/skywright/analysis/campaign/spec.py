@@ -1,7 +1,6 @@
 """Definition of a campaign (mission, layers, seed, variations) and of each of its runs."""
 
 import hashlib
-import json
 import os
 import shlex
 from collections.abc import Mapping, Sequence
@@ -17,7 +16,7 @@ from skywright.analysis.campaign.distributions import (
 )
 from skywright.core.toml_files import parse_value
 from skywright.core.user_files import PythonEndedError, read_sources, tried_first
-from skywright.description.dump import dump_description, list_sources
+from skywright.description.dump import dump_description, list_sources, write_literal
 from skywright.description.loader import (
     Description,
     Sets,
@@ -94,26 +93,16 @@ def _write_sets(sets: Sets) -> tuple[str, ...]:
         return (sets,)
     if not isinstance(sets, Mapping):
         return tuple(sets)
-    return tuple(
-        f"{key}={value if isinstance(value, str) else _write_toml(key, to_plain(value))}"
-        for key, value in sets.items()
-    )
-
-
-def _write_toml(key: str, value: Any) -> str:
-    """Return a value as TOML of one line; raises InputError for values that TOML lacks."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int | float):
-        return repr(value)
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
-    if isinstance(value, list):
-        return f"[{', '.join(_write_toml(key, item) for item in value)}]"
-    if isinstance(value, dict):
-        items = (f"{json.dumps(name)} = {_write_toml(key, v)}" for name, v in value.items())
-        return f"{{{', '.join(items)}}}"
-    raise InputError(f"sets: {key} = {value!r}; valid: a number, text, boolean, list or dictionary")
+    texts = []
+    for key, value in sets.items():
+        try:  # a text stands as it is, as on the command line
+            text = value if isinstance(value, str) else write_literal(to_plain(value))
+        except TypeError:
+            raise InputError(
+                f"sets: {key} = {value!r}; valid: a number, text, boolean, list or dictionary"
+            ) from None
+        texts.append(f"{key}={text}")
+    return tuple(texts)
 
 
 def draw_run(campaign: Campaign, run: int) -> Draw:

@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from skywright.analysis.compare_laws.compare import Flown, LawComparison
-from skywright.analysis.compare_laws.paired import ENDED
 from skywright.reports.figures.style import LIMIT, SERIES, WIDTH, new_figure
 
 COLUMNS = 2
@@ -66,7 +65,7 @@ def _draw_runs(
     """Draw the runs of a law in a case at x, hollow if incomplete, and the bar of their median."""
     colour, marker = style
     for ended in (True, False):
-        values = [r.metrics.get(metric, math.nan) for r in f.rows if (r.outcome in ENDED) == ended]
+        values = [r.metrics.get(metric, math.nan) for r in f.rows if r.completed == ended]
         values = [v for v in values if math.isfinite(v)]
         if values:
             ax.plot(

@@ -21,8 +21,6 @@ FEWEST = 6
 below 0.0625, and the bootstrap interval of so few has too little coverage. With 6 pairs a
 difference is significant only if most tests of the page agree; 10 pairs suffice for a single one in
 25 tests."""
-ENDED = ("succeeded", "failed")
-"""Outcomes of complete flights; metrics of the others cover only a part of the mission."""
 RESAMPLES = 2000
 
 
@@ -47,11 +45,11 @@ class Difference(NamedTuple):
 
 def pair_rows(reference: Sequence[Row], rows: Sequence[Row], metric: str) -> tuple[Array, Array]:
     """Return the metric's values (n,) of both laws, for the runs that both completed."""
-    known = {r.run: r.metrics.get(metric, math.nan) for r in reference if r.outcome in ENDED}
+    known = {r.run: r.metrics.get(metric, math.nan) for r in reference if r.completed}
     both = [
         (known[r.run], r.metrics.get(metric, math.nan))
         for r in rows
-        if r.run in known and r.outcome in ENDED
+        if r.run in known and r.completed
     ]
     values = np.array([pair for pair in both if all(map(math.isfinite, pair))]).reshape(-1, 2)
     return values[:, 0], values[:, 1]

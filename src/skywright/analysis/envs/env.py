@@ -113,8 +113,10 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
         acts, sees = self.act.signals, self.observe.signals
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(acts),), np.float32)
         self.observation_space = gymnasium.spaces.Box(-LIMIT, LIMIT, (len(sees),), np.float32)
+        # of a vector, whose environments have the same ranges, the first one checks them
+        checked = first + conditions * every if first % every == 0 else 0
         campaign = build_conditions(
-            self.mission, vary, robot or self.robot, world, (*self.sets, *sets), seed
+            self.mission, vary, robot or self.robot, world, (*self.sets, *sets), seed, checked
         )
         wanted = Wanted(self.phase, self._build_parts, self._begin, self.spread_s)
         numbers = range(first, first + conditions * every, every)

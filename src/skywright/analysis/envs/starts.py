@@ -63,10 +63,17 @@ class _ReachedError(Exception):
 
 def build_conditions(
     mission: str, vary: Sequence[str], robot: str | None, world: str | None,
-    sets: Sequence[str], seed: int | None,
+    sets: Sequence[str], seed: int | None, checked: int,
 ) -> Campaign:  # fmt: skip
-    """Return the conditions as a campaign. Raises InputError on a wrong key or file."""
-    return build_campaign(mission, vary, robot=robot, world=world, sets=sets, seed=seed)
+    """Return the conditions as a campaign.
+
+    Raises InputError on a wrong key or file, and on an invalid range: the extremes of the first
+    `checked` conditions are tried, none with 0.
+    """
+    campaign = build_campaign(mission, vary, robot=robot, world=world, sets=sets, seed=seed)
+    if checked > 0:  # of few draws, a value that is valid only with some others would be refused
+        check_variations(campaign, max(checked, COMPANY))
+    return campaign
 
 
 def build_starts(
@@ -75,11 +82,8 @@ def build_starts(
     """Fly each of the `conditions` (run numbers of the campaign) to the phase.
 
     Return the starts, and the errors of conditions that are refused as input or did not reach the
-    phase. Raises InputError before a flight if a range is invalid, and if no condition reached the
-    phase.
+    phase. Raises InputError if no condition reached the phase.
     """
-    # with few draws, a value that is valid only with some of the others would be refused
-    check_variations(campaign, max(max(conditions) + 1, COMPANY))
     out, refused = list[Start](), list[str]()
     for i in conditions:
         try:

@@ -43,7 +43,7 @@ def _fly(campaign: Campaign, runs: int, workers: int) -> float:
     begin = time.perf_counter()
     found = list(fly_local(_iterate_tasks(campaign, runs), workers))
     wall = time.perf_counter() - begin
-    lost = [row for row in found if row.outcome not in ("succeeded", "failed")]
+    lost = [row for row in found if not row.completed]
     if lost:
         raise SimulationError(f"a run was not flown: {lost[0].outcome}: {lost[0].reason}")
     return wall

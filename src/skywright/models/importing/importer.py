@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -15,6 +14,7 @@ import mujoco
 from skywright.core.catalog import Found
 from skywright.core.keys import apply_assignments
 from skywright.core.spec import Source
+from skywright.description.dump import write_literal
 from skywright.description.robot.loader import load_robot, load_robot_layers
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError, SkywrightError
@@ -245,7 +245,7 @@ def write_toml(values: Mapping[str, Value], origin: str) -> str:
     for key, value in values.items():
         table, _, leaf = key.rpartition(".")
         tables.setdefault(table, []).append(f"{leaf} = {_write_value(value)}")
-    head = [f"# Imported from {_quote(origin)[1:-1]} by `skywright import`."]
+    head = [f"# Imported from {write_literal(origin)[1:-1]} by `skywright import`."]
     head.append("# source: imported (the file), asked (an answer), assumed (a guess), derived")
     first = sorted(
         tables,
@@ -260,26 +260,10 @@ def write_toml(values: Mapping[str, Value], origin: str) -> str:
 
 def _write_value(value: Value) -> str:
     if value.source in ("",):
-        return _literal(value.value)
-    parts = [f"value = {_literal(value.value)}", f'source = "{value.source}"']
+        return write_literal(value.value)
+    parts = [f"value = {write_literal(value.value)}", f'source = "{value.source}"']
     if value.range is not None:
         numbers = value.value if isinstance(value.value, Sequence) else [value.value]
         low, high = min(value.range[0], *numbers), max(value.range[1], *numbers)
         parts.append(f"range = [{float(low)!r}, {float(high)!r}]")
-    return "{ " + ", ".join([*parts, f"note = {_quote(value.note)}"]) + " }"
-
-
-def _literal(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, float | int):
-        return repr(float(value) + 0.0) if isinstance(value, float) else repr(value)
-    if isinstance(value, str):
-        return _quote(value)
-    return "[" + ", ".join(_literal(x) for x in value) + "]"
-
-
-def _quote(text: str) -> str:
-    """Return a TOML string. JSON's would write surrogates as escapes, and DEL as it is."""
-    whole = text.encode("utf-8", "replace").decode("utf-8")
-    return json.dumps(whole, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return "{ " + ", ".join([*parts, f"note = {write_literal(value.note)}"]) + " }"

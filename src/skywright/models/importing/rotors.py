@@ -67,14 +67,7 @@ def find_rotors(
     if given:
         rotors, origin = given, "--rotor"
     else:
-        rotors, origin = _of_actuators(opened, model, data, root), "actuators at sites"
-        if not rotors:
-            rotors, origin = _of_plugins(opened, model, data, notes), "plug-in tags"
-        if not rotors and opened.kind != "MJCF":
-            rotors, origin = _of_names(model, data, root), "names of links"
-            if rotors:
-                names = ", ".join(model.body(rotor.body).name for rotor in rotors)
-                notes.append(f"links taken as rotors by their names: {names}")
+        rotors, origin = _list_rotors(opened, model, data, root, notes)
     if len(rotors) < 3:
         raise InputError(
             f"{opened.path}: {len(rotors)} rotors found (actuators at sites, motor plug-ins, links "
@@ -88,17 +81,30 @@ def find_rotors(
 
 
 def has_rotors(opened: Opened, model: mujoco.MjModel, root: int) -> bool:
-    """Whether the tree of a body has rotors, by any of the three sources."""
-    for a in range(model.nu):
-        if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_SITE:
-            site = int(model.actuator_trnid[a, 0])
-            if model.body_rootid[model.site_bodyid[site]] == root:
-                return True
-    names = {model.body(b).name for b in range(1, model.nbody) if model.body_rootid[b] == root}
-    for plugin in opened.root.iter("plugin"):
-        if plugin.find("motorConstant") is not None and _text(plugin, "linkName") in names:
-            return True
-    return opened.kind != "MJCF" and any(map(is_rotor, names))
+    """Whether the tree of a body has rotors; raises InputError if one of them is malformed."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    return bool(_list_rotors(opened, model, data, root, [])[0])
+
+
+def _list_rotors(
+    opened: Opened, model: mujoco.MjModel, data: mujoco.MjData, root: int, notes: list[str]
+) -> tuple[list[FoundRotor], str]:
+    """Return the rotors of the tree of `root`, by the first source that has some, and its name."""
+    found = _of_actuators(opened, model, data, root)
+    if found:
+        return found, "actuators at sites"
+    found = [
+        r for r in _of_plugins(opened, model, data, notes) if model.body_rootid[r.body] == root
+    ]
+    if found:
+        return found, "plug-in tags"
+    if opened.kind != "MJCF":
+        found = _of_names(model, data, root)
+    if found:
+        names = ", ".join(model.body(rotor.body).name for rotor in found)
+        notes.append(f"links taken as rotors by their names: {names}")
+    return found, "names of links"
 
 
 def is_rotor(name: str) -> bool:
