@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from skywright.description.robot.loader import load_robot
 from skywright.description.robot.spec import Rotors
 from skywright.errors import InputError
 from skywright.models.allocation import (
@@ -16,6 +17,7 @@ from skywright.models.allocation import (
     EXACT,
     LATERAL_REDUCED,
     NOT_FINITE,
+    OMNIDIRECTIONAL,
     THRUST_BAND,
     YAW_REDUCED,
     Allocator,
@@ -207,6 +209,23 @@ def test_tilted_body_keeps_its_height_before_its_place() -> None:
     assert made[:3] @ up == pytest.approx(WEIGHT)
     assert np.linalg.norm(made[:3] - WEIGHT * up) > 1.0
     assert np.allclose(made[3:], 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("roll", [30.0, 60.0, 90.0, 120.0, 180.0])
+def test_an_omnidirectional_robot_keeps_its_height_at_any_attitude(roll: float) -> None:
+    """Eight rotors that push both ways: what is reduced does not depend on which way is up."""
+    robot = load_robot("omnicopter")[0]
+    a = build_allocator(build_rotors(robot.rotors))
+    assert a.full == OMNIDIRECTIONAL
+    weight, c = robot.platform.mass_kg * 9.81, math.radians(roll)
+    R = np.array([[1, 0, 0], [0, math.cos(c), -math.sin(c)], [0, math.sin(c), math.cos(c)]])
+    flag, _, made = call(a, R.T @ [60.0, 0.0, weight], R.T @ [1.0, 0.0, 0.0], R[2])
+    assert flag == LATERAL_REDUCED
+    assert (R @ made[:3])[2] == pytest.approx(weight) and (R @ made[:3])[0] > 10.0
+    flag, _, made = call(a, R.T @ [0.0, 0.0, weight], [12.0, 0.0, 0.0], R[2])
+    assert flag == ATTITUDE_OR_THRUST_REDUCED
+    assert (1.0 - THRUST_BAND) * weight - 1e-9 <= (R @ made[:3])[2] <= weight + 1e-9
+    assert 6.0 < made[3] < 12.0 and np.allclose(made[4:], 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])

@@ -13,7 +13,7 @@ from skywright.description.loader import load_description
 from skywright.description.robot.loader import load_robot
 from skywright.errors import InputError
 from skywright.missions.bridge_contact.sliding import find_way
-from skywright.models.contact_stance import compute_flying_press, find_free_stance
+from skywright.models.contact_stance import LEAN_MAX, compute_flying_press, find_free_stance
 from skywright.models.docked import build_docked, find_stance
 from skywright.models.docked_balance import compute_docked_balance
 from skywright.models.rigid_body import build_body_model, compute_body
@@ -276,6 +276,15 @@ def test_a_slide_beyond_reason_is_refused(world: str, sets: dict[str, Any], told
 def test_a_slide_ends_on_the_structure() -> None:
     with pytest.raises(InputError, match="valid is -3 to 3 m"):
         plan_mission(load_description("wall-contact", sets={"mission.task.slide_m": 4.0}))
+
+
+@pytest.mark.parametrize("facing", ["down", "side"])
+def test_an_arm_of_four_joints_finds_a_stance(facing: str) -> None:
+    """A grid of all its postures would take gigabytes."""
+    robot, _ = load_robot("tilthex-arm")
+    stance = find_free_stance(robot, facing)
+    toward = np.array([0.0, 0.0, 1.0] if facing == "down" else [1.0, 0.0, 0.0])
+    assert stance.axis @ toward > math.cos(LEAN_MAX) and stance.tip @ toward > 0.4
 
 
 def test_the_flying_press_counts_the_wind() -> None:

@@ -382,6 +382,14 @@ def test_too_heavy_robot_is_refused_with_numbers(othex: Robot) -> None:
         check_can_fly(changed(othex, platform={"mass_kg": 6.0}))
 
 
+def test_the_lift_of_rotors_that_push_both_ways_is_stated() -> None:
+    robot = changed(load_robot("omnicopter")[0], platform={"mass_kg": 20.0})
+    with pytest.raises(InputError, match=r"weighs 196\.2 N .* at most (\S+) N at 95 %") as error:
+        check_can_fly(robot)
+    lift = float(str(error.value).split("at most ")[1].split()[0])
+    assert 30.0 < lift < 196.0
+
+
 def test_unbalanced_robot_is_refused_with_the_rotor(othex: Robot) -> None:
     with pytest.raises(InputError, match=r"centre of mass .* rotor \d would need"):
         check_can_fly(changed(othex, platform={"com_x_m": 0.3}))

@@ -18,6 +18,7 @@ from skywright.models.deviation import build_deviation
 from skywright.models.fixed_body import FIXED, list_moving
 from skywright.models.part_masses import link_direction
 from skywright.models.scene import build_scene, set_pose
+from skywright.vehicle.actuators._torque_servos import TorqueServos
 from skywright.vehicle.actuators._velocity_servos import VelocityServos
 from skywright.vehicle.bus import MuJoCo, ServoDrive
 from skywright.vehicle.physics import step_physics
@@ -193,6 +194,31 @@ def test_a_fast_servo_without_a_load_does_not_stall(description, speed):
         mujoco.mj_step(scene.model, d, 2)
     motor = float(me.motor_from_joint[1, :2] @ d.qvel[me.qvel[:2]])
     assert motor == pytest.approx(speed, rel=0.05)
+
+
+@pytest.mark.parametrize(("part", "mode"), [(VelocityServos, "velocity"), (TorqueServos, "torque")])
+def test_each_servo_behind_a_passive_joint_gets_its_own_command(part, mode: str) -> None:
+    """The pendulum's angle is not that of a servo; its deflection does not stall one."""
+    joints = ("shoulder_pitch_servo", "elbow_pitch_servo")
+    sets = [f"robot.arm.{name}.mode={mode}" for name in joints]
+    context = build_context("bar-transport", sets)
+    limbs, scene = list_joints(context.robot), context.scene
+    assert [limb.servo for limb in limbs] == [-1, 0, 1, 2, 3]
+    m, data = scene.model, mujoco.MjData(scene.model)
+    me, drive = build_part(part("servos"), context), view(ServoDrive)
+    mj = view(
+        MuJoCo, ctrl=data.ctrl.ctypes.data, nu=m.nu, act=data.act.ctypes.data, na=m.na,
+        qpos=data.qpos.ctypes.data, nq=m.nq, qvel=data.qvel.ctypes.data, nv=m.nv,
+    )  # fmt: skip
+    q = np.array([0.5, 0.1, -0.2, 0.3, -0.4])
+    set_pose(scene, data, np.array([0.0, 0.0, 3.0]), np.array([1.0, 0, 0, 0]), q)
+    mujoco.mj_forward(m, data)
+    rotors = len(context.rotors.thrust_min)
+    data.act[:] = data.actuator_length[rotors:][: m.na]
+    told = np.array([0.0, -0.04, 0.03, -0.02, 0.01])
+    drive.motor[:5] = told
+    part.step(me, drive, mj)
+    np.testing.assert_array_equal(data.ctrl[rotors : rotors + 4], told[1:])
 
 
 @pytest.mark.parametrize("mission", ["pipe-weld-scan", "bar-insertion", "bridge-contact"])

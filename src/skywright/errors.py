@@ -1,5 +1,7 @@
 """Error classes. Every message states what is wrong and lists the valid values."""
 
+from __future__ import annotations
+
 import difflib
 from collections.abc import Iterable
 
@@ -28,6 +30,9 @@ class InfeasibleError(SkywrightError):
     def __init__(self, message: str, blocked_by: str) -> None:
         super().__init__(message)
         self.blocked_by = blocked_by
+
+    def __reduce__(self) -> tuple[type[InfeasibleError], tuple[str, str]]:
+        return InfeasibleError, (str(self), self.blocked_by)  # crosses to another process
 
 
 class SimulationError(SkywrightError):

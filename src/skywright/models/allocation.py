@@ -27,6 +27,9 @@ YAW_REDUCED = 2
 ATTITUDE_OR_THRUST_REDUCED = 3
 NOT_FINITE = -1
 
+OMNIDIRECTIONAL = 2
+"""Value of `full` for rotors that push both ways and hover at any attitude."""
+
 THRUST_BAND = 0.3
 """Largest fraction by which the vertical thrust is reduced in favour of roll and pitch torque."""
 
@@ -39,7 +42,7 @@ class Allocator(NamedTuple):
     t_min: Array  # (n,) N, minus the preload
     t_max: Array  # (n,) N, minus the preload
     k_f: float  # N/(rad/s)^2
-    full: int  # 1 if the rotors produce all six components independently
+    full: int  # 1 for six independent components, 2 if at any attitude (OMNIDIRECTIONAL)
     preload: Array  # (n,) N, zero net wrench; added to the thrusts of `allocate`
 
 
@@ -75,7 +78,7 @@ def build_allocator(rotors: RotorSet) -> Allocator:
         t_min=rotors.thrust_min - preload,
         t_max=rotors.thrust_max - preload,
         k_f=rotors.k_f,
-        full=int(full),
+        full=OMNIDIRECTIONAL if np.any(preload) else int(full),
         preload=preload,
     )
 
@@ -170,8 +173,9 @@ def _limit_thrust_and_torque(
     if f_lo > f_hi:
         return 0.0, 0.0, False
     f0 = min(max(wanted, f_lo), f_hi)
-    f_lo = max(f_lo, (1.0 - THRUST_BAND) * f0)
-    f_hi = min(f_hi, (1.0 + THRUST_BAND) * f0)
+    band = THRUST_BAND * abs(f0)
+    f_lo = max(f_lo, f0 - band)
+    f_hi = min(f_hi, f0 + band)
     a, b = _interval(turn, up, t_min, t_max)
     a = max(a, f_lo)
     b = min(b, f_hi)
@@ -224,7 +228,8 @@ def allocate(
     `thrust` is unchanged and the caller decides). The result stays within [t_min, t_max].
 
     Without lateral force the thrust acts along z_B with the wanted vertical component: at level
-    attitude it has no lateral part, at a tilted one that of a coplanar robot.
+    attitude it has no lateral part, at a tilted one that of a coplanar robot. That of an
+    omnidirectional robot (`full` 2) acts along the vertical at any attitude.
     """
     n = P.shape[0]
     fx, fy, fz = f_B[0], f_B[1], f_B[2]
@@ -253,11 +258,14 @@ def allocate(
     mx = tx - (cy * fz - cz * fy)
     my = ty - (cz * fx - cx * fz)
     mz = tz - (cx * fy - cy * fx)
-    # thrust along z_B with the wanted vertical component
-    wanted = fz
-    if full != 0 and up_B[2] > 0.3:
+    # thrust along (dx, dy, dz) with the wanted vertical component
+    dx, dy, dz, wanted = 0.0, 0.0, 1.0, fz
+    if full == OMNIDIRECTIONAL:
+        dx, dy, dz = up_B[0], up_B[1], up_B[2]
+        wanted = fx * dx + fy * dy + fz * dz
+    elif full != 0 and up_B[2] > 0.3:
         wanted = (fx * up_B[0] + fy * up_B[1] + fz * up_B[2]) / up_B[2]
-    _mul(P, 0.0, 0.0, 1.0, cy, -cx, 0.0, up)
+    _mul(P, dx, dy, dz, cy * dz - cz * dy, cz * dx - cx * dz, cx * dy - cy * dx, up)
     _mul(P, 0.0, 0.0, 0.0, mx, my, 0.0, turn)
     _mul(P, 0.0, 0.0, 0.0, 0.0, 0.0, mz, yaw)
     vertical, share, exists = _limit_thrust_and_torque(wanted, up, turn, t_min, t_max, base)
@@ -278,8 +286,8 @@ def allocate(
         base[i] += s * yaw[i]
     # the rest of the force is lateral; it acts at the centre of mass
     if full != 0:
-        dz = fz - wanted
-        _mul(P, fx, fy, dz, cy * dz - cz * fy, cz * fx - cx * dz, cx * fy - cy * fx, lateral)
+        lx, ly, lz = fx - wanted * dx, fy - wanted * dy, fz - wanted * dz
+        _mul(P, lx, ly, lz, cy * lz - cz * ly, cz * lx - cx * lz, cx * ly - cy * lx, lateral)
         _, s = _interval(base, lateral, t_min, t_max)
         s = min(max(s, 0.0), 1.0)
         if s < 1.0 and flag == 0:

@@ -31,6 +31,9 @@ BESIDE_FEET = 0.02
 feet 15 mm off the surface. If friction holds the tip, it comes no nearer to the robot's axis, and
 the elbow's stop leaves 7 of the 20 mm to the arm of f550-bridge."""
 GRID = 91
+"""Angles of each joint that the search for a posture tries, of up to three joints."""
+SAMPLES = 300_000
+"""Postures that it tries for more joints."""
 
 
 class ContactStance(NamedTuple):
@@ -65,10 +68,10 @@ def find_tip_pose(model: NDArray[Any], start: Array, target: Array) -> Array:
 def find_free_stance(robot: Robot, facing: str) -> ContactStance:
     """Return the posture for pressing up ("down": the surface faces down) or ahead ("side").
 
-    The search uses a grid of the joints, with a lean of the probe of at most LEAN_MAX. With docking
-    feet, it selects the least lean at BESIDE_FEET short of the farthest reach. Otherwise it selects
-    the best lever along the probe within RESERVE of the farthest reach, which is itself a
-    singularity.
+    The search uses a grid of the joints (more than three: a fixed random sample), with a lean of
+    the probe of at most LEAN_MAX. With docking feet, it selects the least lean at BESIDE_FEET short
+    of the farthest reach. Otherwise it selects the best lever along the probe within RESERVE of the
+    farthest reach, which is itself a singularity.
 
     Raises InputError for a robot without a probe or one that cannot point it in that direction.
     """
@@ -78,11 +81,12 @@ def find_free_stance(robot: Robot, facing: str) -> ContactStance:
     n = len(posture(robot, "working"))
     toward = np.array([0.0, 0.0, 1.0]) if facing == "down" else np.array([1.0, 0.0, 0.0])
     margin = math.radians(2.0)
-    grids = [
-        np.linspace(model[0]["q_min"][j] + margin, model[0]["q_max"][j] - margin, GRID)
-        for j in range(n)
-    ]
-    postures = np.array(np.meshgrid(*grids)).reshape(n, -1).T
+    low, high = model[0]["q_min"][:n] + margin, model[0]["q_max"][:n] - margin
+    if n > 3:
+        postures = np.random.default_rng(0).uniform(low, high, (SAMPLES, n))
+    else:
+        grids = [np.linspace(a, b, GRID) for a, b in zip(low, high, strict=True)]
+        postures = np.array(np.meshgrid(*grids)).reshape(n, -1).T
     tips, R = compute_tips(model, postures)
     axes = R[:, :, 2]
     leans = np.arccos(np.clip(axes @ toward, -1.0, 1.0))

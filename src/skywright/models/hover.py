@@ -48,9 +48,10 @@ def check_hover(
     thrust = compute_thrust(layout, wrench_at(weight * UP, p_BC))
     if thrust is not None:
         return thrust
-    lift = float(layout.t_max @ layout.B[2])
-    idle = float(layout.t_min @ layout.B[2])
-    limit = f"{100 * layout.t_max[0] / layout.rotors.thrust_max[0]:.0f} % of thrust_max_n"
+    least, most = layout.t_min + layout.preload, layout.t_max + layout.preload
+    ends = np.sort([least * layout.B[2], most * layout.B[2]], axis=0)  # some may push down
+    idle, lift = (float(x) for x in ends.sum(axis=1))
+    limit = f"{100 * most[0] / layout.rotors.thrust_max[0]:.0f} % of thrust_max_n"
     if weight >= lift:
         raise InputError(
             f"robot {robot.name!r} cannot lift its weight: it weighs {weight:.1f} N ({mass:.2f} "
@@ -65,10 +66,11 @@ def check_hover(
     loads = layout.P @ wrench_at(weight * UP, p_BC)
     excess = np.maximum(loads - layout.t_max, layout.t_min - loads)
     i = int(np.argmax(excess))
+    need = float(loads[i] + layout.preload[i])
     raise InputError(
         f"robot {robot.name!r} cannot hover with its arm {label}: the centre of mass is at "
-        f"({p_BC[0]:.3f}, {p_BC[1]:.3f}) m, rotor {i + 1} would need {loads[i]:.2f} N; valid: "
-        f"{layout.t_min[i]:.2f} to {layout.t_max[i]:.2f} N ({limit})"
+        f"({p_BC[0]:.3f}, {p_BC[1]:.3f}) m, rotor {i + 1} would need {need:.2f} N; valid: "
+        f"{least[i]:.2f} to {most[i]:.2f} N ({limit})"
     )
 
 

@@ -169,6 +169,8 @@ def _lean(
         A_eq=np.hstack([B, np.zeros((6, 1))]), b_eq=hover, bounds=[(None, None)] * (len(left) + 1),
         method="highs",
     )  # fmt: skip
+    if middle.status != 0:
+        return None
     P: NDArray[Any] = np.zeros((n, 6))
     P[left] = np.linalg.pinv(B)
     preload: NDArray[Any] = np.zeros(n)

@@ -163,7 +163,7 @@ class RotorDrive(Drive):
 
 
 class ServoDrive(Drive):
-    """Commanded speeds (rad/s), torques (N m) or angles (rad) of the servos."""
+    """Commanded speeds (rad/s), torques (N m) or angles (rad) of the servos, by joint."""
 
     motor: Annotated[Array, MAX_JOINTS]
 

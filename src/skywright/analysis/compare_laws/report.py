@@ -29,12 +29,11 @@ def write_laws_page(c: LawComparison, path: Path) -> None:
             "Metrics over the cases", draw_medians(c),
             "Each dot is one flight, the bar is the median of its law. Hollow dots are flights "
             "that did not reach their end; the median includes them. Dashed: the mission's limit. "
-            "Refused laws, and flights in which the metric was not measured, have no dot."
-            + (f" {told[0].upper()}{told[1:]}." if (told := tell_left_out(c.left_out)) else ""),
+            "Refused laws, and flights in which the metric was not measured, have no dot.",
         )  # fmt: skip
     write_page(path, render_page(
         "compare_laws.html.j2", c=c, picture=picture, same=c.list_constant(),
-        number=format_number, fewest=FEWEST,
+        left_out=tell_left_out(c.left_out), number=format_number, fewest=FEWEST,
         tell=tell_difference, state=tell_state, confidence=f"{CONFIDENCE:.0%}",
         versions=collect_versions(),
     ))  # fmt: skip

@@ -117,7 +117,8 @@ class Plant(Spec):
 
     mass_error: float = Field(default=0.03, gt=-0.9, lt=10)
     rotor_gain_error: float = Field(default=-0.03, gt=-0.9, lt=10)  # common to all rotors
-    rotor_gain_spread: NonNegative = 0.02  # 1 sigma between rotors, drawn from the seed
+    # 1 sigma between rotors, drawn from the seed and cut off at 3 sigma
+    rotor_gain_spread: float = Field(default=0.02, ge=0, le=0.3)
     com_x_error_m: float = 0.004
     com_y_error_m: float = -0.003
     com_z_error_m: float = 0.004
@@ -128,7 +129,7 @@ class Plant(Spec):
     joint_offset_error_deg: float = 0.4  # encoder zero of every joint
     # additional error, 1 sigma of each joint's encoder zero, drawn from the seed
     joint_offset_spread_deg: float = Field(default=0.0, ge=0, le=5)
-    drag_error: float = Field(default=0.2, gt=-1, lt=10)
+    drag_error: float = Field(default=0.2, gt=-1, lt=10)  # of the platform and the rotors
     spring_error: float = Field(default=0.0, gt=-0.9, lt=10)  # of joints' and probe's springs
     spring_spread: float = Field(default=0.1, ge=0, le=0.3)  # 1 sigma of each, from the seed
     hardening_error: float = Field(default=0.1, gt=-0.9, lt=10)  # beyond the linear range

@@ -27,6 +27,7 @@ class TorqueServos(Component):
         n: int  # servos
         first: int  # control of the first servo
         joints: int
+        joint: Annotated[Integers, MAX_JOINTS]  # of each servo
         qvel: Annotated[Integers, MAX_JOINTS]  # of each joint
         motor_from_joint: Annotated[Array, MAX_JOINTS, MAX_JOINTS]  # inverse of the belt
         stall: Annotated[Array, MAX_JOINTS]  # N m
@@ -41,6 +42,7 @@ class TorqueServos(Component):
         belt = np.eye(me.n) if robot.arm.belt is None else np.array(robot.arm.belt)
         for j, limb in enumerate(list_joints(robot)):
             if limb.servo >= 0:
+                me.joint[limb.servo] = j
                 me.motor_from_joint[: me.n, j] = np.linalg.inv(belt)[:, limb.servo]
         for i, (_, servo) in enumerate(servos):
             me.stall[i], me.speed[i] = servo.stall_torque_nm, servo.no_load_speed_rad_s
@@ -54,7 +56,7 @@ class TorqueServos(Component):
                 speed += me.motor_from_joint[i, j] * qvel[me.qvel[j]]
             most = me.stall[i] * min(max(1.0 - speed / me.speed[i], 0.0), 1.0)
             least = -me.stall[i] * min(max(1.0 + speed / me.speed[i], 0.0), 1.0)
-            ctrl[me.first + i] = min(max(drive.motor[i], least), most)
+            ctrl[me.first + i] = min(max(drive.motor[me.joint[i]], least), most)
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:

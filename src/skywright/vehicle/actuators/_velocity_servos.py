@@ -42,12 +42,13 @@ class VelocityServos(Component):
         me.n, me.first = n, len(context.rotors.thrust_min)
         me.qpos[:n] = context.scene.places.joint_qpos
         me.qvel[:n] = context.scene.places.joint_dof
-        for j, limb in enumerate(list_joints(robot)):
-            me.servo[j] = limb.servo
         servos = list_true_servos(robot, context.deviation)
         me.n_servos = k = len(servos)
         belt = np.eye(k) if robot.arm.belt is None else np.array(robot.arm.belt)
-        me.motor_from_joint[:k, :k] = np.linalg.inv(belt)
+        for j, limb in enumerate(list_joints(robot)):
+            me.servo[j] = limb.servo
+            if limb.servo >= 0:
+                me.motor_from_joint[:k, j] = np.linalg.inv(belt)[:, limb.servo]
         for j, (_, servo) in enumerate(servos):
             kp, kv = compute_servo_gains(robot, j, servo)
             me.lag[j], me.damping_s[j] = servo.stall_torque_nm / kp, kv / kp
