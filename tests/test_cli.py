@@ -375,3 +375,11 @@ def test_user_files_work_where_names_do(tmp_path: Path) -> None:
     found = json.loads(call("capability", "mine", "--json").stdout)
     assert found["robot"] == "mine"
     assert call("capability", "mine/robot.toml", "--json").exit_code == 0
+
+
+def test_show_writes_nothing_if_an_output_is_refused(tmp_path: Path) -> None:
+    done = call("show", "othex", "--urdf", "a.urdf", "--out", "b.gif")
+    assert done.exit_code == 2 and not (tmp_path / "a.urdf").exists()
+    (tmp_path / "full.urdf").symlink_to("/dev/full")
+    done = call("show", "othex", "--urdf", "full.urdf")
+    assert done.exit_code == 2 and "No space left on device" in done.stderr

@@ -218,6 +218,19 @@ def test_set_reaches_list_tables() -> None:
     assert d.mission.task.points[1] == load_description(WAYPOINTS).mission.task.points[1]
 
 
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"mission": None}, "mission is a NoneType; valid: a name"),
+        ({"mission": "waypoints", "robot": 3}, "robot is a int; valid"),
+        ({"mission": "waypoints", "world": b"open"}, "world is a bytes; valid"),
+    ],
+)
+def test_what_is_no_name_is_refused(given: dict[str, object], says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        load_description(**given)
+
+
 def test_sets_as_mapping() -> None:
     d = load_description(SCAN, sets={"world.pipe.diameter_m": 0.3, "world.wind.kind": "steady"})
     assert (d.world.pipe.diameter_m, d.world.wind.kind) == (0.3, "steady")  # type: ignore[union-attr]
@@ -260,6 +273,9 @@ def test_optional_table_is_created_by_a_valid_key_only() -> None:
         ("mission.task.passes=2.5", ["2.5", "whole number"]),
         ("mission.seed=-1", ["-1", "at least 0"]),
         ("world.pipe=3", ["world.pipe is a table", "3"]),
+        ("world.pipe={inclination_deg=80, length_m=6}", ["1.49 m below the ground"]),
+        ("world.weld.offset_m=-5", ["offset_m = -5", "beyond the pipe's ends at -0.25 and 0.25"]),
+        ("mission.seed=" + 400 * "1", ["a number beyond 1e300", "valid: 0 to"]),
         (
             "robot.platform.mass_kg={value=1.7}",
             ["robot.platform.mass_kg", "has a value but no source"],

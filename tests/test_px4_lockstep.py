@@ -26,7 +26,7 @@ from skywright.links.px4.parameters import build_airframe
 from skywright.links.px4.sensors import Px4Sensors, compute_time_us
 from skywright.links.px4.server import Px4Server
 from skywright.links.sitl.pace import Pace
-from skywright.links.sitl.plant import SitlPlant
+from skywright.links.sitl.plant import Placed, Reading, SitlPlant
 from skywright.recordings.recording import read_recording
 
 
@@ -184,6 +184,23 @@ def test_satellites_come_late_with_the_speed_of_then() -> None:
     assert (last.lat / 1e7, last.lon / 1e7) == (
         pytest.approx(47.397742, abs=3e-5), pytest.approx(8.545594, abs=3e-5),
     )  # fmt: skip
+
+
+def test_satellites_state_the_speed_of_the_antenna() -> None:
+    """PX4 subtracts w x r (EKF2_GPS_POS_*) from it; a turn about B moves an antenna on a mast."""
+    sets = {"world.localisation": "gnss", "robot.sensors.antenna_x_m": 0.3}
+    d = describe("hexarotor", **sets)
+    sensors = Px4Sensors(common, d.robot, d.world, 1, 0.004)
+    R_WB = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # 90 deg to the left
+    w_WB_B, v_WB, sent = np.array([0.0, 2.0, 3.0]), np.array([0.5, 0.0, 0.0]), []
+    for k in range(400):
+        t = 0.004 * k
+        fix = Placed(t, np.zeros(3), None)
+        reading = Reading(t, w_WB_B, np.zeros(3), None, fix, np.zeros(3), R_WB, v_WB, w_WB_B)
+        (gps,) = [m for m in sensors.build(reading) if m.get_type() == "HIL_GPS"]
+        sent.append([0.01 * gps.vn, 0.01 * gps.ve, 0.01 * gps.vd])
+    # in B: w x (0.3, 0, 0.1) = (0.2, 0.9, -0.6); B's x is north, its y is west
+    np.testing.assert_allclose(np.mean(sent, axis=0), [0.2, 0.5 - 0.9, 0.6], atol=0.01)
 
 
 # --- what goes wrong --------------------------------------------------------------------------

@@ -233,6 +233,11 @@ def test_the_fans_blow_at_the_paper_s_speed_on_the_robot():
         ('sense = "<="', 'sense = "~"', r"tests\.0\.sense"),
         ('where = "I"', 'were = "I"', r"claims\.0\.(where|were)"),
         ('id = "steep"', 'id = "level"', "two claims are called 'level'"),
+        ("{tilt_max_deg:.1f} deg", "{} deg", r"why\.reproduced: \{\}: the name of a measured"),
+        ("{tilt_max_deg:.1f} deg", "{tilt_max_deg:d}", r"why\.reproduced: Unknown format code"),
+        ("{tilt_max_deg:.1f} deg", "{tilt_max_deg", r"why\.reproduced: expected '}'"),
+        ('sense = "<="', 'sense = "<=", bound = nan', r"tests\.0\.bound: .* finite"),
+        ('sense = "<="', 'sense = "<=", tolerance = -1.0', r"tests\.0\.tolerance"),
     ],
 )
 def test_a_wrong_claims_file_is_told(paper, old, new, message):

@@ -101,3 +101,29 @@ def test_there_is_no_template_of_everything(tmp_path: Path) -> None:
         write_template("wrold", tmp_path / "mine")
     with pytest.raises(InputError, match="kind name '1x'"):
         write_template("kind", tmp_path / "1x")
+
+
+@pytest.mark.parametrize(
+    ("what", "name", "says"),
+    [
+        ("robot", "othex", "othex is a built-in robot; choose another"),
+        ("law", "waypoints", "waypoints is a built-in mission; choose another"),
+        ("effect", "wind", "wind is a built-in effect; choose another"),
+        ("rule", "Rotor-Lost", "rotor_lost is a built-in rule; choose another"),
+        ("law", "None", "None is a word of Python; choose another"),
+        ("robot", "a" * 55, "at most 54 characters"),
+    ],
+)
+def test_a_name_that_means_something_else_is_refused(
+    what: str, name: str, says: str, tmp_path: Path
+) -> None:
+    """The commands that it prints would check and fly the built-in part."""
+    with pytest.raises(InputError, match=says):
+        write_template(what, tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_longest_name_of_a_robot_is_valid(tmp_path: Path) -> None:
+    folder = tmp_path / ("a" * 54)
+    write_template("robot", folder)
+    assert "valid" in call("check", str(folder))

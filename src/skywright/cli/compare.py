@@ -14,6 +14,7 @@ from skywright.cli.options import (
     check_writable,
     layers,
     print_json,
+    report_unfinished,
 )
 from skywright.errors import InputError
 
@@ -107,6 +108,8 @@ def runs(a: Path, b: Path, out: Path, as_json: bool) -> None:
     with _page(out) as page:
         found = compare_runs(open_run(a), open_run(b))
         write_overlay_page(found, page)
+    for run in (found.a, found.b):
+        report_unfinished(run.directory, run.outcome, run.reason)
     if as_json:
         print_json({**found.to_json(), "page": str(page)})
     else:

@@ -158,14 +158,13 @@ def show(name: str, out: Path | None, urdf: Path | None, as_json: bool) -> None:
     from skywright.description.lookup import find_any
     from skywright.reports.summary import build_summary
 
-    subject = find_any(name)
+    subject, picture = find_any(name), None if out is None else check_writable(out)
     if urdf is not None:
         _write_urdf(subject, urdf)
     summary = build_summary(subject)._replace(urdf=None if urdf is None else str(urdf))
-    if out is not None:
+    if picture is not None:
         from skywright.reports.show import write_show_figure
 
-        picture = check_writable(out)
         write_show_figure(subject, picture)
         summary = summary._replace(picture=str(picture))
     if as_json:

@@ -75,8 +75,8 @@ def _report(error: BaseException, as_json: bool) -> int:
     elif isinstance(error, BrokenPipeError):  # the reader of the output has closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    elif isinstance(error, OSError) and error.filename is not None:
-        code, message = 2, f"{error.filename}: {error.strerror}"
+    elif isinstance(error, OSError) and error.errno is not None:  # e.g. the disk is full
+        code, message = 2, f"{error.filename or 'an output file'}: {error.strerror}"
     else:
         code = 3
         message = (

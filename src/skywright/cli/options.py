@@ -111,3 +111,11 @@ def check_folder(path: Path) -> Path:
     if not os.access(there, os.W_OK | os.X_OK):
         raise InputError(f"{path}: cannot be written: {there} is not writable")
     return path
+
+
+def report_unfinished(directory: Path, outcome: str, reason: str) -> None:
+    """Print a line on stderr if a run has no complete recording."""
+    from skywright.run.directory import UNFINISHED
+
+    if outcome in UNFINISHED:
+        click.echo(f"{directory}: {outcome}: {reason}", err=True)

@@ -6,7 +6,13 @@ from pathlib import Path
 
 import click
 
-from skywright.cli.options import as_json_option, check_folder, print_json, trust_option
+from skywright.cli.options import (
+    as_json_option,
+    check_folder,
+    print_json,
+    report_unfinished,
+    trust_option,
+)
 from skywright.errors import InputError
 
 FORMATS = ("csv", "parquet", "tum", "npz", "rosbag2")
@@ -29,6 +35,7 @@ def report(directory: Path, figures: Path | None, as_json: bool) -> None:
         raise InputError(f"{directory}: is not a run directory")
     check_folder(figures or directory)
     result = evaluate_directory(directory)
+    report_unfinished(directory, result.outcome, result.reason)
     write_report(result)
     written = [] if figures is None else write_figures(result, figures)
     paths = [str(directory / "report.html"), *map(str, written)]
@@ -56,7 +63,9 @@ def export(directory: Path, form: str, out: Path | None, trajectory: str, as_jso
     from skywright.run.export import export_run
     from skywright.run.results import open_run
 
-    path = export_run(open_run(directory), form, out, trajectory)
+    run = open_run(directory)
+    path = export_run(run, form, out, trajectory)
+    report_unfinished(directory, run.outcome, run.reason)
     if as_json:
         print_json({"run": str(directory), "format": form, "file": str(path)})
     else:

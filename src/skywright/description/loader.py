@@ -117,6 +117,9 @@ def load_description(
     those of the mission. `sets` are `KEY=VALUE` texts, or a mapping from dotted keys to values.
     `seed` replaces `mission.seed`. Raises InputError that names file and key of any error.
     """
+    for what, given in {"mission": mission, "robot": robot, "world": world}.items():
+        if not isinstance(given, str | os.PathLike) and (given is not None or what == "mission"):
+            raise InputError(f"{what} is a {type(given).__name__}; valid: a name, file or folder")
     found = find_mission(mission)
     with guarded(_name_run(found.path)):
         return _load(found, robot, world, sets, seed)

@@ -7,12 +7,14 @@ suffix `.in` of a file's name is removed.
 
 from __future__ import annotations
 
+import keyword
 import re
 from pathlib import Path
 
 from skywright.errors import InputError, neighbours
 
 TEMPLATES = Path(__file__).parent / "templates"
+LONGEST_ROBOT = 54
 
 
 def list_templates() -> list[str]:
@@ -23,7 +25,8 @@ def list_templates() -> list[str]:
 def write_template(what: str, folder: Path) -> list[Path]:
     """Write the template of `what` into a folder with the name of the new object; return its files.
 
-    Raises InputError if the name is not a plain name, or if one of the files exists.
+    Raises InputError if the name is not a plain name or belongs to a built-in part, or if one of
+    the files exists.
     """
     if what not in list_templates():
         raise InputError(f"no template for {what!r}; valid: {neighbours(what, list_templates())}")
@@ -33,12 +36,15 @@ def write_template(what: str, folder: Path) -> list[Path]:
             f"{what} name {name!r}: use letters, digits, dots, dashes and underscores (at most "
             "64), a letter first"
         )
+    if what == "robot" and len(name) > LONGEST_ROBOT:  # its mission is NAME-waypoints
+        raise InputError(f"robot name {name!r}: at most {LONGEST_ROBOT} characters are possible")
     words = [word for word in re.split(r"[._-]+", name) if word]
     marks = {
         "@NAME@": name,
         "@MODULE@": "_".join(words).lower(),
         "@CLASS@": "".join(word[0].upper() + word[1:] for word in words),
     }
+    _check_free(what, name, marks["@MODULE@"], marks["@CLASS@"])
     files = {}
     for source in sorted((TEMPLATES / what).iterdir()):
         text, target = source.read_text(encoding="utf-8"), source.name.removesuffix(".in")
@@ -55,3 +61,23 @@ def write_template(what: str, folder: Path) -> list[Path]:
     except OSError as error:
         raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
     return list(files)
+
+
+def _check_free(what: str, name: str, module: str, class_name: str) -> None:
+    """Raise InputError for a name that commands or Python would read as something else."""
+    from skywright.core.find import list_kinds
+    from skywright.description.loader import list_missions
+    from skywright.description.robot.loader import list_robots
+    from skywright.description.world.loader import list_worlds
+
+    if keyword.iskeyword(module) or keyword.iskeyword(class_name):
+        raise InputError(f"{what} name {name!r}: {class_name} is a word of Python; choose another")
+    listings = {"robot": list_robots, "world": list_worlds, "mission": list_missions}
+    taken = {entry.name: kind for kind, listing in listings.items() for entry in listing()}
+    if what not in listings:
+        taken |= dict.fromkeys(list_kinds(what), what)
+    for one in (name, module):
+        if one in taken:
+            raise InputError(
+                f"{what} name {name!r}: {one} is a built-in {taken[one]}; choose another"
+            )

@@ -19,6 +19,7 @@ from skywright.core.arrays import Array
 from skywright.core.record import View
 from skywright.core.rotations import log_so3
 from skywright.description.loader import load_description
+from skywright.evidence.command import Command
 from skywright.run.planning import MissionPlan
 from skywright.run.run import fly_and_evaluate
 from skywright.vehicle.bus import Clock, Truth
@@ -144,9 +145,9 @@ def compute_whiteness(traces: list[Trace]) -> tuple[Array, Array]:
     return variance, memory
 
 
-@click.command(help=__doc__)
+@click.command("consistency", cls=Command, help=__doc__)
 @click.argument("mission", default="pipe-weld-scan")
-@click.option("--seeds", default=20)
+@click.option("--seeds", type=click.IntRange(1), default=20)
 @click.option("--set", "sets", multiple=True, metavar="KEY=VALUE")
 def main(mission: str, seeds: int, sets: tuple[str, ...]) -> None:
     """Fly and print a table; the exit code is 1 if the whole state is not consistent."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from skywright.description.loader import load_description
 from skywright.description.map_error import KEYS
+from skywright.evidence.command import Command
 from skywright.run.run import fly_and_evaluate
 
 CONDITIONS: dict[str, tuple[str, ...]] = {
@@ -68,8 +69,8 @@ def measure_all(condition: str, seeds: Sequence[int]) -> list[Row]:
     return [measure(condition, estimator, seeds) for estimator in names]
 
 
-@click.command(help=__doc__)
-@click.option("--seeds", default=3)
+@click.command("estimators", cls=Command, help=__doc__)
+@click.option("--seeds", type=click.IntRange(1), default=3)
 def main(seeds: int) -> None:
     """Fly everything and print Markdown."""
     print("| condition | estimator | requirements | position error | velocity error "

@@ -14,6 +14,7 @@ import click
 import numpy as np
 
 from skywright.description.loader import load_description
+from skywright.evidence.command import Command
 from skywright.models.compliant_arms import find_hands
 from skywright.models.rigid_body import build_body_model
 from skywright.models.things.bench import Bench
@@ -108,7 +109,7 @@ def compare(robot: str = "bimanual", seed: int = 1) -> list[Row]:
     ]
 
 
-@click.command()
+@click.command("force-estimators", cls=Command)
 @click.option("--seed", default=1)
 @click.option("--json", "as_json", is_flag=True)
 def main(seed: int, as_json: bool) -> None:

@@ -28,6 +28,8 @@ from numpy.typing import NDArray
 from skywright.core.arrays import Array
 from skywright.description.loader import Description, load_description
 from skywright.description.world.wind import compute_dryden_scales, compute_speed
+from skywright.errors import InputError
+from skywright.evidence.command import Command
 from skywright.models.capability import compute_capability
 from skywright.models.rigid_body import build_body_model, compute_body, compute_tip, posture
 from skywright.models.wind import compute_drag
@@ -95,7 +97,10 @@ def read_gains(description: Description) -> Gains:
 def build_loop_model(description: Description) -> LoopModel:
     """Build the model of a weld scan's robot and world; kinds of wind: still, steady, dryden."""
     d, robot = description, description.robot
-    assert robot.probe is not None and d.world.pipe is not None
+    if robot.probe is None or d.world.pipe is None:
+        raise InputError(
+            f"robot {robot.name!r} in world {d.world.name!r}: a probe and a pipe are required"
+        )
     model = build_body_model(robot, d.world.gravity_mps2)
     q = posture(robot, "working")
     mass, p_BC, inertia = compute_body(model, q)
@@ -239,7 +244,7 @@ def _cross(p: Array) -> Array:
     return np.array([[0.0, -p[2], p[1]], [p[2], 0.0, -p[0]], [-p[1], p[0], 0.0]])
 
 
-@click.command()
+@click.command("loop", cls=Command)
 @click.option("--robot", metavar="ROBOT")
 @click.option("--set", "sets", multiple=True, metavar="KEY=VALUE")
 def main(robot: str | None, sets: tuple[str, ...]) -> None:

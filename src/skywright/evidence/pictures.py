@@ -17,6 +17,7 @@ from skywright.analysis.compare.figures import draw_pair, draw_reach, draw_react
 from skywright.description.loader import load_description
 from skywright.description.robot.loader import load_robot
 from skywright.errors import InputError, SkywrightError
+from skywright.evidence.command import Command
 from skywright.missions.skills.plan_flight import load_plan_description
 from skywright.models.capability import compute_capability
 from skywright.reports.capability import write_capability_figure
@@ -141,7 +142,7 @@ def write_pictures(folder: Path, say: Callable[[str], None] = print) -> list[Pat
     return written
 
 
-@click.command()
+@click.command("pictures", cls=Command)
 @click.option("--out", type=click.Path(path_type=Path), default=Path("docs/images"), help="Folder.")
 def main(out: Path) -> None:
     """Make the pictures of README and docs."""

@@ -25,6 +25,7 @@ from scipy.linalg import expm
 from skywright.analysis.campaign.spec import build_campaign, draw_run, load_run
 from skywright.core.arrays import Array
 from skywright.description.loader import Description
+from skywright.evidence.command import Command
 from skywright.missions.bar_transport.metrics import compute_tip_errors
 from skywright.models.floating import compute_floating
 from skywright.models.rigid_body import (
@@ -128,7 +129,7 @@ def take_carrying(run: RunResult) -> tuple[Array, Array, Array, float]:
     return compute_tip_errors(s), np.asarray(off), np.asarray(s["f_wind_W"][:, 0]), dt
 
 
-@click.command(help=__doc__)
+@click.command("transport-gust", cls=Command, help=__doc__)
 @click.argument("table")
 @click.option("--run", type=int, required=True, help="Row of the campaign's table, from 0.")
 @click.option("--seed", default=1, help="Of the campaign.")

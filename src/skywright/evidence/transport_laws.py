@@ -12,6 +12,7 @@ import click
 import numpy as np
 
 from skywright.description.loader import load_description
+from skywright.evidence.command import Command
 from skywright.run.run import fly_and_evaluate
 
 SPEED = 3.0  # m/s
@@ -62,8 +63,8 @@ def measure(condition: str, law: str, seeds: Sequence[int]) -> Row:
     )  # fmt: skip
 
 
-@click.command(help=__doc__)
-@click.option("--seeds", default=5)
+@click.command("transport-laws", cls=Command, help=__doc__)
+@click.option("--seeds", type=click.IntRange(1), default=5)
 def main(seeds: int) -> None:
     """Fly everything and print Markdown."""
     print("| condition | law | requirements | bar's middle, largest | rms | swing, largest "

@@ -23,6 +23,8 @@ from skywright.run.stored import Stored
 SUFFIX = ".partial"
 MISSION = "mission.toml"
 """A run's settings; a folder's name alone would select a built-in mission of that name."""
+UNFINISHED = ("interrupted", "diverged")
+"""Outcomes of runs whose recording may end at any time."""
 
 
 class StoredRun(NamedTuple):
@@ -134,7 +136,16 @@ def write_unfinished(
     write_json(partial / "metrics.json", {**value, "timing": {}})
 
 
-class _Told(Stored):
+class _Requirement(Stored):
+    name: str
+    value: float | None
+    limit: float
+    unit: str
+    sense: str
+    passed: bool
+
+
+class _Metrics(Stored):
     """The part of metrics.json that is read back."""
 
     phases: list[PhaseRecord]
@@ -142,12 +153,18 @@ class _Told(Stored):
     outcome: str
     reason: str
     faults: list[Acted] = []
+    metrics: dict[str, float | None] = {}
+    requirements: list[_Requirement] = []
+    checklist: list[dict[str, Any]] = []
+    command: str = ""
+    backend: str = ""
 
 
 def load_run(directory: Path) -> StoredRun:
     """Read recording and metrics.json of a run, finished or partial.
 
-    Raises InputError if files are missing or damaged.
+    A finished run whose recording is truncated is read as interrupted, with that reason. Raises
+    InputError if files are missing or damaged.
     """
     for name in (MISSION, "recording.mcap", "metrics.json"):
         if not (directory / name).is_file():
@@ -156,16 +173,18 @@ def load_run(directory: Path) -> StoredRun:
     recording = read_recording(directory / "recording.mcap")
     try:
         old = parse_json(read_text(file, LARGEST_TABLE), str(file))
-        told = _Told.read(old)
+        read = _Metrics.read(old)
     except (OSError, ValueError) as error:
         raise InputError(f"{file}: is damaged: {error}") from error
-    phases = told.phases
+    phases, outcome, reason = read.phases, read.outcome, read.reason
+    end = float(recording.samples["t"][-1]) if len(recording.samples) else 0.0
     if not phases:
-        end = float(recording.samples["t"][-1]) if len(recording.samples) else 0.0
         phases = _phases_of(recording.events, end)
-    return StoredRun(
-        recording, phases, told.outcome, told.reason, told.timing, tuple(told.faults), old
-    )
+    if not recording.complete and outcome not in UNFINISHED:  # the flight ended, the file does not
+        until = phases[-1].end_s if phases else end
+        reason = f"recording.mcap is truncated at t = {end:.1f} s of {until:.1f} s: copy it again"
+        outcome = "interrupted"
+    return StoredRun(recording, phases, outcome, reason, read.timing, tuple(read.faults), old)
 
 
 def _phases_of(events: list[Event], end: float) -> list[PhaseRecord]:

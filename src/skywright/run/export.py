@@ -147,10 +147,12 @@ def export_run(run: Run, form: str, out: Path | None = None, trajectory: str = P
     `out` is by default the run's name with the format's ending, beside the run. `trajectory`
     selects the poses that "tum" writes: a name with `.p_W` and `.q_W` (`tip`,
     `reference.platform`). Raises InputError for an unknown format or trajectory, or if the file
-    cannot be written. Existing files are not overwritten.
+    cannot be written or the run has no samples. Existing files are not overwritten.
     """
     if form not in FORMATS:
         raise InputError(f"--format {form}; valid: {', '.join(FORMATS)}")
+    if not len(run.recording.samples):
+        raise InputError(f"{run.directory}: the recording has no samples ({run.reason})")
     chosen, folder = FORMATS[form], run.directory
     if folder.name in ("", ".."):
         folder = folder.resolve()

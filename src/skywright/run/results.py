@@ -36,7 +36,7 @@ class Run:
         self.directory, self.recording = directory, stored.recording
         self.outcome, self.reason, self.phases = stored.outcome, stored.reason, stored.phases
         self.metrics: dict[str, float] = {
-            name: float("nan") if value is None else float(value)
+            name: float("nan") if value is None else value
             for name, value in stored.written.get("metrics", {}).items()
         }
         """Numbers by their names in docs/reference/metrics.md; NaN where one was not finite."""

@@ -24,4 +24,6 @@ class Stored(BaseModel):
             where = ".".join(map(str, item["loc"]))[:SHOWN] or "the file's content"
             found = describe_value(item["input"])[:SHOWN]
             says = str(item["msg"]).removeprefix("Input should be ")
+            if item["type"] in ("model_type", "dict_type"):
+                says = "a JSON object"
             raise ValueError(f"{where}: found {found}; valid: {says}") from None

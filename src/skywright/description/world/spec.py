@@ -292,7 +292,16 @@ class World(Spec):
         if self.structure is not None and self.pipe is not None:
             raise ValueError("a world cannot have both a pipe and a structure")
         if self.pipe is not None:
-            bottom = self.pipe.z_m - self.pipe.diameter_m / 2
-            if bottom < 0:
-                raise ValueError(f"the pipe reaches {-bottom:.2f} m below the ground")
+            up, half = math.radians(self.pipe.inclination_deg), self.pipe.length_m / 2
+            drop = half * abs(math.sin(up)) + self.pipe.diameter_m / 2 * math.cos(up)
+            if self.pipe.z_m < drop:
+                raise ValueError(f"the pipe reaches {drop - self.pipe.z_m:.2f} m below the ground")
+            for weld in self.list_welds():
+                steep = math.inf if weld.angle_deg == 90 else math.tan(math.radians(weld.angle_deg))
+                least = abs(weld.offset_m) - self.pipe.diameter_m / 2 * abs(steep)
+                if least > half:
+                    raise ValueError(
+                        f"the weld at offset_m = {weld.offset_m:g} lies beyond the pipe's ends at "
+                        f"{-half:g} and {half:g} m"
+                    )
         return self

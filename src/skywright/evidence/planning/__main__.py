@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from skywright.errors import SkywrightError
+from skywright.errors import InputError, SkywrightError
 from skywright.evidence.planning.compare import FULL, KEPT, Found, build_kept_rows, has_ompl
 from skywright.evidence.planning.figures import Progress, Scenario, draw_convergence
 from skywright.evidence.planning.jobs import (
@@ -67,6 +67,13 @@ def main() -> None:
     try:
         jobs = list_jobs(FULL, has_ompl())
         wanted = [job for job in jobs if job.what in arguments.only]
+        if arguments.figure is not None:
+            kept = {job for job, _ in load_kept(jobs, FULL, keep)}
+            if all(job.what != OURS for job in (*wanted, *kept)):
+                raise InputError(
+                    f"--figure: draws results of {OURS!r}, and {arguments.dir} holds none; add "
+                    f"{OURS} to --only"
+                )
         run_jobs(wanted, FULL, arguments.workers, keep)
         found = dict(load_kept(jobs, FULL, keep))
         for row in build_kept_rows(FULL, found):

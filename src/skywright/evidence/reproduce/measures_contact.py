@@ -34,13 +34,18 @@ def _count_failed(records: list[Record]) -> float:
     return float(sum(r.info["outcome"] != "succeeded" for r in records))
 
 
+def _read_each(records: list[Record], name: str) -> list[float]:
+    """Return the values of a metric. Raises InputError if a flight lacks it."""
+    for record in records:
+        value = record.info["metrics"].get(name)
+        if value is None or math.isnan(value):
+            raise InputError(f"a flight has no {name}: {record.info['reason'] or 'not reached'}")
+    return [record.info["metrics"][name] for record in records]
+
+
 def _worst(records: list[Record], name: str) -> float:
     """Return the largest value of a metric over flights. Raises InputError if a flight lacks it."""
-    found = [r.info["metrics"].get(name) for r in records]
-    if any(value is None for value in found):
-        reason = next(r.info["reason"] for r in records if name not in r.info["metrics"])
-        raise InputError(f"a flight has no {name}: {reason or 'not reached'}")
-    return float(max(found))
+    return max(_read_each(records, name))
 
 
 def _press(a: dict[str, NDArray[Any]]) -> Array:
@@ -149,20 +154,17 @@ def measure_modes(records: Records) -> Measured:
         Panel("Distance from the reference", "time (s)", "mm",
               [Curve("flown", a["t"][::THIN], off[::THIN])], bands=bands),
     ]  # fmt: skip
-    least = min(r.info["metrics"].get("modes.tilt_deg", math.nan) for r in flown)
     exact = records["exact"][0].info["metrics"]
     values = {
-        "tilt_deg": float(least),
+        "tilt_deg": min(_read_each(flown, "modes.tilt_deg")),
         "asked_deg": float(np.max(asked)),
         "exact_deg": exact.get("modes.tilt_deg", math.nan),
         "exact_mm": exact.get("modes.position_error_mm", math.nan),
         "off_mm": _worst(flown, "modes.position_error_mm"),
         "level_deg": _worst(flown, "modes.translate_tilt_deg"),
         "drift_m": _worst(flown, "modes.standard_drift_m"),
-        "coupling": min(r.info["metrics"].get("modes.standard_coupling", math.nan) for r in flown),
-        "angle_coupling": max(
-            abs(r.info["metrics"].get("modes.angle_coupling", math.nan)) for r in flown
-        ),
+        "coupling": min(_read_each(flown, "modes.standard_coupling")),
+        "angle_coupling": max(map(abs, _read_each(flown, "modes.angle_coupling"))),
     }
     caption = (
         "The paper's colours. Green, standard stabilisation: it tilts by 2 deg and drifts, for "

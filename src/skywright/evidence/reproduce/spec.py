@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from string import Formatter
 from typing import Any, Literal, NamedTuple
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from skywright.errors import neighbours
 
@@ -12,7 +13,7 @@ Sense = Literal["<", "<=", ">", ">=", "=="]
 
 
 class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class Paper(_Strict):
@@ -66,7 +67,7 @@ class Criterion(_Strict):
     unit: str = ""
     sense: Sense = "<="
     paper_value: float | None = None  # as printed; None if the paper prints no number
-    tolerance: float | None = None  # around the printed value or bound
+    tolerance: float | None = Field(default=None, ge=0)  # around the printed value or bound
     bound: float | None = None  # interpretation of the paper's words, if it prints no number
     reading: str = ""  # how the bound follows from the words
 
@@ -83,12 +84,24 @@ class Criterion(_Strict):
         return "paper" if self.bound is None else "ours"
 
 
+def _check_format(text: str) -> str:
+    """Raise ValueError for a text into which no measured value can be written."""
+    for _, name, form, conversion in Formatter().parse(text):
+        if name is not None:
+            if not name.isidentifier() or conversion:
+                raise ValueError(f"{{{name}}}: the name of a measured quantity is needed")
+            format(0.0, form or "")
+    return text
+
+
 class Why(_Strict):
     """Explanation of each verdict; `{quantity:.2f}` is replaced by the measured value."""
 
     reproduced: str = ""
     contradicted: str = ""
     not_comparable: str = ""
+
+    _formats = field_validator("*")(_check_format)
 
 
 class Claim(_Strict):
@@ -104,6 +117,8 @@ class Claim(_Strict):
     cases: dict[str, str] = {}  # role that the measure requests -> case
     tests: list[Criterion] = Field(min_length=1)  # the first one gives the claim's value
     why: Why = Why()
+
+    _formats = field_validator("by_construction", "fitted")(_check_format)
 
     @property
     def flags(self) -> dict[str, str]:

@@ -50,7 +50,7 @@ def compute_time_us(t: float) -> int:
 
 
 class Px4Sensors:
-    """Builds the messages of one step; keeps past velocities for delayed fixes."""
+    """Builds the messages of one step; keeps the antenna's past velocities for delayed fixes."""
 
     def __init__(self, dialect: Any, robot: Robot, world: World, seed: int, period: float) -> None:
         """`dialect` is pymavlink's, `period` (s) that of a step."""
@@ -82,7 +82,8 @@ class Px4Sensors:
     def build(self, reading: Reading) -> list[Any]:
         """Return the messages of a step; the last one is HIL_SENSOR, which lockstep waits for."""
         out: list[Any] = []
-        self._past.append((reading.t, reading.v_WB))
+        v_WG = reading.v_WB + reading.R_WB @ np.cross(reading.w_WB_B, self._p_BG)
+        self._past.append((reading.t, v_WG))
         if reading.fix is not None:
             out.append(self._build_gps(reading.fix))
         if reading.pose is not None:
@@ -125,7 +126,7 @@ class Px4Sensors:
         )  # fmt: skip
 
     def _find_speed(self, t: float) -> Array:
-        """Return the velocity (3,) m/s in W at `t` (s), or the oldest one kept."""
+        """Return the antenna's velocity (3,) m/s in W at `t` (s), or the oldest one kept."""
         return next((v for at, v in reversed(self._past) if at <= t + 1e-9), self._past[0][1])
 
     def _build_odometry(self, pose: Placed) -> Any:

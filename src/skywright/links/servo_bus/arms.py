@@ -5,17 +5,17 @@ angles of the real ones: the commands of the arms' law are sent to the bus (S_JO
 of two periods, so that the motion is continuous, Suarez 2020, V-C), and springs and links are
 attached to the measured positions. The flight runs at the pace of the wall clock.
 
-A worker thread owns the bus, so that a flight never waits for it. A servo that has been silent for
-STALE_S keeps its last angle and is counted. A servo that is silent for LOST_S, or reports an error,
-ends the flight.
+A worker thread (worker.py) owns the bus, so that a flight never waits for it. A servo that has been
+silent for STALE_S keeps its last angle and is counted. A servo that is silent for LOST_S, reports
+an error or has no torque ends the flight.
 """
 
 from __future__ import annotations
 
 import math
-import threading
+import sys
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -26,37 +26,24 @@ from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError, SimulationError
-from skywright.links.servo_bus.bus import ServoBus, ServoSilent, open_bus
+from skywright.links.servo_bus.bus import ServoBus, open_bus
 from skywright.links.servo_bus.emulator import Emulator
-from skywright.links.servo_bus.protocol import (
-    Jog,
-    describe_error,
-    to_angle,
-    to_counts,
-    to_ticks,
-)
+from skywright.links.servo_bus.protocol import describe_error, to_angle, to_counts
+from skywright.links.servo_bus.worker import LIMP, ServoWorker
 from skywright.models.compliant_arms import is_compliant
 from skywright.models.rigid_body import posture
 from skywright.vehicle.arms.truth import ServoState
 from skywright.vehicle.bus import MuJoCo
 from skywright.vehicle.component import Component, InOut, Recorded, words
-from skywright.vehicle.plant import MISSION_TICK
 
 Vector = NDArray[np.float64]
 
-PERIOD_S = MISSION_TICK
-"""s between goals."""
-PLAY_S = 2.0 * PERIOD_S
 STALE_S, LOST_S = 0.25, 1.0
 BEHIND_S = 0.5  # s behind the wall clock beyond which the flight does not catch up
-START_S = 2.0
-"""Play time (s) of the motion to the flight's first goals."""
-FAR_RAD = math.radians(30.0)
-"""Largest distance of a shaft from the flight's first goal at which the start is accepted."""
 
 
 class ServosFailed(SimulationError):
-    """A servo does not answer or reports an error."""
+    """A servo does not answer, reports an error or has no torque."""
 
 
 class Driven(NamedTuple):
@@ -65,14 +52,6 @@ class Driven(NamedTuple):
     servo: int  # id
     joint: int
     name: str
-
-
-class Shaft(NamedTuple):
-    """A reading of a servo."""
-
-    angle: float  # rad
-    error: int
-    silent_s: float  # s from the answer to the last request: 0 if that was answered
 
 
 def list_driven(robot: Robot) -> list[Driven]:
@@ -142,112 +121,6 @@ class BusServos(Component):
             ctrl[me.first + me.servo[k]] = me.angle[k]
 
 
-class ServoWorker(threading.Thread):
-    """Owns the bus: sends the newest goals at 50 Hz and reads the positions in turn."""
-
-    def __init__(self, bus: ServoBus, servos: Sequence[int]) -> None:
-        super().__init__(daemon=True, name="servo bus")
-        self._bus, self._servos = bus, list(servos)
-        self._lock, self._ending = threading.Lock(), threading.Event()
-        self._goals: dict[int, int] = {}
-        self._shafts: dict[int, Shaft] = {}
-        self.cycle_s = 0.0
-        """Duration (s) of the last round of readings."""
-        self.failure = ""
-
-    def check(self, goals: dict[int, float], names: dict[int, str]) -> None:
-        """Read all servos without motion. Raises InputError as start_up."""
-        self._bus.acknowledge_reads_only()
-        self._bus.clear_errors()
-        self._read_all(goals, names)
-
-    def start_up(self, goals: dict[int, float], names: dict[int, str]) -> None:
-        """Read all servos, switch torque on, move to `goals` (rad) slowly, then start the thread.
-
-        Raises InputError if one is absent, reports an error, or is far from its goal.
-        """
-        bus = self._bus
-        self.check(goals, names)
-        bus.set_torque(True)
-        self.lead(goals)
-        bus.jog_together(to_ticks(START_S), self._build_jogs())
-        time.sleep(START_S)
-        self._read_all(goals, names)
-        self.start()
-
-    def _read_all(self, goals: dict[int, float], names: dict[int, str]) -> None:
-        bus = self._bus
-        for servo in self._servos:
-            try:
-                counts, status = bus.read_position(servo)
-            except ServoSilent:
-                present = bus.find_servos(range(1, 33))
-                raise InputError(
-                    f"servo {servo} ({names[servo]}) does not answer; those that do: "
-                    f"{', '.join(map(str, present)) or 'none'}"
-                ) from None
-            if status.error:
-                raise InputError(f"servo {servo} ({names[servo]}): {status.says}")
-            off = to_angle(counts) - goals[servo]
-            if abs(off) > FAR_RAD:
-                raise InputError(
-                    f"servo {servo} ({names[servo]}) stands {math.degrees(off):+.0f} deg from "
-                    "where the flight begins; bring it within "
-                    f"{math.degrees(FAR_RAD):.0f} deg by hand"
-                )
-            self._shafts[servo] = Shaft(to_angle(counts), 0, 0.0)
-
-    def lead(self, goals: dict[int, float]) -> None:
-        """Set the newest goals (rad) by id."""
-        with self._lock:
-            self._goals = {servo: to_counts(angle) for servo, angle in goals.items()}
-
-    def read(self) -> dict[int, Shaft]:
-        """Return the newest readings by id."""
-        with self._lock:
-            return dict(self._shafts)
-
-    def run(self) -> None:
-        """Send and read until `stop`."""
-        try:
-            self._run()
-        except Exception as error:  # the port has failed: reported at the next tick
-            self.failure = f"{type(error).__name__}: {error}"
-
-    def stop(self) -> None:
-        """Stop the thread; the servos hold their positions with torque on."""
-        self._ending.set()
-        if self.is_alive():
-            self.join(2.0)
-        self._bus.close()
-
-    def _build_jogs(self) -> list[Jog]:
-        with self._lock:
-            return [Jog(servo, counts) for servo, counts in sorted(self._goals.items())]
-
-    def _run(self) -> None:
-        due, turn, begin = time.monotonic(), 0, time.monotonic()
-        answered = dict.fromkeys(self._servos, begin)
-        while not self._ending.is_set():
-            now = time.monotonic()
-            if now >= due:
-                self._bus.jog_together(to_ticks(PLAY_S), self._build_jogs())
-                due = max(due + PERIOD_S, now)
-            servo = self._servos[turn]
-            try:
-                counts, status = self._bus.read_position(servo)
-                answered[servo] = time.monotonic()
-                shaft = Shaft(to_angle(counts), status.error, 0.0)
-            except ServoSilent:
-                silent = time.monotonic() - answered[servo]
-                shaft = self._shafts[servo]._replace(silent_s=silent)
-            with self._lock:
-                self._shafts[servo] = shaft
-            turn = (turn + 1) % len(self._servos)
-            if turn == 0:
-                self.cycle_s, begin = time.monotonic() - begin, time.monotonic()
-
-
 class ServoFlight:
     """Real servos in the place of a flight's simulated ones.
 
@@ -264,6 +137,7 @@ class ServoFlight:
         self._worker = ServoWorker(bus, [d.servo for d in self.driven])
         self._bus = bus
         self._anchor: float | None = None
+        self._closed = False
         self.stale = 0
         """Number of readings that were too old at a tick."""
         self.cycle_max_s = 0.0
@@ -306,8 +180,10 @@ class ServoFlight:
         shafts = self._worker.read()
         for k, d in enumerate(self.driven):
             shaft = shafts[d.servo]
-            if shaft.error:
-                raise ServosFailed(f"servo {d.servo} ({d.name}): {describe_error(shaft.error)}")
+            if faults := shaft.status.faults:
+                raise ServosFailed(f"servo {d.servo} ({d.name}): {describe_error(faults)}")
+            if not shaft.status.torque:
+                raise ServosFailed(f"servo {d.servo} ({d.name}): {LIMP}")
             self.stale += shaft.silent_s > STALE_S
             if shaft.silent_s > LOST_S:
                 raise ServosFailed(
@@ -318,12 +194,20 @@ class ServoFlight:
         self._pace(t)
 
     def close(self) -> None:
-        """Close the port; the servos hold their positions."""
+        """Close the port, and report the counts; torque stays on."""
+        if self._closed:
+            return
+        self._closed = True
         self._worker.stop()
+        if self._anchor is not None:  # the flight has begun
+            print("\n".join(self.describe()), file=sys.stderr, flush=True)
 
     def describe(self) -> list[str]:
-        """Return lines about the bus: its slowest round of readings and dropped data."""
-        lines = [f"servo bus: a round of readings took at most {1e3 * self.cycle_max_s:.0f} ms"]
+        """Return lines about the bus: torque, slowest round of readings, dropped data."""
+        lines = [
+            "servo bus: torque stays on; the servos hold their last goals",
+            f"servo bus: a round of readings took at most {1e3 * self.cycle_max_s:.0f} ms",
+        ]
         if self.stale:
             lines.append(f"servo bus: {self.stale} readings older than {STALE_S:g} s")
         return lines + [f"servo bus: {line}" for line in self._bus.describe_refused()]

@@ -14,6 +14,7 @@ from skywright.links.servo_bus.protocol import (
     BROADCAST,
     DATA_CAUSES,
     IDS,
+    INVALID_PACKET,
     MOTOR_ON,
     POSITION,
     RAM_READ,
@@ -44,6 +45,7 @@ MORE_CAUSES = {
     "timeout": "requests without an answer in time",
     "stranger": "answers to no request",
     "length": "answers of another length than that asked for",
+    "disturbed": "readings of a servo that had received a packet it did not understand",
 }
 
 
@@ -76,6 +78,11 @@ class ServoStatus(NamedTuple):
     def torque(self) -> bool:
         """Whether its motor is on."""
         return bool(self.detail & MOTOR_ON)
+
+    @property
+    def faults(self) -> int:
+        """Its errors, without that of a disturbed packet."""
+        return self.error & ~INVALID_PACKET
 
     @property
     def says(self) -> str:

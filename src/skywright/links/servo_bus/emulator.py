@@ -2,7 +2,8 @@
 
 Each servo has its RAM, a shaft that moves to its goal in its play time at no more than its no-load
 speed, torque that is off after the start, status bits, and its acknowledgement policy. As with the
-real servos, status bits report a wrong checksum, an unknown command and an address out of range.
+real servos, status bits report noise, a wrong checksum, an unknown command and an address out of
+range, and are kept until they are cleared.
 The load of a shaft is not modelled.
 """
 
@@ -19,14 +20,17 @@ from dataclasses import dataclass, field
 from skywright.links.servo_bus.protocol import (
     ACK_POLICY,
     ANSWER,
+    BAD_CHECKSUM,
     BAD_COMMAND,
     BAD_RANGE,
     BROADCAST,
     CENTRE,
     COMMANDS,
     COUNT_DEG,
+    GARBAGE,
     I_JOG,
     IN_PLACE,
+    INVALID_PACKET,
     MOTOR_ON,
     MOVING,
     POSITION,
@@ -48,8 +52,10 @@ from skywright.links.servo_bus.protocol import (
 RAM_SIZE = 74
 SPEED_COUNTS = 60.0 / 0.147 / COUNT_DEG
 """counts/s without load, of the DRS-0201 (0.147 s for 60 deg)."""
-INVALID_PACKET, OVERLOAD = 0x08, 0x10
+OVERLOAD = 0x10
 SUPPLY_RAW, TEMPERATURE_RAW = 100, 120  # 7.4 V, and a sensor's value at rest
+NOISE = {"checksum": BAD_CHECKSUM, "size": GARBAGE, "garbage": GARBAGE}
+"""Bit of the status detail for a cause that the parser counts."""
 WRITABLE = {ACK_POLICY, *range(0, 48), STATUS, STATUS + 1, TORQUE, TORQUE + 1}
 
 
@@ -99,6 +105,11 @@ class EmulatedServo:
         self.goal = float(counts)
         self.rate = abs(self.goal - self.now) / max(ticks * TICK_S, 1e-3)
 
+    def refuse(self, detail: int) -> None:
+        """Report an invalid packet, with its bit of the status detail."""
+        self.ram[STATUS] |= INVALID_PACKET
+        self.ram[STATUS + 1] |= detail
+
     def build_detail(self) -> int:
         """Return the status detail."""
         there = abs(self.goal - self.now) < 1.0
@@ -126,8 +137,7 @@ class EmulatedServo:
             self.reboot()
             return None
         if error:
-            self.ram[STATUS] |= INVALID_PACKET
-            self.ram[STATUS + 1] |= error
+            self.refuse(error)
         policy, reads = self.ram[ACK_POLICY], command in (RAM_READ, STAT)
         if self.silent or packet.servo == BROADCAST or policy == 0 or (policy == 1 and not reads):
             return None
@@ -189,8 +199,12 @@ class Emulator(threading.Thread):
             for servo in self.servos.values():
                 servo.advance(now - self._t)
             self._t = now
-            answers = []
-            for packet in self._parser.feed(data):
+            before = self._parser.counts.copy()
+            packets, answers = self._parser.feed(data), list[bytes]()
+            for cause in NOISE.keys() & (self._parser.counts - before).keys():
+                for servo in self.servos.values():  # all hear the wire
+                    servo.refuse(NOISE[cause])
+            for packet in packets:
                 answers += self._take(packet)
             return answers
 

@@ -39,6 +39,8 @@ ERRORS = {
     0x40: "its EEPROM is damaged",
 }  # fmt: skip
 """Bits of the status error."""
+INVALID_PACKET = 0x08
+"""The bit that concerns the wire: a disturbed byte sets it, the servo itself works."""
 MOVING, IN_PLACE, BAD_CHECKSUM, BAD_COMMAND, BAD_RANGE, GARBAGE, MOTOR_ON = (
     1, 2, 4, 8, 16, 32, 64,
 )  # fmt: skip
