@@ -325,7 +325,7 @@ def test_flights_merge_at_a_place_in_the_frame_of_the_asset() -> None:
     ]
     groups = group_places(readings, 0.05)
     assert [len(members) for _, members in groups] == [4, 4, 4]
-    places = build_history(readings, {"pipe": 6.0})
+    places = build_history(readings, {("tank", "pipe"): 6.0})
     for p in places:
         assert p.long_term is not None and p.short_term is not None
         assert p.long_term.mm_per_year == pytest.approx(0.1) and len(p.inspections) == 4
@@ -344,7 +344,7 @@ def test_the_rate_that_gives_the_shorter_life_governs() -> None:
         store_reading("a", 0.0, 12.0, 0.0), store_reading("b", 0.0, 11.5, 8.0),
         store_reading("c", 0.0, 10.5, 10.0),
     ]  # fmt: skip
-    (place,) = build_history(readings, {"pipe": 8.0})
+    (place,) = build_history(readings, {("tank", "pipe"): 8.0})
     assert place.long_term is not None and place.short_term is not None
     assert place.long_term.mm_per_year == pytest.approx(0.15, rel=1e-3)
     assert place.short_term.mm_per_year == pytest.approx(0.5, rel=1e-3)
@@ -353,14 +353,14 @@ def test_the_rate_that_gives_the_shorter_life_governs() -> None:
 
 def test_notes_tell_what_a_number_hides() -> None:
     grown = [store_reading("a", 0.0, 8.0, 0.0), store_reading("b", 0.0, 9.0, 1.0)]
-    (place,) = build_history(grown, {"pipe": 8.5})
+    (place,) = build_history(grown, {("tank", "pipe"): 8.5})
     assert place.life_years is None and place.interval_years is None
     assert any("thicker than before" in note for note in place.notes)
     thin = [store_reading("a", 0.0, 8.0, 0.0), store_reading("b", 0.0, 5.0, 1.0)]
-    (place,) = build_history(thin, {"pipe": 6.0})
+    (place,) = build_history(thin, {("tank", "pipe"): 6.0})
     assert place.life_years == 0.0 and "below the required thickness" in place.notes
     near = [store_reading("a", 0.0, 8.0, 0.0), store_reading("b", 0.0, 6.1, 1.0)]
-    assert "within the deviation" in " ".join(build_history(near, {"pipe": 6.0})[0].notes)
+    assert "within the deviation" in " ".join(build_history(near, {("tank", "pipe"): 6.0})[0].notes)
     (place,) = build_history([grown[0]], {})
     assert place.long_term is None and place.life_years is None
     refused = grown[0]._replace(reading=build_reading(1.0)._replace(accepted=False, reason="air"))

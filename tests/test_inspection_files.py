@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 from skywright.cli import main
 from skywright.errors import InputError
+from skywright.inspection.files.gauge_table import load_readings
 from skywright.inspection.files.nde import EddyScan, read_nde, write_nde
-from skywright.inspection.files.readings import load_readings
 from skywright.inspection.files.weld_scan import build_eddy_scan
 from skywright.inspection.history.entries import Calibrated, Indication, Reading
 from skywright.inspection.history.store import InspectionStore
@@ -134,7 +134,7 @@ def test_units_are_read(tmp_path_factory: pytest.TempPathFactory, mm: float, uni
         (HEAD + "0,,0,0,9,0.1\n", (), "row 2: x_m is ''"),
         (HEAD + "0,0,0,9,0.1\n", (), "row 2 has 5 cells"),
         (HEAD + "soon,0,0,0,9,0.1\n", (), "'soon' is no time"),
-        (HEAD + "0,0,0,0,9,-0.1\n", (), "u95 is -0.1"),
+        (HEAD + "0,0,0,0,9,-0.1\n", (), "row 2: u95_mm is '-0.1'; valid: 0 or more"),
         (HEAD + "0,0,0,0,9,0.1\n", ("--columns", "wall=X"), "valid: QUANTITY=NAME"),
         (HEAD + "0,0,0,0,9,0.1\n", ("--columns", "value=X"), "no column 'x'"),
         (HEAD + "0,0,0,0,9,0.1\n", ("--columns", "value=X[kg]"), "valid units: m, mm"),
@@ -153,7 +153,8 @@ def test_bad_tables_are_told_and_store_nothing(
     code, out = call(db, "--import", table, *more, *options)
     assert code == 2 and says in out and len(out.strip().splitlines()) == 1, out
     store = InspectionStore(db)
-    assert store.find_readings() == []
+    assert store.find_readings() == [] and store.list_flights() == []
+    assert store.list_components() == [] and store.read("SELECT * FROM assets") == []
     store.close()
 
 

@@ -106,7 +106,7 @@ def test_flights_merge_in_the_frame_of_the_asset(tmp_path: Path) -> None:
                           component=part)  # fmt: skip
         store.add_indication(flight, t, Indication("crack", x, y, z, 0.003), component=part)
         flights.append(flight)
-    assert len(build_history(store.find_readings(), {"shell": 6.0}, 0.02)) == 2
+    assert len(build_history(store.find_readings(), {("tank", "shell"): 6.0}, 0.02)) == 2
     tables = {}
     for key, points in (("asset", MARKS), (flights[0], MARKS), (flights[1], MARKS - shift)):
         tables[key] = tmp_path / f"{key}.csv"
@@ -118,7 +118,7 @@ def test_flights_merge_in_the_frame_of_the_asset(tmp_path: Path) -> None:
         done = call(main, ["records", str(path), "--datums", table, *args])
         assert done.exit_code == 0, done.output
     assert "4 datum points of tank" in done.output and "60.0, 0.0" in done.output
-    merged = build_history(store.find_readings(), {"shell": 6.0}, 0.02)
+    merged = build_history(store.find_readings(), {("tank", "shell"): 6.0}, 0.02)
     assert len(merged) == 1 and len(merged[0].inspections) == 2
     assert merged[0].long_term is not None
     assert merged[0].long_term.mm_per_year == pytest.approx(0.15, rel=0.01)

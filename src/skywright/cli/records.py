@@ -4,16 +4,24 @@ from __future__ import annotations
 
 import math
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from skywright.cli.options import as_json_option, check_writable, print_json
+from skywright.cli.records_lists import (
+    find_readings,
+    show_contacts,
+    show_history,
+    show_indications,
+    show_readings,
+)
 from skywright.errors import InputError
 
 if TYPE_CHECKING:
-    from skywright.run.records import Record, RecordStore
+    from skywright.run.records import RecordStore
 
 
 @click.command("records")
@@ -137,7 +145,25 @@ def records_(
         raise InputError("--datums: valid with --structure or --flight and --json; export after it")
     if deviations and report is None:
         raise InputError("--deviation: valid with --report")
+    if not math.isfinite(radius):
+        raise InputError(f"--radius {radius:g}; valid: a finite number of metres above 0")
+    of_readings = not thickness and (readings or source is not None or parquet is not None)
+    others = (decide, local, dicom, report)
+    of_contacts = not (of_readings or thickness or indications) and others == (None,) * 4
+    for option, value, valid, lists in (
+        ("--csv", table, of_readings or of_contacts,
+         "--readings, --import and contact measurements; --json prints other lists"),
+        ("--spot", spot, of_readings or of_contacts or thickness,
+         "--readings, --thickness and contact measurements"),
+        ("--at", at, of_contacts, "contact measurements"),
+        ("--geojson", geojson, of_contacts, "contact measurements"),
+    ):  # fmt: skip
+        if value is not None and not valid:
+            raise InputError(f"{option}: valid for {lists}")
+    if thickness and flight is not None:
+        raise InputError("--flight: valid without --thickness, which merges the flights")
     store = RecordStore(file, create=source is not None)
+    flights = [] if flight is None else [flight]
     try:
         run = source if source is not None and source.is_dir() else None
         if run is not None:
@@ -145,11 +171,12 @@ def records_(
                 raise InputError(f"--import {run}: the options of a table are not valid for a run")
             from skywright.run.records_import import import_run
 
-            flight = import_run(file, run)
+            flights = [import_run(file, run)]
         elif source is not None:
-            flight = _import(
+            flights = _import(
                 store, source, structure, component, columns, lag, measured, required, registration
             )
+        flight = flights[0] if len(flights) == 1 else None
         _check_names(store, structure=structure, spot=spot, component=component, flight=flight)
         if datums is not None:
             _register(store, datums, structure, flight, as_json)
@@ -157,25 +184,25 @@ def records_(
         if decide is not None:
             _decide(store, decide, who)
         if local is not None or dicom is not None or parquet is not None:
-            _export(store, structure, component, flight, parquet, local, dicom)
+            _export(store, structure, component, flights, parquet, local, dicom)
         if report is not None:
             _report(store, flight, deviations, report)
         if thickness:
-            _show_history(store, structure, component, radius, as_json)
+            show_history(store, structure, component, spot, radius, as_json)
         elif run is not None and not as_json:
-            _show_readings(store, structure, component, flight, spot, table, as_json)
-            _show_indications(store, structure, component, flight, as_json)
+            show_readings(store, structure, component, flights, spot, table, as_json)
+            show_indications(store, structure, component, flight, as_json)
         elif readings or source is not None or parquet is not None:
-            _show_readings(store, structure, component, flight, spot, table, as_json)
+            show_readings(store, structure, component, flights, spot, table, as_json)
         elif report is not None:
             if as_json:
                 print_json({"report": str(report)})
             else:
                 click.echo(str(report))
         elif indications or decide is not None or local is not None or dicom is not None:
-            _show_indications(store, structure, component, flight, as_json)
+            show_indications(store, structure, component, flight, as_json)
         else:
-            _show_contacts(
+            show_contacts(
                 store, structure, spot, at, radius, table, geojson, origin, as_json
             )  # fmt: skip
     finally:
@@ -217,26 +244,19 @@ def _import(
     store: RecordStore, source: Path, asset: str | None, component: str | None,
     columns: str | None, lag: float, measured: str | None, required: float | None,
     registration: float | None,
-) -> str:  # fmt: skip
-    """Import a table as a separate flight; return the flight."""
-    from skywright.inspection.files.readings import load_readings
+) -> list[str]:  # fmt: skip
+    """Import a table; return its flights."""
+    from skywright.inspection.files.import_table import import_table
     from skywright.inspection.history.database import parse_stamp
 
     if asset is None or component is None:
         raise InputError("--import requires --structure ASSET and --component NAME")
     if measured is None:
         raise InputError("--import requires --measured UTC, such as 2026-03-01T12:00:00Z")
-    if registration is not None and not (math.isfinite(registration) and registration >= 0):
-        raise InputError(f"--registration {registration:g}; valid: metres, 0 or more")
-    start = parse_stamp(measured, "--measured")
-    rows = load_readings(source, start, columns, lag)
-    part = store.add_component(asset, component, required_mm=required)
-    flight, _ = store.add_flight(
-        structure=asset, mission=f"import of {source.name}", robot="", seed=0, run="",
-        simulated=False, started=start, registration_std_m=registration,
+    return import_table(
+        store, source, asset, component, parse_stamp(measured, "--measured"), columns=columns,
+        lag_s=lag, required_mm=required, registration_std_m=registration,
     )  # fmt: skip
-    store.add_readings(flight, [(row.time, row.reading) for row in rows], component=part)
-    return flight
 
 
 def _register(
@@ -283,32 +303,15 @@ def _report(
         write_pdf(html, page)
 
 
-def _show_readings(
-    store: RecordStore, asset: str | None, component: str | None, flight: str | None,
-    spot: str | None, table: Path | None, as_json: bool,
-) -> None:  # fmt: skip
-    from skywright.inspection.files.readings import flatten_reading, write_readings_csv
-
-    found = store.find_readings(asset=asset, component=component, flight=flight)
-    found = [r for r in found if spot is None or r.reading.spot == spot]
-    if table is not None:
-        write_readings_csv(found, check_writable(table, (".csv",)))
-    if as_json:
-        print_json({"readings": [flatten_reading(r) for r in found]})
-    else:
-        from skywright.reports.terminal_records import print_readings
-
-        print_readings(found, store.path)
-
-
 def _export(
-    store: RecordStore, asset: str | None, component: str | None, flight: str | None,
+    store: RecordStore, asset: str | None, component: str | None, flights: Sequence[str],
     parquet: Path | None, local: Path | None, dicom: Path | None,
 ) -> None:  # fmt: skip
     """Write the requested files for other programs."""
     from skywright.inspection.files import readings as tables
 
-    found = store.find_readings(asset=asset, component=component, flight=flight)
+    flight = flights[0] if len(flights) == 1 else None
+    found = find_readings(store, asset, component, flights)
     indications = store.find_indications(asset=asset, component=component, flight=flight)
     if parquet is not None:
         tables.write_readings_parquet(found, check_writable(parquet, (".parquet",)))
@@ -329,60 +332,3 @@ def _export(
             Result(one.asset, part, one, store.list_calibrations(flight), found, indications),
             check_writable(dicom, (".dcm",)),
         )
-
-
-def _show_history(
-    store: RecordStore, asset: str | None, component: str | None, radius: float, as_json: bool
-) -> None:
-    from skywright.inspection.history.corrosion import build_history
-
-    readings = store.find_readings(asset=asset, component=component, quantity="thickness")
-    required = {c.name: c.required_mm for c in store.list_components(asset)}
-    places = build_history(readings, required, radius)
-    if as_json:
-        print_json({"locations": [p.to_json() for p in places]})
-    else:
-        from skywright.reports.terminal_records import print_history
-
-        print_history(places, store.path)
-
-
-def _show_indications(
-    store: RecordStore, asset: str | None, component: str | None, flight: str | None, as_json: bool
-) -> None:
-    found = store.find_indications(asset=asset, component=component, flight=flight)
-    if as_json:
-        told = [i._asdict() | {"indication": i.indication._asdict()} for i in found]
-        print_json({"indications": told})
-    else:
-        from skywright.reports.terminal_records import print_indications
-
-        print_indications(found, store.path)
-
-
-def _show_contacts(
-    store: RecordStore, structure: str | None, spot: str | None, at: str | None, radius: float,
-    table: Path | None, geojson: Path | None, origin: str | None, as_json: bool,
-) -> None:  # fmt: skip
-    from skywright.models.docked_map import parse_condition
-    from skywright.run.records_export import parse_origin, write_csv, write_geojson
-
-    point = parse_condition(contact=at, named="at").contact
-    if not math.isfinite(radius):
-        raise InputError(f"--radius {radius:g}; valid: a finite number of metres above 0")
-    if geojson is not None and origin is None:
-        raise InputError(
-            "--geojson requires --origin LON,LAT, the geographic position of the world's origin"
-        )
-    place = None if origin is None else parse_origin(origin)
-    found: list[Record] = store.find(structure=structure, spot=spot, at=point, radius=radius)
-    if table is not None:
-        write_csv(found, check_writable(table, (".csv",)))
-    if geojson is not None and place is not None:
-        write_geojson(found, place, check_writable(geojson, (".geojson", ".json")))
-    if as_json:
-        print_json({"records": [r._asdict() for r in found]})
-    else:
-        from skywright.reports.terminal_records import print_records
-
-        print_records(found, store.path)

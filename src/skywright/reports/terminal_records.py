@@ -4,8 +4,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from rich.table import Table
 
-from skywright.inspection.history.corrosion import Location, Rate
+from skywright.inspection.history.corrosion import MERGE_DAYS, Location, Rate
 from skywright.inspection.history.entries import StoredIndication, StoredReading
 from skywright.inspection.history.registration import Registration
 from skywright.reports.terminal import format_number, new_console, new_table
@@ -37,31 +38,40 @@ def print_records(records: Sequence[Record], path: Path) -> None:
 
 
 def print_history(places: Sequence[Location], path: Path) -> None:
-    """Print thickness, rates and remaining life of each location, and its notes."""
+    """Print thickness, rates and remaining life of each location, a table for each structure.
+
+    The notes of the locations follow. A location without a valid reading has dashes.
+    """
     console = new_console()
     console.print(f"{len(places)} locations in {path}", style="bold", markup=False)
     if not places:
         return
+    for asset in dict.fromkeys(p.asset for p in places):
+        console.print(_build_history_table(asset, [p for p in places if p.asset == asset]))
+    console.print("± is one standard deviation; “at least” takes the rate's upper 95 % bound")
+    console.print(f"readings of a location within {MERGE_DAYS:g} days are one inspection")
+    for p in places:
+        for note in p.notes:
+            console.print(f"{p.asset} {p.component} {p.name}: {note}", markup=False)
+
+
+def _build_history_table(asset: str, places: Sequence[Location]) -> Table:
     simulated = any(one.simulated for p in places for one in p.inspections)
     table = new_table(
-        "SIMULATED" if simulated else "", "location", "times", "thickness (mm)", "long term (mm/a)",
-        "short term (mm/a)", "life (a)", "at least", "interval",
+        f"{asset}, SIMULATED" if simulated else asset, "location", "times", "thickness (mm)",
+        "long term (mm/a)", "short term (mm/a)", "life (a)", "at least", "interval",
     )  # fmt: skip
     for p in places:
-        last = p.inspections[-1]
+        last = p.inspections[-1] if p.inspections else None
         lows = [r.life_low_years for r in (p.long_term, p.short_term) if r is not None]
         low = min((v for v in lows if v is not None), default=None)
         table.add_row(
             f"{p.component} {p.name}".strip(), str(len(p.inspections)),
-            f"{last.thickness_mm:.2f} ± {last.std_mm:.2f}",
+            f"{last.thickness_mm:.2f} ± {last.std_mm:.2f}" if last else "-",
             _write_rate(p.long_term), _write_rate(p.short_term), format_number(p.life_years),
             format_number(low), format_number(p.interval_years),
         )  # fmt: skip
-    console.print(table)
-    console.print("± is one standard deviation; “at least” takes the rate's upper 95 % bound")
-    for p in places:
-        for note in p.notes:
-            console.print(f"{p.name}: {note}", markup=False)
+    return table
 
 
 def _write_rate(rate: Rate | None) -> str:

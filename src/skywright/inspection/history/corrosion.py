@@ -8,13 +8,18 @@ API 570, section 7.1 (and API 510, 7.1): the rate that gives the shorter life go
 interval to the next inspection is at most half of the remaining life. The standard deviations
 follow from propagation of errors. The two readings of a difference are independent. The actual
 thickness also appears in the numerator of the life.
+
+An inspection is all readings of a location within MERGE_DAYS. The deviation of a rate is inversely
+proportional to the time between its inspections: two readings of the same day with a deviation of
+0.1 mm would give a rate of some 50 mm per year.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from datetime import datetime
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from datetime import datetime, timedelta
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,17 +27,19 @@ import numpy as np
 from skywright.core.arrays import Array
 from skywright.errors import InputError
 from skywright.inspection.history.database import parse_stamp, stamp
-from skywright.inspection.history.entries import COVERAGE, StoredReading
+from skywright.inspection.history.entries import COVERAGE, StoredCalibration, StoredReading
 
+MERGE_DAYS = 30.0
+"""Days; later readings belong to the next inspection of a location."""
 YEAR_S = 365.25 * 86400.0
 ONE_SIDED = 1.645
 
 
 class Inspected(NamedTuple):
-    """One location in one flight: the mean of its accepted readings."""
+    """One inspection of a location: the mean of its accepted readings within MERGE_DAYS."""
 
-    flight: str
-    time: datetime
+    flight: str  # its flights, separated by commas
+    time: datetime  # of the first reading
     thickness_mm: float
     std_mm: float
     readings: int
@@ -66,13 +73,14 @@ class Location(NamedTuple):
     """One location of a component with all its inspections."""
 
     name: str
+    asset: str
     component: str
     x_m: float  # mean position in the frame of the asset
     y_m: float
     z_m: float
     place_std_m: float | None
     """Largest standard deviation of a position: registration and position within the flight."""
-    inspections: list[Inspected]  # in chronological order
+    inspections: list[Inspected]  # in chronological order; empty: no reading is valid
     long_term: Rate | None  # None: one inspection
     short_term: Rate | None
     required_mm: float | None
@@ -91,9 +99,9 @@ class Location(NamedTuple):
         return self._asdict() | {"inspections": each, "actual_mm": self.actual_mm, **rates}
 
     @property
-    def actual_mm(self) -> float:
-        """Thickness at the last inspection."""
-        return self.inspections[-1].thickness_mm
+    def actual_mm(self) -> float | None:
+        """Thickness at the last inspection; None: there is none."""
+        return self.inspections[-1].thickness_mm if self.inspections else None
 
 
 def compute_rate(first: Inspected, last: Inspected, required_mm: float | None) -> Rate:
@@ -152,8 +160,23 @@ def group_places(
     return groups
 
 
-def merge_flight(members: Sequence[StoredReading]) -> Inspected:
-    """Return the mean of a flight's readings at one location.
+def divide_inspections(members: Sequence[StoredReading]) -> list[Inspected]:
+    """Return the inspections of a location in chronological order.
+
+    The first reading starts an inspection, which contains the readings of MERGE_DAYS from then on.
+    The first reading after them starts the next one.
+    """
+    timed = [(parse_stamp(m.time_utc, m.flight), m) for m in members]
+    groups: list[tuple[datetime, list[StoredReading]]] = []
+    for t, m in sorted(timed, key=lambda one: one[0]):
+        if not groups or t - groups[-1][0] >= timedelta(days=MERGE_DAYS):
+            groups.append((t, []))
+        groups[-1][1].append(m)
+    return [_merge(t, some) for t, some in groups]
+
+
+def _merge(start: datetime, members: Sequence[StoredReading]) -> Inspected:
+    """Return the mean of the readings of one inspection.
 
     Its standard deviation is the largest stated one, or the scatter of the readings if that is
     larger. It does not decrease with the number of readings, because readings of one flight share
@@ -164,23 +187,31 @@ def merge_flight(members: Sequence[StoredReading]) -> Inspected:
     mean = sum(values) / n
     scatter = math.sqrt(sum((v - mean) ** 2 for v in values) / (n - 1)) if n > 1 else 0.0
     stated = max((m.reading.u95 or 0.0) / COVERAGE for m in members)
-    times = [parse_stamp(m.time_utc, m.flight) for m in members]
-    places = [(m.reading.x_m, m.reading.y_m, m.reading.z_m) for m in members]
-    x, y, z = (sum(p[i] for p in places) / n for i in range(3))
+    x, y, z = _compute_centre([(m.reading.x_m, m.reading.y_m, m.reading.z_m) for m in members])
+    flights = ", ".join(dict.fromkeys(m.flight for m in members))
     return Inspected(
-        members[0].flight, min(times), mean, max(stated, scatter), n, x, y, z,
-        any(m.simulated for m in members),
-    )  # fmt: skip
+        flights, start, mean, max(stated, scatter), n, x, y, z, any(m.simulated for m in members)
+    )
+
+
+def _compute_centre(places: Sequence[tuple[float, float, float]]) -> tuple[float, float, float]:
+    x, y, z = (sum(p[i] for p in places) / len(places) for i in range(3))
+    return x, y, z
 
 
 def build_history(
-    readings: Sequence[StoredReading], required: dict[str, float | None], radius: float = 0.05
+    readings: Sequence[StoredReading],
+    required: Mapping[tuple[str, str], float | None],
+    radius: float = 0.05,
+    calibrations: Sequence[StoredCalibration] = (),
 ) -> list[Location]:
     """Return the history of every location with accepted thickness readings.
 
-    `required` maps each component to its required thickness (mm). `radius` (m) groups readings
-    without a name. Raises InputError if a reading has another unit than mm, or if it has no u95,
-    because the standard deviation of the rate is then unknown.
+    `required` maps (asset, component) to the required thickness (mm). `radius` (m) groups readings
+    without a name. A failed check among `calibrations` makes the readings of its instrument in its
+    flight invalid; the inspections omit them, and the notes of the location state it. Raises
+    InputError if a reading has another unit than mm, or if it has no u95, because the standard
+    deviation of the rate is then unknown.
     """
     usable = [r for r in readings if r.reading.accepted and r.reading.quantity == "thickness"]
     for r in usable:
@@ -193,39 +224,62 @@ def build_history(
             )
     out = []
     for number, (name, members) in enumerate(group_places(usable, radius), 1):
-        flights = list(dict.fromkeys(m.flight for m in members))
-        each = [merge_flight([m for m in members if m.flight == f]) for f in flights]
-        each.sort(key=lambda one: one.time)
-        component = members[0].component or ""
-        wanted = required.get(component)
-        out.append(_judge(name or f"place {number}", component, members, each, wanted))
+        owner = members[0].asset, members[0].component or ""
+        valid, notes = _omit_invalid(members, calibrations)
+        out.append(
+            _judge(name or f"place {number}", owner, members, valid, required.get(owner), notes)
+        )
     return out
+
+
+def _omit_invalid(
+    members: Sequence[StoredReading], calibrations: Sequence[StoredCalibration]
+) -> tuple[list[StoredReading], list[str]]:
+    """Return the readings without a failed check, and a note for each flight with omitted ones.
+
+    A reading without a calibration counts as one of every instrument of its flight.
+    """
+    instruments = {c.id: c.calibrated[:3] for c in calibrations}  # method, model, serial number
+    checks = [c for c in calibrations if not c.calibrated.passed]
+    valid, omitted = [], Counter[str]()
+    for m in members:
+        mine = instruments.get(m.calibration or 0)
+        failed = [
+            c.calibrated for c in checks
+            if c.id == m.calibration
+            or (c.flight == m.flight and mine in (None, instruments[c.id]))
+        ]  # fmt: skip
+        if not failed:
+            valid.append(m)
+            continue
+        why = f": {failed[0].note}" if failed[0].note else ""
+        omitted[
+            f"of flight {m.flight}, whose calibration check {failed[0].stage} the flight failed"
+            + why
+        ] += 1
+    return valid, [f"omits {n} reading{'s' * (n > 1)} {which}" for which, n in omitted.items()]
 
 
 def _judge(
     name: str,
-    component: str,
+    owner: tuple[str, str],
     members: Sequence[StoredReading],
-    each: list[Inspected],
+    valid: Sequence[StoredReading],
     required_mm: float | None,
+    notes: list[str],
 ) -> Location:
-    notes = []
+    each = divide_inspections(valid)
     long_term = short_term = None
     if len(each) > 1:
         long_term = compute_rate(each[0], each[-1], required_mm)
         short_term = compute_rate(each[-2], each[-1], required_mm)
-        if not (long_term.significant or short_term.significant):
-            notes.append("no loss beyond the deviations: the bound of the life counts")
-        grown = -short_term.loss_mm
-        if grown > COVERAGE * short_term.loss_std_mm:
-            notes.append(
-                f"the wall reads {grown:.2f} mm thicker than before, beyond the deviations: check "
-                "calibration, couplant and place"
-            )
-    if required_mm is not None and each[-1].thickness_mm < required_mm:
+        notes += _note_rates(long_term, short_term)
+    if required_mm is not None and each and each[-1].thickness_mm < required_mm:
         notes.append("below the required thickness")
-    elif required_mm is not None and each[-1].thickness_mm - ONE_SIDED * each[-1].std_mm < (
-        required_mm
+    elif (
+        required_mm is not None
+        and each
+        and (each[-1].thickness_mm - ONE_SIDED * each[-1].std_mm < required_mm)
     ):
         notes.append("within the deviation of the required thickness")
     known = [
@@ -237,9 +291,31 @@ def _judge(
     life = min(lives, default=None)
     if any(m.registration_std_m is None for m in members) and len(each) > 1:
         notes.append("a flight states no registration error: places may differ by more than shown")
-    n = len(each)
-    x, y, z = (sum(getattr(one, axis) for one in each) / n for axis in ("x_m", "y_m", "z_m"))
+    places = [(one.x_m, one.y_m, one.z_m) for one in each]
+    places = places or [(m.reading.x_m, m.reading.y_m, m.reading.z_m) for m in members]
     return Location(
-        name, component, x, y, z, max(known, default=None), each, long_term, short_term,
-        required_mm, life, None if life is None else 0.5 * life, tuple(notes),
+        name, *owner, *_compute_centre(places), max(known, default=None), each, long_term,
+        short_term, required_mm, life, None if life is None else 0.5 * life, tuple(notes),
     )  # fmt: skip
+
+
+def _note_rates(long_term: Rate, short_term: Rate) -> list[str]:
+    notes = []
+    if not (long_term.significant or short_term.significant):
+        notes.append("no loss beyond the deviations: the bound of the life counts")
+    elif long_term.life_years is not None and short_term.life_years is not None:
+        short = short_term.life_years < long_term.life_years
+        governs, other = (short_term, long_term) if short else (long_term, short_term)
+        if not governs.significant:
+            term, rest = ("short", "long") if short else ("long", "short")
+            notes.append(
+                f"the {term}-term rate governs, but its loss of {governs.loss_mm:.2f} mm is within "
+                f"the deviations; the {rest}-term rate gives a life of {other.life_years:.3g} a"
+            )
+    grown = -short_term.loss_mm
+    if grown > COVERAGE * short_term.loss_std_mm:
+        notes.append(
+            f"the wall reads {grown:.2f} mm thicker than before, beyond the deviations: check "
+            "calibration, couplant and place"
+        )
+    return notes

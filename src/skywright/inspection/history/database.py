@@ -1,15 +1,17 @@
 """SQLite file of all measurements: opening, migration, and atomic writes by several programs.
 
 Each entry is one transaction, which is committed and synced to the disk as soon as it is finished.
-A crash therefore loses no finished entry. The file uses write-ahead logging: two flights can write
-while others read. Opening a file of an older version migrates it in one transaction.
+A crash therefore loses no finished entry. `transaction` joins several entries. The file uses
+write-ahead logging: two flights can write while others read. Opening a file of an older version
+migrates it in one transaction.
 """
 
 from __future__ import annotations
 
 import sqlite3
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, TypeVar
@@ -23,6 +25,9 @@ BUSY_S = 10.0  # s, longest wait for another writer
 
 class DatabaseFile:
     """An open database file. Every method raises InputError if SQLite reports an error."""
+
+    _together = False
+    """Whether the entries belong to the transaction of a block."""
 
     def __init__(self, path: Path, *, create: bool = False) -> None:
         """Open `path`, or create it if `create` is set; migrate a file of an older version.
@@ -114,6 +119,18 @@ class DatabaseFile:
         """Close the file."""
         self._db.close()
 
+    @contextmanager
+    def transaction(self) -> Iterator[None]:
+        """Store all entries of the block in one transaction, or none if the block fails."""
+        self._together = True
+        try:
+            self._try(lambda: self._db.execute("BEGIN IMMEDIATE"), "written")
+            yield
+            self._try(lambda: self._db.execute("COMMIT"), "written")
+        finally:
+            self._together = False
+            self._end_transaction()
+
     def write(self, *statements: tuple[str, Sequence[object]]) -> int:
         """Execute statements in one transaction; return the row id of the last one.
 
@@ -121,12 +138,12 @@ class DatabaseFile:
         """
 
         def work() -> int:
-            self._db.execute("BEGIN IMMEDIATE")
+            self._begin()
             last = 0
             for sql, values in statements:
                 given = [last if v == ":last" else v for v in values]
                 last = self._db.execute(sql, given).lastrowid or 0
-            self._db.execute("COMMIT")
+            self._commit()
             return last
 
         return self._try(work, "written")
@@ -149,12 +166,20 @@ class DatabaseFile:
         )
 
         def work() -> int:
-            self._db.execute("BEGIN IMMEDIATE")
+            self._begin()
             row = int(self._db.execute(sql, [*keys.values(), *given.values()]).fetchone()[0])
-            self._db.execute("COMMIT")
+            self._commit()
             return row
 
         return self._try(work, "written")
+
+    def _begin(self) -> None:
+        if not self._together:
+            self._db.execute("BEGIN IMMEDIATE")
+
+    def _commit(self) -> None:
+        if not self._together:
+            self._db.execute("COMMIT")
 
     def _try(self, action: Callable[[], T], what: str) -> T:
         """Return the result of `action`; turn an error of SQLite into an InputError."""
@@ -174,7 +199,7 @@ class DatabaseFile:
                 text = "it cannot be written, which a file of an older version requires"
             raise InputError(f"{self.path}: records cannot be {what}: {text}") from None
         finally:
-            if hasattr(self, "_db"):
+            if hasattr(self, "_db") and not self._together:
                 self._end_transaction()
 
     def _end_transaction(self) -> None:
@@ -199,8 +224,8 @@ def parse_stamp(text: str, what: str) -> datetime:
     """
     try:
         t = datetime.fromisoformat(text.strip())
-    except ValueError:
+        return t.replace(tzinfo=UTC) if t.tzinfo is None else t.astimezone(UTC)
+    except (ValueError, OverflowError):  # the latter at the ends of the calendar
         raise InputError(
             f"{what}: {text[:40]!r} is no time; valid: ISO 8601, such as 2026-03-01T12:00:00Z"
         ) from None
-    return t.replace(tzinfo=UTC) if t.tzinfo is None else t.astimezone(UTC)

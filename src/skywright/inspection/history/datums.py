@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 from collections.abc import Iterable
 from functools import lru_cache
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from skywright.core.bounded import LARGEST_TABLE, read_text
 from skywright.errors import InputError
 from skywright.inspection.history.database import DatabaseFile
 from skywright.inspection.history.entries import Datum, Reading, StoredIndication, StoredReading
@@ -25,11 +27,11 @@ def load_datums(path: Path) -> list[Datum]:
 
     Raises InputError, with file, line and column, if the table is not valid.
     """
+    text = read_text(path, LARGEST_TABLE)
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file)
-            rows, header = list(reader), tuple(reader.fieldnames or ())
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        reader = csv.DictReader(io.StringIO(text, newline=""))
+        rows, header = list(reader), tuple(reader.fieldnames or ())
+    except csv.Error as error:
         raise InputError(f"{path}: cannot be read as a table: {error}") from None
     if missing := [name for name in COLUMNS if name not in header]:
         raise InputError(

@@ -1,0 +1,343 @@
+"""Read readings from a table of a gauge or another program: CSV or Parquet with a header.
+
+`columns` maps names and units of the table, and `lag_s` shifts the values relative to the probe's
+positions. A table that `skywright records --csv` wrote reads back with quantity, unit and origin.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from skywright.core.bounded import LARGEST_TABLE, read_bytes
+from skywright.errors import InputError
+from skywright.inspection.history.database import parse_stamp
+from skywright.inspection.history.entries import Reading
+from skywright.recordings.text_table import decode, read_number, split_row
+
+LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "cm": 1e-2, "in": 0.0254, "inch": 0.0254}
+TIMES = {"s": 1.0, "ms": 1e-3, "min": 60.0}
+COLUMNS = {
+    "t": TIMES, "value": LENGTHS, "u95": LENGTHS, "x": LENGTHS, "y": LENGTHS, "z": LENGTHS,
+    "place_u95": LENGTHS, "spot": {}, "accepted": {}, "reason": {}, "quantity": {}, "unit": {},
+    "origin": {},
+}  # fmt: skip
+"""What a column can hold, with its units. A time or place without a unit is in the first one. A
+value or u95 without a unit is in that of the column "unit", or in mm with --columns."""
+QUANTITIES = {
+    "thickness": ("mm", LENGTHS), "coating": ("mm", LENGTHS), "force": ("N", {"n": 1.0}),
+}  # fmt: skip
+"""Quantities of readings: the unit in which they are stored, and the units that are read."""
+UTC_COLUMN = "utc"
+"""Unit of a column time_utc, which holds only absolute times."""
+YES, NO = ("1", "true", "yes", "accepted"), ("0", "false", "no", "refused")
+ORIGINS = {"": False, "measured": False, "simulated": True}
+LARGEST_MM = 1000.0
+"""mm; a larger thickness is a code of the gauge or an error of the unit."""
+LONGEST_DAYS = 30.0
+"""Days, largest time relative to the start; seconds since 1970 exceed it."""
+YEARS = (1900, 2100)
+"""First and last valid year of a measurement."""
+
+
+class Row(NamedTuple):
+    """A reading with its time and the number of its row."""
+
+    time: datetime
+    reading: Reading
+    number: int
+    simulated: bool
+
+
+class _Table(NamedTuple):
+    path: Path
+    header: list[str]
+    rows: list[tuple[int, list[str]]]  # (number, cells)
+    places: dict[str, tuple[int, str]]  # {column: (index, unit)}
+
+    def text(self, k: int, what: str) -> str:
+        """Return a stripped cell; "" if the table has no such column."""
+        return self.rows[k][1][self.places[what][0]].strip() if what in self.places else ""
+
+    def number(self, k: int, what: str, needed: bool = False, low: float = -math.inf) -> float:
+        """Return the number in a cell, NaN for an empty one; raises InputError below `low`."""
+        text = self.text(k, what)
+        if not text and not needed:
+            return math.nan
+        value = read_number(text)
+        if not math.isfinite(value):
+            raise self.refuse(k, what, "a number")
+        if value < low:
+            raise self.refuse(k, what, f"{low:g} or more")
+        return value
+
+    def refuse(self, k: int, what: str, valid: str) -> InputError:
+        """Return the error of a cell."""
+        number, cells = self.rows[k]
+        at = self.places[what][0]
+        return InputError(
+            f"{self.path}: row {number}: {self.header[at]} is {cells[at][:30]!r}; valid: {valid}"
+        )
+
+
+def parse_columns(text: str) -> dict[str, tuple[str, str]]:
+    """Parse "value=Dicke[mm],t=Zeit[ms]" and return {column: (name in the file, unit)}.
+
+    Raises InputError if a column or unit is unknown, or if a column is given twice.
+    """
+    found: dict[str, tuple[str, str]] = {}
+    for part in text.split(","):
+        match = re.fullmatch(r"\s*(\w+)\s*=\s*([^\[\]]+?)\s*(?:\[\s*(\w*)\s*\])?\s*", part)
+        what, name, unit = match.groups() if match else (part.strip()[:40], "", None)
+        if not match or what not in COLUMNS:
+            raise InputError(
+                f"--columns: {what!r}; valid: QUANTITY=NAME[UNIT],... with a quantity of "
+                + ", ".join(COLUMNS)
+            )
+        units = COLUMNS[what]
+        if unit and unit not in units:
+            raise InputError(
+                f"--columns: {what} in {unit!r}; valid units: {', '.join(units) or 'none'}"
+            )
+        if what in found:
+            raise InputError(f"--columns: {what} is given twice")
+        found[what] = (name.lower(), unit or "")
+    return found
+
+
+def load_readings(
+    path: Path, start: datetime, columns: str | None = None, lag_s: float = 0.0
+) -> list[Row]:
+    """Read the readings of a table; a table without a column "quantity" holds thickness.
+
+    Numbers in the column t are times since `start`, which is in UTC; ISO 8601 times are absolute.
+    A value belongs to the position of the probe `lag_s` before the value was recorded; positions
+    are interpolated over time. A thickness that is not above 0 and at most LARGEST_MM is a refused
+    reading with that reason. Raises InputError in one line, with the row, if the table has no
+    values, no units or no places (or spots), if two columns give the same quantity, if a cell is
+    not valid, if the rows have several assets or components, or if the lag exceeds the time span
+    of the file.
+    """
+    header, rows = _load_cells(path)
+    table = _Table(
+        path, header, rows, _find_columns(path, header, parse_columns(columns) if columns else {})
+    )
+    _check_owner(table)
+    count = range(len(rows))
+    times = [_read_time(table, k, start) for k in count]
+    points = [[_read_length(table, k, axis) for k in count] for axis in "xyz"]
+    if lag_s:
+        points = _shift(path, times, points, lag_s, start)
+    return [
+        _read_row(table, k, times[k], (points[0][k], points[1][k], points[2][k])) for k in count
+    ]
+
+
+def _read_row(table: _Table, k: int, t: datetime, p: tuple[float, float, float]) -> Row:
+    number = table.rows[k][0]
+    quantity = table.text(k, "quantity").lower() or "thickness"
+    if quantity not in QUANTITIES:
+        raise table.refuse(k, "quantity", ", ".join(QUANTITIES))
+    unit, _ = QUANTITIES[quantity]
+    value = table.number(k, "value") * _find_factor(table, k, "value", quantity)
+    u95 = table.number(k, "u95", low=0.0) * _find_factor(table, k, "u95", quantity)
+    accepted = not math.isnan(value)
+    if "accepted" in table.places:
+        plain = table.text(k, "accepted").lower()
+        if plain not in (*YES, *NO):
+            raise table.refuse(k, "accepted", "1 or 0")
+        if plain in YES and not accepted:
+            raise InputError(f"{table.path}: row {number}: accepted without a value")
+        accepted = plain in YES
+    reason = table.text(k, "reason")
+    if accepted and quantity == "thickness" and not 0.0 < value <= LARGEST_MM:
+        accepted = False
+        reason = f"{value:g} mm is no thickness; valid: above 0, at most {LARGEST_MM:g} mm"
+    reason = reason or ("" if accepted else "refused by the gauge, no reason given")
+    spot = table.text(k, "spot")
+    if not spot and not {"x", "y", "z"} <= set(table.places):
+        raise table.refuse(k, "spot", "a name, because the table has no x, y and z")
+    origin = table.text(k, "origin").lower()
+    if origin not in ORIGINS:
+        raise table.refuse(k, "origin", "SIMULATED or measured")
+    place_u95 = _read_length(table, k, "place_u95", low=0.0)
+    return Row(t, Reading(
+        quantity, _known(value), unit, _known(u95), *p,
+        _known(place_u95), accepted, reason, spot, f"{table.path.name}#{number}",
+    ), number, ORIGINS[origin])  # fmt: skip
+
+
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
+def _read_length(table: _Table, k: int, what: str, low: float = -math.inf) -> float:
+    """Return a length in m: for a coordinate 0 without a column, otherwise NaN."""
+    axis = what in "xyz"
+    if what not in table.places:
+        return 0.0 if axis else math.nan
+    factor = LENGTHS[table.places[what][1] or "m"]
+    return table.number(k, what, needed=axis, low=low) * factor
+
+
+def _find_factor(table: _Table, k: int, what: str, quantity: str) -> float:
+    """Return the factor from the unit of a value or u95 to the unit in which it is stored."""
+    if what not in table.places:
+        return math.nan
+    stored, units = QUANTITIES[quantity]
+    unit = table.places[what][1]
+    if unit:
+        if unit not in units:
+            raise table.refuse(k, "quantity", f"a length, because {what} is in {unit}")
+        return units[unit] / units[stored.lower()]
+    unit = table.text(k, "unit").lower()
+    if unit not in units:
+        raise table.refuse(k, "unit", f"{', '.join(units)} ({quantity})")
+    return units[unit] / units[stored.lower()]
+
+
+def _read_time(table: _Table, k: int, start: datetime) -> datetime:
+    if "t" not in table.places:
+        return start
+    text, unit = table.text(k, "t"), table.places["t"][1]
+    seconds = math.nan if unit == UTC_COLUMN else read_number(text) * TIMES[unit or "s"]
+    if not math.isfinite(seconds):
+        t = parse_stamp(text, f"{table.path}: row {table.rows[k][0]}")
+    elif abs(seconds) <= 86400.0 * LONGEST_DAYS:
+        t = start + timedelta(seconds=seconds)
+    else:
+        raise table.refuse(
+            k, "t", f"at most {LONGEST_DAYS:g} days from --measured, or ISO 8601 for another date"
+        )
+    if not YEARS[0] <= t.year <= YEARS[1]:
+        raise table.refuse(k, "t", f"a year from {YEARS[0]} to {YEARS[1]}")
+    return t
+
+
+def _check_owner(table: _Table) -> None:
+    """Raise InputError if the rows have several assets or several components."""
+    for name in ("asset", "component"):
+        plain = [cell.strip().lower() for cell in table.header]
+        at = plain.index(name) if name in plain else -1
+        found = sorted({cells[at].strip() for _, cells in table.rows}) if at >= 0 else []
+        if len(found) > 1:
+            raise InputError(
+                f"{table.path}: the column {name} has {len(found)} values ("
+                f"{', '.join(x[:20] or '(empty)' for x in found[:5])}); valid: one, because all "
+                "rows are stored for one component; split the table"
+            )
+
+
+def _load_cells(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """Return the header and the (number, cells) of each row."""
+    if path.suffix.lower() == ".parquet":
+        try:
+            import pyarrow
+            import pyarrow.parquet
+        except ImportError:
+            raise InputError("Parquet needs pyarrow: pip install 'skywright[parquet]'") from None
+        if not path.is_file():
+            raise InputError(f"{path}: no such file")
+        try:
+            table = pyarrow.parquet.read_table(path).to_pydict()
+        except (pyarrow.ArrowException, OSError) as error:
+            raise InputError(f"{path}: is no complete Parquet file: {str(error)[:80]}") from None
+        columns = [["" if v is None else str(v) for v in cells] for cells in table.values()]
+        rows = list(enumerate((list(cells) for cells in zip(*columns, strict=True)), 1))
+        header = list(table)
+    else:
+        text = decode(read_bytes(path, LARGEST_TABLE))
+        lines = [(k, x) for k, x in enumerate(text.splitlines(), 1) if x.strip()]
+        lines = [(k, x) for k, x in lines if not x.lstrip().startswith("#")]
+        if "\0" in text or not lines:
+            raise InputError(f"{path}: is empty or no text; valid: a header and rows")
+        delimiter = max(",;\t", key=lambda d: len(split_row(lines[0][1], d)))
+        header = split_row(lines[0][1], delimiter)
+        rows = [(k, split_row(x, delimiter)) for k, x in lines[1:]]
+    for number, cells in rows:
+        if len(cells) != len(header):
+            raise InputError(
+                f"{path}: row {number} has {len(cells)} cells; the header has {len(header)}"
+            )
+    if not rows:
+        raise InputError(f"{path}: the table has a header and no rows")
+    return header, rows
+
+
+def _match(name: str) -> tuple[str, str]:
+    """Return the (column, unit) that a plain name states; ("", "") if it states none."""
+    name = re.sub("^thickness(?=_|$)", "value", name)
+    stem, _, unit = name.rpartition("_")
+    if name == "time_utc":
+        return "t", UTC_COLUMN
+    if name in COLUMNS:
+        return name, ""
+    return (stem, unit) if unit in COLUMNS.get(stem, {}) else ("", "")
+
+
+def _find_columns(
+    path: Path, header: list[str], given: dict[str, tuple[str, str]]
+) -> dict[str, tuple[int, str]]:
+    """Return {column: (index, unit)}. The unit of a value is "" if the column unit states it."""
+    plain = [name.strip().lower() for name in header]
+    shown = ", ".join(name[:30] or "(empty)" for name in header[:14])
+    found: dict[str, tuple[int, str]] = {}
+    for what, (name, unit) in given.items():
+        if plain.count(name) != 1:
+            count = "no column" if name not in plain else "several columns"
+            raise InputError(f"{path}: --columns: {count} {name!r}; found: {shown}")
+        found[what] = (plain.index(name), unit)
+    used = {k for k, _ in found.values()}
+    for k, name in enumerate(plain):
+        what, unit = _match(name)
+        if not what or what in given or k in used:
+            continue
+        if what in found:
+            raise InputError(
+                f"{path}: two columns give {what}: {header[found[what][0]]}, {header[k]}; valid: "
+                f"one; select it with --columns {what}=NAME[UNIT]"
+            )
+        found[what] = (k, unit)
+    if "value" not in found:
+        raise InputError(
+            f"{path}: no column gives the value; found: {shown}; valid: thickness_mm, value_mm, or "
+            "--columns value=NAME[mm]"
+        )
+    if not {"x", "y", "z"} <= set(found) and "spot" not in found:
+        raise InputError(
+            f"{path}: no column gives the place; found: {shown}; valid: x_m, y_m and z_m, or spot"
+        )
+    for what in ("value", "u95"):
+        k, unit = found.get(what, (-1, "mm"))
+        if unit or "unit" in found:
+            continue
+        if what not in given:
+            raise InputError(
+                f"{path}: the column {header[k]} has no unit; valid: {what}_mm, a column unit, or "
+                f"--columns {what}={header[k]}[mm] (units: {', '.join(LENGTHS)})"
+            )
+        found[what] = (k, "mm")
+    return found
+
+
+def _shift(
+    path: Path, times: list[datetime], points: list[list[float]], lag_s: float, start: datetime
+) -> list[list[float]]:
+    """Return the positions (3 lists) of the probe `lag_s` before each row."""
+    t = np.array([(x - start).total_seconds() for x in times])
+    if not math.isfinite(lag_s) or abs(lag_s) > max(float(np.ptp(t)), 0.0):
+        raise InputError(
+            f"--lag {lag_s:g}: the times of {path} span {float(np.ptp(t)):g} s; valid: less"
+        )
+    if np.any(np.diff(t) <= 0):
+        raise InputError(f"{path}: --lag requires a column t with increasing times")
+    interpolate: Callable[[list[float]], list[float]] = lambda p: np.interp(  # noqa: E731
+        t - lag_s, t, p
+    ).tolist()
+    return [interpolate(axis) for axis in points]

@@ -1,0 +1,274 @@
+"""Import of gauge tables: dates, units, columns, provenance, codes, and all or nothing."""
+
+from __future__ import annotations
+
+import json
+import os
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from skywright.cli import main
+from skywright.errors import InputError
+from skywright.inspection.files.gauge_table import load_readings, parse_columns
+from skywright.inspection.history.database import parse_stamp
+from skywright.inspection.history.datums import load_datums
+from skywright.inspection.history.entries import Reading
+from skywright.inspection.history.store import InspectionStore
+
+START = datetime(2026, 3, 1, tzinfo=UTC)
+
+
+def call(*args: object) -> tuple[int, str]:
+    done = CliRunner().invoke(main, ["records", *map(str, args)])
+    return done.exit_code, done.output
+
+
+def write(path: Path, *lines: str) -> Path:
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def add(db: Path, table: Path, *more: object, measured: str = "2026-03-01") -> tuple[int, str]:
+    return call(db, "--import", table, "--structure", "tank", "--component", "pipe",
+                "--measured", measured, *more)  # fmt: skip
+
+
+def show_history(db: Path, *more: object) -> list[dict[str, Any]]:
+    code, out = call(db, "--thickness", "--json", *more)
+    assert code == 0, out
+    found: list[dict[str, Any]] = json.loads(out)["locations"]
+    return found
+
+
+def list_flights(db: Path) -> list[Any]:
+    store = InspectionStore(db)
+    found = store.list_flights()
+    store.close()
+    return list(found)
+
+
+def test_the_dates_of_a_table_are_inspections(tmp_path: Path) -> None:
+    """9.0, 8.0 and 6.6 mm in ten years: 0.24 mm/a over all, 0.28 mm/a in the second half."""
+    db = tmp_path / "h.db"
+    table = write(
+        tmp_path / "g.csv", "t,spot,thickness_mm,u95_mm", "2015-03-01,1,9.0,0.1",
+        "2025-03-01T10:00:00Z,1,6.6,0.1", "2020-03-01,1,8.0,0.1",
+    )  # fmt: skip
+    code, out = add(db, table, "--required", 6)
+    assert code == 0 and "3 readings" in out
+    flights = list_flights(db)
+    assert [f.started_utc[:4] for f in flights] == ["2015", "2020", "2025"]
+    (place,) = show_history(db)
+    assert len(place["inspections"]) == 3 and place["actual_mm"] == pytest.approx(6.6)
+    assert place["long_term"]["mm_per_year"] == pytest.approx(0.24, rel=1e-3)
+    assert place["short_term"]["mm_per_year"] == pytest.approx(0.28, rel=1e-3)
+    assert place["life_years"] == pytest.approx(0.6 / 0.28, rel=1e-3)
+    # an export of all flights takes the same way
+    export, again = tmp_path / "export.csv", tmp_path / "again.db"
+    assert call(db, "--readings", "--csv", export)[0] == 0
+    assert add(again, export, "--required", 6, measured="2026-01-01")[0] == 0
+    (copy,) = show_history(again)
+    assert copy["life_years"] == pytest.approx(place["life_years"], rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "columns", "mm"),
+    [
+        ("spot,thickness_mm,thickness_nominal\n1,6.1,9.5\n", None, 6.1),
+        ("spot,thickness_mm,thickness_flag\n1,6.1,1\n", None, 6.1),
+        ("spot,thickness_inch\n1,0.25\n", None, 6.35),
+        ("spot,thickness_cm\n1,0.61\n", None, 6.1),
+        ("spot,thickness_mm,thickness_in\n1,6.1,0.3\n", "value=thickness_in[in]", 7.62),
+        ("spot,value,unit\n1,0.25,in\n", None, 6.35),
+        ("spot,thickness,unit\n1,6.1,MM\n", None, 6.1),
+        ("spot,Wand,unit\n1,0.25,in\n", "value=Wand", 6.35),
+        ("spot,Wand\n1,6.1\n", "value=Wand", 6.1),
+    ],
+)
+def test_the_value_has_the_unit_that_the_table_states(
+    tmp_path: Path, text: str, columns: str | None, mm: float
+) -> None:
+    (tmp_path / "g.csv").write_text(text)
+    (row,) = load_readings(tmp_path / "g.csv", START, columns)
+    assert row.reading.value == pytest.approx(mm) and row.reading.unit == "mm"
+
+
+@pytest.mark.parametrize(
+    ("text", "columns", "says"),
+    [
+        ("spot,thickness_mm,value_mm\n1,6,9\n", None, "two columns give value: thickness_mm, valu"),
+        ("spot,thickness_mm,thickness_mm\n1,6,9\n", None, "two columns give value"),
+        ("spot,thickness_mm,thickness_mm\n1,6,9\n", "value=thickness_mm", "several columns"),
+        ("x_m,x_mm,y_m,z_m,thickness_mm\n1,1,1,1,6\n", None, "two columns give x: x_m, x_mm"),
+        ("t_s,time_utc,spot,thickness_mm\n1,2026-03-01,A,6\n", None, "two columns give t"),
+        ("spot,thickness_mils\n1,250\n", None, "no column gives the value"),
+        ("spot,thickness\n1,6.1\n", None, "the column thickness has no unit"),
+        ("spot,value\n1,6.1\n", None, "the column value has no unit; valid: value_mm"),
+        ("spot,thickness_mm,u95\n1,6.1,0.1\n", None, "the column u95 has no unit"),
+        ("spot,value,unit\n1,5,N\n", None, "row 2: unit is 'N'; valid: m, mm"),
+        ("spot,thickness_mm,quantity\n1,5,force\n", None, "a length, because value is in mm"),
+        ("spot,thickness_mm,quantity\n1,5,THK\n", None, "valid: thickness, coating, force"),
+        ("spot,thickness_mm,origin\n1,5,lab\n", None, "origin is 'lab'; valid: SIMULATED or"),
+        ("spot,thickness_mm\n,5\n", None, "row 2: spot is ''"),
+        ("spot,thickness_mm,component\n1,5,pipe\n1,9,shell\n", None, "the column component has 2"),
+        ("spot,thickness_mm,place_u95_m\n1,5,-1\n", None, "place_u95_m is '-1'; valid: 0 or more"),
+        ("t,spot,thickness_mm\n1772366400000,1,9\n", None, "row 2: t is '1772366400000'; valid: "),
+        ("t,spot,thickness_mm\n1772366400,1,9\n", None, "at most 30 days from --measured"),
+        ("t,spot,thickness_mm\n0205-03-01,1,9\n", None, "a year from 1900 to 2100"),
+        ("t,spot,thickness_mm\n0001-01-01T00:00+14:00,1,9\n", None, "is no time"),
+        ("time_utc,spot,thickness_mm\n20.5,1,9\n", None, "'20.5' is no time"),
+    ],
+)
+def test_an_ambiguous_table_is_refused(
+    tmp_path: Path, text: str, columns: str | None, says: str
+) -> None:
+    (tmp_path / "g.csv").write_text(text)
+    with pytest.raises(InputError) as caught:
+        load_readings(tmp_path / "g.csv", START, columns)
+    assert says in str(caught.value)
+
+
+def test_a_column_is_given_once() -> None:
+    with pytest.raises(InputError, match="value is given twice"):
+        parse_columns("value=A,value=B")
+    with pytest.raises(InputError, match="is no time"):
+        parse_stamp("9999-12-31T23:00-14:00", "x")
+
+
+def test_an_import_keeps_origin_quantity_and_unit(tmp_path: Path) -> None:
+    first, second, export = tmp_path / "a.db", tmp_path / "b.db", tmp_path / "a.csv"
+    store = InspectionStore(first, create=True)
+    part = store.add_component("tank", "pipe")
+    for simulated in (True, False):
+        flight, t = store.add_flight(
+            structure="tank", mission="m", robot="r", seed=1, run="", simulated=simulated,
+            started=START,
+        )  # fmt: skip
+        wall = Reading("thickness", 9.123456789, "mm", 0.1, 0, 0, 0, spot=f"A{simulated}")
+        force = Reading("force", -5.0, "N", 0.5, 0, 0, 0, spot="A")
+        store.add_readings(flight, [(t, wall), (t, force)], component=part)
+    stored = store.find_readings()
+    store.close()
+    assert call(first, "--readings", "--csv", export)[0] == 0
+    assert add(second, export)[0] == 0
+    store = InspectionStore(second)
+    copies = store.find_readings()
+    store.close()
+    assert len(copies) == 4 and sum(c.simulated for c in copies) == 2
+    for one, copy in zip(stored, copies, strict=True):
+        assert copy.simulated == one.simulated and copy.reading[:10] == one.reading[:10]
+    # and the database does not take its own readings twice
+    code, out = add(first, export)
+    assert code == 2 and "4 of 4 rows are stored already" in out
+
+
+def test_codes_of_a_lost_signal_are_refused_readings(tmp_path: Path) -> None:
+    db = tmp_path / "h.db"
+    table = write(
+        tmp_path / "g.csv", "spot,thickness_mm,u95_mm,accepted,reason", "1,0.00,0.1,1,",
+        "2,-999,0.1,1,ok", "3,9999,0.1,1,", "4,8.2,0.1,1,", "5,0,0.1,0,no echo",
+    )  # fmt: skip
+    code, out = add(db, table)
+    assert code == 0 and "5 readings" in out and "1 accepted" in out
+    store = InspectionStore(db)
+    reasons = [r.reading.reason for r in store.find_readings()]
+    store.close()
+    assert [("is no thickness" in r, r[:7]) for r in reasons] == [
+        (True, "0 mm is"), (True, "-999 mm"), (True, "9999 mm"), (False, ""), (False, "no echo"),
+    ]  # fmt: skip
+    assert [p["actual_mm"] for p in show_history(db)] == [pytest.approx(8.2)]
+
+
+def test_a_table_is_imported_once(tmp_path: Path) -> None:
+    db = tmp_path / "h.db"
+    table = write(tmp_path / "g.csv", "spot,thickness_mm,u95_mm", "1,9.0,0.1", "2,8.0,0.1")
+    assert add(db, table)[0] == 0
+    code, out = add(db, table)
+    assert code == 2 and "2 of 2 rows are stored already" in out and "row 2" in out
+    more = write(tmp_path / "m.csv", "spot,thickness_mm,u95_mm", "3,7.0,0.1", "2,8.0,0.1")
+    code, out = add(db, more)
+    assert code == 2 and "1 of 2 rows" in out and "row 3" in out
+    assert len(list_flights(db)) == 1 and len(show_history(db)) == 2
+    # another time, another place or another component are other readings
+    assert add(db, table, measured="2026-03-02")[0] == 0
+    places = write(tmp_path / "p.csv", "x_m,y_m,z_m,thickness_mm,u95_mm", "0,0,0,9,0.1")
+    assert add(db, places)[0] == 0
+    places.write_text("x_m,y_m,z_m,thickness_mm,u95_mm\n1,0,0,9,0.1\n")
+    assert add(db, places)[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("row", "options", "says"),
+    [
+        ("2026-03-01,1,9,-0.1", (), "u95_mm is '-0.1'"),
+        ("1772366400000,1,9,0.1", (), "at most 30 days"),
+        ("2026-03-01,1,9,0.1", ("--required", "-1"), "required_mm -1"),
+        ("2026-03-01,1,9,0.1", ("--registration", "nan"), "--registration nan"),
+        ("2026-03-01,1,9,0.1", ("--measured", "0001-01-01"), "a year from 1900"),
+    ],
+)
+def test_a_refused_table_stores_nothing(
+    tmp_path: Path, row: str, options: tuple[str, ...], says: str
+) -> None:
+    db = tmp_path / "h.db"
+    table = write(tmp_path / "g.csv", "t,spot,thickness_mm,u95_mm", "2025-03-01,1,9,0.1", row)
+    code, out = add(db, table, *options)
+    assert code == 2 and says in out and len(out.strip().splitlines()) == 1, out
+    store = InspectionStore(db)
+    for name in ("assets", "components", "flights", "readings"):
+        assert store.read(f"SELECT * FROM {name}") == []
+    store.close()
+
+
+def test_a_block_of_entries_is_stored_whole_or_not(tmp_path: Path) -> None:
+    store = InspectionStore(tmp_path / "h.db", create=True)
+    with pytest.raises(InputError, match="refused without a reason"), store.transaction():
+        part = store.add_component("tank", "pipe")
+        flight, t = store.add_flight(structure="tank", mission="m", robot="r", seed=1, run="")
+        good = Reading("thickness", 9.0, "mm", 0.1, 0, 0, 0)
+        store.add_reading(flight, t, good, component=part)
+        store.add_reading(flight, t, good._replace(accepted=False), component=part)
+    assert store.list_flights() == [] and store.list_components() == []
+    with pytest.raises(InputError, match="FOREIGN KEY"), store.transaction():
+        store.add_component("tank", "pipe")
+        store.add_reading("no flight", t, good)
+    assert store.list_components() == []
+    with store.transaction():
+        store.add_component("tank", "pipe")
+    assert len(store.list_components()) == 1
+    store.add_component("tank", "shell")  # afterwards each entry is a transaction again
+    store.close()
+    store = InspectionStore(tmp_path / "h.db")
+    assert len(store.list_components()) == 2
+    store.close()
+
+
+def test_a_pipe_is_no_table(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "ff")
+    with pytest.raises(InputError, match="device or pipe"):
+        load_datums(tmp_path / "ff")
+    with pytest.raises(InputError, match="device or pipe"):
+        load_readings(tmp_path / "ff", START)
+
+
+def test_an_option_without_effect_is_refused(tmp_path: Path) -> None:
+    db = tmp_path / "h.db"
+    table = write(tmp_path / "g.csv", "spot,thickness_mm,u95_mm", "1,9.0,0.1", "2,8.0,0.1")
+    assert add(db, table)[0] == 0
+    assert [p["name"] for p in show_history(db, "--spot", "2")] == ["2"]
+    for args, says in (
+        (("--thickness", "--csv", tmp_path / "o.csv"), "--csv: valid for --readings"),
+        (("--indications", "--csv", tmp_path / "o.csv"), "--csv: valid for --readings"),
+        (("--indications", "--spot", "1"), "--spot: valid for"),
+        (("--thickness", "--radius", "nan"), "--radius nan"),
+        (("--thickness", "--at", "0,0"), "--at: valid for contact measurements"),
+        (("--readings", "--geojson", tmp_path / "o.geojson"), "--geojson: valid for contact"),
+        (("--thickness", "--flight", "x"), "merges the flights"),
+    ):
+        code, out = call(db, *args)
+        assert code == 2 and says in out and len(out.strip().splitlines()) == 1, out
+    assert not (tmp_path / "o.csv").exists()
