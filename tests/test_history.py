@@ -365,8 +365,10 @@ def test_notes_tell_what_a_number_hides() -> None:
     assert place.long_term is None and place.life_years is None
     refused = grown[0]._replace(reading=build_reading(1.0)._replace(accepted=False, reason="air"))
     assert build_history([refused], {}) == []
-    with pytest.raises(InputError, match="has no u95"):
-        build_history([grown[0]._replace(reading=build_reading(8.0)._replace(u95=None))], {})
+    bare = grown[0]._replace(reading=build_reading(8.0)._replace(u95=None))
+    (place,) = build_history([bare, grown[1]], {})  # costs no other reading its history
+    assert [one.thickness_mm for one in place.inspections] == [9.0]
+    assert place.notes[0] == "omits 1 reading of flight a without u95"
     with pytest.raises(InputError, match="have the same time"):
         compute_rate(build_inspected(1, 9, 0.1), build_inspected(1, 8, 0.1), None)
 

@@ -209,19 +209,11 @@ def build_history(
 
     `required` maps (asset, component) to the required thickness (mm). `radius` (m) groups readings
     without a name. A failed check among `calibrations` makes the readings of its instrument in its
-    flight invalid; the inspections omit them, and the notes of the location state it. Raises
-    InputError if a reading has another unit than mm, or if it has no u95, because the standard
-    deviation of the rate is then unknown.
+    flight invalid, and so does another unit than mm, or no u95, because the standard deviation of
+    the rate is then unknown. The inspections omit such readings, and the notes of the location
+    state it.
     """
     usable = [r for r in readings if r.reading.accepted and r.reading.quantity == "thickness"]
-    for r in usable:
-        if r.reading.unit != "mm":
-            raise InputError(f"reading {r.id}: thickness in {r.reading.unit!r}; valid: mm")
-        if r.reading.u95 is None:
-            raise InputError(
-                f"reading {r.id} of flight {r.flight} has no u95; a rate without a deviation is "
-                "not computed"
-            )
     out = []
     for number, (name, members) in enumerate(group_places(usable, radius), 1):
         owner = members[0].asset, members[0].component or ""
@@ -235,7 +227,7 @@ def build_history(
 def _omit_invalid(
     members: Sequence[StoredReading], calibrations: Sequence[StoredCalibration]
 ) -> tuple[list[StoredReading], list[str]]:
-    """Return the readings without a failed check, and a note for each flight with omitted ones.
+    """Return the valid readings, and a note for each flight with omitted ones.
 
     A reading without a calibration counts as one of every instrument of its flight.
     """
@@ -249,6 +241,10 @@ def _omit_invalid(
             if c.id == m.calibration
             or (c.flight == m.flight and mine in (None, instruments[c.id]))
         ]  # fmt: skip
+        if m.reading.unit != "mm" or m.reading.u95 is None:
+            lacks = "u95" if m.reading.unit == "mm" else "unit mm"
+            omitted[f"of flight {m.flight} without {lacks}"] += 1
+            continue
         if not failed:
             valid.append(m)
             continue
