@@ -136,7 +136,7 @@ def test_no_global_target_leads_to_what_is_no_number(
     )
     (message,) = common.MAVLink(None).parse_buffer(message.pack(common.MAVLink(None, 1, 1)))
     origin = Origin(latitude_deg=47.0, longitude_deg=8.0, altitude_m=400.0)
-    check(read_global(message, Standing(), origin))  # type: ignore[arg-type]
+    check(read_global(message, origin, 0.3))
 
 
 def check(point: SetPoint | str) -> None:

@@ -8,7 +8,11 @@ from skywright.core.spec import Spec
 
 
 class Origin(Spec):
-    """The origin of W in WGS 84: x points east, y north, z up."""
+    """The origin of W in WGS 84: x points east, y north, z up.
+
+    A vehicle over MAVLink uses latitude and longitude only; its heights come from the ground at the
+    start. Simulated autopilots report altitude_m as the altitude above sea level (no geoid).
+    """
 
     latitude_deg: float = Field(ge=-90, le=90)
     longitude_deg: float = Field(ge=-180, le=180)

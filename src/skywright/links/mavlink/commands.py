@@ -11,7 +11,7 @@ import numpy as np
 from skywright.description.world.origin import Origin
 from skywright.errors import InputError
 from skywright.links.mavlink import modes
-from skywright.links.mavlink.frames import swap_heading
+from skywright.links.mavlink.frames import find_height, swap_heading
 from skywright.links.mavlink.modes import Mode
 from skywright.links.mavlink.robot import ACCEPTED, BUSY, DENIED, UNSUPPORTED, Reply, Robot
 from skywright.vehicle.geodesy import Geodetic, to_local
@@ -19,7 +19,6 @@ from skywright.vehicle.geodesy import Geodetic, to_local
 FORCE = 21196.0
 """param2 of MAV_CMD_COMPONENT_ARM_DISARM that stops the motors in the air."""
 SLOWEST = 0.05  # m/s
-RELATIVE_FRAMES = (3, 6)
 
 
 class Asked(NamedTuple):
@@ -74,11 +73,13 @@ class Commands:
         return Reply(DENIED, f"arm: {a.p[0]:g} is neither 1 nor 0")
 
     def _take_off(self, a: Asked) -> Reply:
-        altitude = a.p[6]
-        if not math.isfinite(altitude):
+        if not math.isfinite(a.p[6]):
             return self.robot.take_off(None)
-        above = altitude if a.frame in RELATIVE_FRAMES else altitude - self.origin.altitude_m
-        return self.robot.take_off(above)
+        return self.robot.take_off(self._find_height(a))
+
+    def _find_height(self, a: Asked) -> float:
+        """Return the height z (m) in W of a command's altitude."""
+        return find_height(a.p[6], a.frame, self.origin.altitude_m, float(self.robot.home[2]))
 
     def _set_mode(self, a: Asked) -> Reply:
         if not all(math.isfinite(x) for x in a.p[:3]) or not int(a.p[0]) & modes.CUSTOM:
@@ -107,17 +108,14 @@ class Commands:
 
     def _reposition(self, a: Asked) -> Reply:
         b = self.robot.vehicle.backend
-        lat, lon, altitude, yaw = a.p[4], a.p[5], a.p[6], a.p[3]
+        lat, lon, yaw = a.p[4], a.p[5], a.p[3]
         p = np.array(b.reference_now["p_WB"])
-        if math.isfinite(altitude):
-            above = altitude if a.frame in RELATIVE_FRAMES else altitude - self.origin.altitude_m
-        else:
-            above = float(p[2])
+        z = self._find_height(a) if math.isfinite(a.p[6]) else float(p[2])
         if math.isfinite(lat) and math.isfinite(lon):
             try:
-                place = Geodetic.check(lat, lon, self.origin.altitude_m + above)
+                place = Geodetic.check(lat, lon, self.origin.altitude_m + z)
             except InputError as error:
                 return Reply(DENIED, str(error))
             p = to_local(self.origin, place)
-        p[2] = above
+        p[2] = z
         return self.robot.reposition(p, swap_heading(yaw) if math.isfinite(yaw) else None)

@@ -13,6 +13,7 @@ from typing import Any
 from skywright.errors import InputError
 from skywright.links.mavlink.check import find_refusal
 from skywright.links.mavlink.endpoint import Endpoint, Url, parse_url
+from skywright.links.mavlink.frames import move_point
 from skywright.links.mavlink.link import Clock, VehicleLink
 from skywright.links.mavlink.offboard import SILENT_S, Offboard
 from skywright.links.mavlink.stream import load_dialect
@@ -57,7 +58,8 @@ class MavlinkVehicle(Offboard, KinematicVehicle):
             ahead = h.pace * min(age, AHEAD_S)
             placed, std, charge = self._is_placed(h), h.std, h.charge
         known = float(self._state["heard"])
-        self._show(p + v * ahead - R @ self._p_BC + self._shift, v, R, w)
+        p, v = move_point(p, v, R, w, -self._p_BC)  # from the centre of mass to the origin of B
+        self._show(p + v * ahead + self._shift, v, R, w)
         self._state["heard"] = self.t - h.pace * age if placed else known
         self._state["pose_std"] = std
         if self._gauge is not None:

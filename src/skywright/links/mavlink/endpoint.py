@@ -11,7 +11,7 @@ import ipaddress
 import socket
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple, Protocol
 
 from skywright.errors import InputError
@@ -90,7 +90,7 @@ class Endpoint:
 
     def __init__(self, url: Url, system: int, component: int, wire: Wire | None = None) -> None:
         """Open it; raises InputError if that fails. `wire` replaces the connection in tests."""
-        self.url, self._ids = url, (system, component)
+        self.url, self.ids = url, (system, component)
         self.counts: Counter[str] = Counter()
         place = url if wire is not None else _resolve(url)
         self.wire: Wire = wire or _open(place)
@@ -133,7 +133,7 @@ class Endpoint:
                 del self.peers[other]
             if len(self.peers) >= PEERS:
                 return None
-            peer = self.peers[address] = Peer(address, *self._ids, now)
+            peer = self.peers[address] = Peer(address, *self.ids, now)
         return peer
 
     def send(self, message: Any, peer: Peer | None = None) -> None:
@@ -208,13 +208,27 @@ class UdpWire:
         self._socket.close()
 
 
+def send_whole(write: Callable[[bytes], int | None], rest: bytes, data: bytes) -> bytes:
+    """Write the rest of a packet, then the packet `data`; return the rest of what was begun.
+
+    A packet is sent completely or not at all: `data` is dropped while an earlier packet is
+    incomplete, or if no byte of it fits. `write` returns the number of bytes that it has sent.
+    """
+    if rest:
+        rest = rest[write(rest) or 0 :]
+        if rest:
+            return rest
+    sent = write(data) or 0
+    return data[sent:] if sent else b""
+
+
 class TcpWire:
     """A TCP connection that reconnects after a failure."""
 
     def __init__(self, url: Url) -> None:
         self._url, self._next = url, 0.0
         self._socket: socket.socket | None = None
-        self._pending = b""
+        self._rest = b""  # of a packet that was sent in part
         if self._connect() is None:
             raise InputError(f"{url}: nothing listens there")
 
@@ -248,22 +262,26 @@ class TcpWire:
         return data, (self._url.host, self._url.port)
 
     def send(self, data: bytes, address: Any) -> None:
-        """Send bytes; a packet that does not fit is dropped as a whole."""
+        """Send a packet; one that does not fit is dropped as a whole."""
         s = self._connect()
         if s is None:
             return
+
+        def write(part: bytes) -> int:
+            try:
+                return s.send(part)
+            except (BlockingIOError, InterruptedError):
+                return 0
+
         try:
-            whole, self._pending = self._pending or data, b""
-            self._pending = whole[s.send(whole) :]
-        except (BlockingIOError, InterruptedError):
-            return
+            self._rest = send_whole(write, self._rest, data)
         except OSError:
             self._drop()
 
     def _drop(self) -> None:
         if self._socket is not None:
             self._socket.close()
-        self._socket, self._pending = None, b""
+        self._socket, self._rest = None, b""
 
     def close(self) -> None:
         """Close the connection."""
@@ -286,6 +304,7 @@ class SerialWire:
             raise InputError(f"{url}: {error}") from None
         self._failed: tuple[type[Exception], ...] = (OSError, serial.SerialException)
         self._name = (url.host, url.port)
+        self._rest = b""  # of a packet that was sent in part
 
     def receive(self) -> tuple[bytes, Any] | None:
         """Return bytes."""
@@ -296,11 +315,11 @@ class SerialWire:
         return (bytes(data), self._name) if data else None
 
     def send(self, data: bytes, address: Any) -> None:
-        """Send bytes."""
+        """Send a packet; one that does not fit is dropped as a whole."""
         try:
-            self._port.write(data)
+            self._rest = send_whole(self._port.write, self._rest, data)
         except self._failed:
-            return
+            self._rest = b""
 
     def close(self) -> None:
         """Close the port."""

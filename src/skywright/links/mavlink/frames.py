@@ -18,6 +18,8 @@ NED_FROM_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 """Its own inverse."""
 FRD_FROM_FLU = np.diag([1.0, -1.0, -1.0])
 """Its own inverse."""
+RELATIVE_FRAMES = (3, 6)
+"""MAV_FRAME with altitudes above home; those of other global frames are above sea level."""
 
 
 def swap_world(v: Array) -> Array:
@@ -51,3 +53,19 @@ def swap_heading(yaw: float) -> float:
 def find_heading(R_WB: Array) -> float:
     """Return the heading (rad) in W of an attitude."""
     return math.atan2(R_WB[1, 0], R_WB[0, 0])
+
+
+def find_height(altitude: float, frame: int | None, sea_level: float, home: float) -> float:
+    """Return the height z (m) in W of an altitude (m) in a MAV_FRAME.
+
+    `sea_level` (m) is the altitude of the origin of W, `home` (m) the height z of home in W.
+    """
+    return home + altitude if frame in RELATIVE_FRAMES else altitude - sea_level
+
+
+def move_point(p: Array, v: Array, R_WB: Array, w_WB_B: Array, r_B: Array) -> tuple[Array, Array]:
+    """Return position (3,) m and velocity (3,) m/s in W of another point of the same body.
+
+    The other point is r_B (3,) m, in B, away from the one with position p and velocity v.
+    """
+    return p + R_WB @ r_B, v + R_WB @ np.cross(w_WB_B, r_B)

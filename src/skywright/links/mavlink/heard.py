@@ -19,7 +19,8 @@ from skywright.links.mavlink.stream import is_finite
 
 Array = NDArray[np.float64]
 
-AUTOPILOTS_NONE = 8  # MAV_AUTOPILOT_INVALID: a ground station, a camera
+PX4, INVALID = 12, 8
+"""MAV_AUTOPILOT: PX4, and a component that is no autopilot, such as a ground station."""
 PLACED = 0x10 | 0x8
 """ESTIMATOR_STATUS: the horizontal position is valid, absolute or relative."""
 BACK_MS = 1000  # least backward jump of the vehicle's clock that counts as a restart
@@ -38,10 +39,18 @@ class Ack(NamedTuple):
 
 
 class Heard:
-    """The newest state of one vehicle; times are those of the monotonic clock, in s."""
+    """The newest state of one vehicle; times are those of the monotonic clock, in s.
 
-    def __init__(self) -> None:
-        self.system = 0  # of the vehicle, 0: none received
+    The vehicle is the component that sent the first heartbeat of PX4. Messages of other components,
+    such as a gimbal with the same system id, are not processed.
+    """
+
+    def __init__(self, ids: tuple[int, int] = (1, 191)) -> None:
+        """`ids` are system and component of this side: answers to others are ignored."""
+        self._ids = ids
+        self.system = self.component = 0  # of the vehicle, 0: none received
+        self.others: dict[tuple[int, int], int] = {}
+        """System and component -> MAV_AUTOPILOT of heartbeats that name another autopilot."""
         self.beat = self.message = self.place = self.turn = -math.inf  # s, times of arrival
         self.answer = math.inf  # s, time of the last answer to a TIMESYNC; infinite: none
         self.place_ms = self.turn_ms = 0  # times of measurement on the vehicle's clock
@@ -77,20 +86,25 @@ class Heard:
         return self.flags is None or bool(self.flags & PLACED)
 
     def take(self, m: Any, now: float) -> None:
-        """Process a message; invalid values and other systems are ignored."""
+        """Process a message; invalid values and other components are ignored."""
         kind = m.get_type()
-        if kind == "HEARTBEAT" and m.autopilot != AUTOPILOTS_NONE and not self.system:
-            self.system = m.get_srcSystem()
-        if m.get_srcSystem() != self.system:
+        sender = (m.get_srcSystem(), m.get_srcComponent())
+        if kind == "HEARTBEAT" and not self.system:
+            self._meet(sender, m.autopilot)
+        if not self.system or sender != (self.system, self.component):
             return
         self.message = now
         take = getattr(self, f"_take_{kind.lower()}", None)
         if take is not None:
             take(m, now)
 
+    def _meet(self, sender: tuple[int, int], autopilot: int) -> None:
+        if autopilot == PX4:
+            self.system, self.component = sender
+        elif autopilot != INVALID and len(self.others) < TEXTS:
+            self.others[sender] = autopilot
+
     def _take_heartbeat(self, m: Any, now: float) -> None:
-        if m.autopilot == AUTOPILOTS_NONE:
-            return
         self.beat = now
         self.armed, self.mode = bool(m.base_mode & ARMED), Mode.read(m.custom_mode)
 
@@ -133,6 +147,9 @@ class Heard:
         self.simulated = bytes(m.flight_custom_version) == b"skywrigt"
 
     def _take_command_ack(self, m: Any, now: float) -> None:
+        target = (m.target_system, m.target_component)
+        if any(asked not in (0, mine) for asked, mine in zip(target, self._ids, strict=True)):
+            return  # the answer to a ground station, for example
         self.acks.append(Ack(m.command, m.result, now))
 
     def _take_statustext(self, m: Any, now: float) -> None:

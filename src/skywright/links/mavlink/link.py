@@ -31,6 +31,7 @@ SET_INTERVAL, REQUEST_MESSAGE = 511, 512
 WANTED = {32: 50.0, 31: 50.0, 245: 5.0, 230: 2.0, 1: 2.0, 49: 0.2, 242: 0.5}
 """Message -> requested rate (Hz)."""
 ACK_S, TRIES = 0.7, 3  # s of waiting for an answer, and number of attempts
+COMMAND_S = 10.0  # s of waiting in all, also for a command that is reported as in progress
 RESULTS = {
     0: "accepted", 1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed",
     5: "in progress", 6: "cancelled",
@@ -94,7 +95,7 @@ class VehicleLink:
         """`wanted` are the requested messages and their rates (Hz)."""
         self._wanted = wanted
         self.endpoint, self.clock = endpoint, clock or WallClock()
-        self.heard = Heard()
+        self.heard = Heard(endpoint.ids)
         self.lock = threading.RLock()
         self.sent = 0  # number of set-points
         self.failure = ""
@@ -195,23 +196,25 @@ class VehicleLink:
             f = (float(t.f_B[0]), -float(t.f_B[1]), -float(t.f_B[2]))
             thrust = min(max(float(t.f_B[2]), 0.0), 1.0)
             return AttitudeTarget(
-                ms, 0x07 | 0x20, (w, x, y, z), (0.0, 0.0, 0.0), thrust, f, self.heard.system
-            )
+                ms, 0x07 | 0x20, (w, x, y, z), (0.0, 0.0, 0.0), thrust, f, self.heard.system,
+                self.heard.component,
+            )  # fmt: skip
         still = np.zeros(3)
         v, a = (still, still) if stale else (t.v, t.a)
         yaw = swap_heading(find_heading(t.R_WB))
         return self.dialect.MAVLink_set_position_target_local_ned_message(
-            ms, self.heard.system, 1, 1, 0, *swap_world(t.p), *swap_world(v), *swap_world(a), yaw,
-            0.0 if stale else -t.rate,
+            ms, self.heard.system, self.heard.component, 1, 0,
+            *swap_world(t.p), *swap_world(v), *swap_world(a), yaw, 0.0 if stale else -t.rate,
         )  # fmt: skip
 
     def _send(self, message: Any) -> None:
         self.endpoint.send(message)
 
-    def _send_command(self, number: int, *p: float) -> None:
+    def _send_command(self, number: int, *p: float, confirmation: int = 0) -> None:
+        h, seven = self.heard, [*p, *[0.0] * (7 - len(p))]
         self._send(
             self.dialect.MAVLink_command_long_message(
-                self.heard.system, 1, number, 0, *[*p, *[0.0] * (7 - len(p))]
+                h.system, h.component, number, confirmation, *seven
             )
         )
 
@@ -220,21 +223,28 @@ class VehicleLink:
     def command(self, number: int, *p: float) -> str:
         """Send a command and wait for the answer; return the reason of a refusal, or "".
 
-        The command is sent up to three times; no answer counts as a refusal.
+        The command is sent up to three times; no answer counts as a refusal. Each new report that
+        it is in progress prolongs the wait, up to COMMAND_S in all.
         """
-        for _ in range(TRIES):
+        last = self.clock.now() + COMMAND_S
+        progress = None
+        for confirmation in range(TRIES):
             asked = self.clock.now()
+            if asked >= last:
+                break
             with self.lock:
-                self._send_command(number, *p)
+                self._send_command(number, *p, confirmation=confirmation)
             end = asked + ACK_S
-            while self.clock.now() < end:
+            while self.clock.now() < min(end, last):
                 self.clock.sleep(PERIOD)
                 with self.lock:
                     found = [a for a in self.heard.acks if a.command == number and a.at > asked]
-                if found and found[-1].result == IN_PROGRESS:
-                    end = self.clock.now() + ACK_S
-                elif found:
+                if found and found[-1].result != IN_PROGRESS:
                     return self._explain(found[-1].result, asked)
+                if found and found[-1] is not progress:
+                    progress, end = found[-1], self.clock.now() + ACK_S
+        if progress is not None:
+            return "in progress, but no result arrived"
         return f"no answer to {TRIES} requests"
 
     def _explain(self, result: int, asked: float) -> str:

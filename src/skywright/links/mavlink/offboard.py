@@ -2,10 +2,12 @@
 
 At each mission tick (20 ms) the references of the mission become a set-point, and the estimate is
 the autopilot's. Mission time or the reference pauses while the motors start and stop, and while the
-link is silent; the set-point is then the last one.
+link is silent; the set-point is then the position of the reference, at rest.
 
-W is aligned with the vehicle's local frame at the start: by GPS_GLOBAL_ORIGIN if the world has an
-origin, otherwise so that the robot is at the mission's start.
+W is aligned with the vehicle's local frame at the start, while the vehicle stands on the ground. In
+x and y, GPS_GLOBAL_ORIGIN is used if the world has an origin; otherwise, and always in z, the robot
+is at the mission's start. An altitude is no reference for z: that of GPS_GLOBAL_ORIGIN is above sea
+level, that of the world above the ellipsoid, and satellites measure it to a few metres.
 """
 
 from __future__ import annotations
@@ -17,12 +19,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.description.world.origin import Origin
 from skywright.errors import InputError
 from skywright.links.mavlink import modes
 from skywright.links.mavlink.body_force import BodyForce
-from skywright.links.mavlink.heard import Heard
+from skywright.links.mavlink.frames import move_point
+from skywright.links.mavlink.heard import PX4, Heard
 from skywright.links.mavlink.link import Target, VehicleLink
+from skywright.links.mavlink.orders import arm, choose_mode, land_and_disarm
 from skywright.links.px4.parameters import build_airframe
 from skywright.vehicle.ended import VehicleEnded
 from skywright.vehicle.geodesy import Geodetic, to_local
@@ -37,8 +40,7 @@ BEAT_S = 3.0  # s without a heartbeat, likewise
 DEAF_S = 0.4  # s without an answer after which a change to Hold is attributed to the autopilot
 LOST_S = 10.0  # s after which the flight is aborted
 OWN_S = 2.0  # s after a silence, likewise
-SPIN_S, LAND_S = 8.0, 60.0  # s, time limits for arming and for landing
-SET_MODE, ARM_DISARM = 176, 400
+LAND_S = 60.0  # s, time limit for landing
 LOW = 0.1  # m above the ground: a reference that ends below is tracked by position only
 LIFT, LIFT_S = 0.25, 15.0
 """m, height of the autopilot's lift-off before the reference continues, and its time limit (s)."""
@@ -79,8 +81,13 @@ class Offboard(SimulatedVehicle):
         """
         link, url = self.link, self.link.endpoint.url
         if not link.wait(lambda h: h.system and link.age(h.beat) < 2.0, CONNECT_S):
+            others = ", ".join(
+                f"MAV_AUTOPILOT {autopilot} (system {system}, component {component})"
+                for (system, component), autopilot in link.heard.others.items()
+            )
             raise InputError(
-                f"no MAVLink vehicle was heard on {url} within {CONNECT_S:g} s{self._explain()}"
+                f"no MAVLink vehicle was heard on {url} within {CONNECT_S:g} s"
+                f"{f'; found: {others}; valid: {PX4}, PX4' if others else ''}{self._explain()}"
             )
         placed = link.wait(lambda h: self._is_placed(h) and h.flags is not None, CONNECT_S)
         if not placed:
@@ -102,20 +109,19 @@ class Offboard(SimulatedVehicle):
         self._restarts = h.restarts
         start = np.array(self.reference_now["p_WB"])
         here = h.p - h.R_WB @ self._p_BC
+        self._shift = start - here
         if origin is not None:
             if not self.link.wait(lambda h: h.origin is not None, 5.0) or h.origin is None:
                 raise InputError(
                     "the world has an origin and the vehicle reports none (GPS_GLOBAL_ORIGIN)"
                 )
-            self._shift = _place(origin, h.origin)
+            self._shift[:2] = to_local(origin, Geodetic(*h.origin))[:2]
             away = float(np.linalg.norm((here + self._shift - start)[:2]))
             if away > APART:
                 raise InputError(
                     f"the vehicle stands {away:.1f} m from the mission's start (mission.start_x_m, "
                     f"start_y_m); valid: up to {APART:g} m"
                 )
-        else:
-            self._shift = start - here
 
     def _is_placed(self, h: Heard) -> bool:
         age = self.link.age
@@ -127,7 +133,7 @@ class Offboard(SimulatedVehicle):
         """Change to Offboard, also from a pilot; return why this failed, or ""."""
         self.link.lead(self._hold_here())
         self.link.wait(lambda h: False, 0.3)  # the stream must start before the change of mode
-        says = self._choose(modes.OFFBOARD)
+        says = choose_mode(self.link, modes.OFFBOARD)
         if not says:
             self.piloted, self._offboard = False, True
         return says
@@ -136,20 +142,10 @@ class Offboard(SimulatedVehicle):
         """Give the platform to the pilot, in Position mode; return why this failed, or ""."""
         if self.piloted:
             return ""
-        says = self._choose(modes.POSITION)
+        says = choose_mode(self.link, modes.POSITION)
         if not says:
             self.piloted, self._offboard = True, False
         return says
-
-    def _choose(self, mode: modes.Mode) -> str:
-        if self.link.heard.mode == mode:
-            return ""
-        says = self.link.command(SET_MODE, float(modes.CUSTOM), float(mode.main), float(mode.sub))
-        if says:
-            return f"the vehicle refused {mode}: {says}"
-        if not self.link.wait(lambda h: h.mode == mode, 2.0):
-            return f"the vehicle did not change to {mode}"
-        return ""
 
     def tick(self, guards: int = 0) -> Ticked:
         """Fly a mission tick; start and stop the motors before it. Raises VehicleEnded."""
@@ -181,14 +177,20 @@ class Offboard(SimulatedVehicle):
         down = float(self.tracking[0][-1]["p_WB"][2]) < self._floor + LOW
         if not down and self._low_z is None and not self.link.heard.simulated:
             self._lift()
-        row = self.reference_now
-        R, rate = np.array(row["R_WB"]), float(row["w_WB_B"][2])
-        p = np.array(row["p_WB"]) - self._shift + R @ self._p_BC
-        v, a = np.array(row["v_WB"]), np.array(row["a_WB"])
-        if self._low_z is not None and not down and p[2] < self._low_z:
-            p[2], v[2], a[2], down = self._low_z, 0.0, 0.0, True
+        target = self._aim()
+        if not down and self._low_z is not None and target.p[2] < self._low_z:
+            target.p[2], target.v[2], target.a[2], down = self._low_z, 0.0, 0.0, True
         f_B = None if self._force is None or down else self._force.compute()
-        self.link.lead(Target(p, v, a + self._feed_forward(), self._choose_attitude(R), rate, f_B))
+        a, R = target.a + self._feed_forward(), self._choose_attitude(target.R_WB)
+        self.link.lead(target._replace(a=a, R_WB=R, f_B=f_B))
+
+    def _aim(self) -> Target:
+        """Return the reference as the set-point of the point that the autopilot controls."""
+        row, r = self.reference_now, self._p_BC
+        R, w, wd = (np.array(row[name]) for name in ("R_WB", "w_WB_B", "wd_WB_B"))
+        p, v = move_point(np.array(row["p_WB"]), np.array(row["v_WB"]), R, w, r)
+        a = row["a_WB"] + R @ (np.cross(wd, r) + np.cross(w, np.cross(w, r)))
+        return Target(p - self._shift, v, a, R, float(w[2]))
 
     def _lift(self) -> None:
         """Lift off; the reference pauses while the autopilot increases its thrust."""
@@ -197,7 +199,7 @@ class Offboard(SimulatedVehicle):
         self._low_z = start + LIFT
         self.link.lead(target._replace(p=np.array([*target.p[:2], self._low_z])))
         if not self.link.wait(lambda h: h.p[2] > start + 0.5 * LIFT, LIFT_S):
-            self._give_up(f"no take-off: it is still on the ground after {LIFT_S:g} s")
+            self._abandon(f"no take-off: it is still on the ground after {LIFT_S:g} s")
         self._due = self._now()
 
     def _choose_attitude(self, planned: Array) -> Array:
@@ -221,7 +223,7 @@ class Offboard(SimulatedVehicle):
             if self.clock.now() >= end:
                 break
         if says:
-            self._give_up(f"no take-off: {says}")
+            self._abandon(f"no take-off: {says}")
         self._armed = self._offboard = True
         self._due = self._now()
 
@@ -229,15 +231,12 @@ class Offboard(SimulatedVehicle):
         """Change to Offboard and arm; return why this failed, or ""."""
         self.link.lead(self._hold_here())
         self.link.wait(lambda h: False, 0.6)
-        says = self._choose(modes.OFFBOARD) or self.link.command(ARM_DISARM, 1.0)
-        if not says and not self.link.wait(lambda h: h.armed, SPIN_S):
-            says = f"the vehicle did not arm within {SPIN_S:g} s"
-        return says
+        return choose_mode(self.link, modes.OFFBOARD) or arm(self.link)
 
     def _stop(self) -> None:
         """Let the autopilot land and stop its motors; mission time pauses."""
         h = self.link.heard
-        says = "" if not h.armed else self._choose(modes.LAND)
+        says = "" if not h.armed else choose_mode(self.link, modes.LAND)
         end = self.clock.now() + LAND_S
         while not says and h.armed:
             self._wait_for_link()
@@ -246,7 +245,7 @@ class Offboard(SimulatedVehicle):
                 break
             if h.mode == modes.OFFBOARD:  # a pilot gave control back
                 self.piloted = False
-                says = self._choose(modes.LAND)
+                says = choose_mode(self.link, modes.LAND)
                 end = self.clock.now() + LAND_S
             elif h.mode != modes.LAND:
                 self._tell_pilot()
@@ -257,18 +256,23 @@ class Offboard(SimulatedVehicle):
         self.link.wait(lambda h: h.place > h.beat, SILENT_S)  # its clock is sent with its position
         if h.restarts != self._restarts:
             says = "the autopilot restarted while it landed"
-        self._armed = self._offboard = self.piloted = False
-        self._low_z = None
+        self.piloted, self._low_z = False, None
+        if says:
+            self._abandon(says)
+        self._armed = self._offboard = False
         self.link.lead(None)
         self._due = self._now()
-        if says:
-            self._give_up(says)
 
     def _tell_pilot(self) -> None:
         """Report once that a pilot flies."""
         if not self.piloted:
             self._says(f"t = {self.t:.2f} s: the mode is {self.link.heard.mode}: the pilot flies")
         self.piloted = True
+
+    def _abandon(self, says: str) -> None:
+        """Land the vehicle, stop its motors and end the mission."""
+        done = land_and_disarm(self.link)
+        self._give_up(f"{says}; {done}" if done else says)
 
     def _give_up(self, says: str) -> None:
         """Stop commanding and end the mission."""
@@ -297,10 +301,8 @@ class Offboard(SimulatedVehicle):
         since = self.clock.now()
         self._says(f"t = {self.t:.2f} s: the vehicle is silent; mission time stands still")
         if self._armed and not self.piloted:
-            row = self.reference_now
-            R = np.array(row["R_WB"])
-            p = np.array(row["p_WB"]) - self._shift + R @ self._p_BC
-            self.link.lead(Target(p, np.zeros(3), np.zeros(3), R, 0.0))
+            still = np.zeros(3)
+            self.link.lead(self._aim()._replace(v=still, a=still, rate=0.0))
         if not self.link.wait(lambda h: not self._is_silent(), LOST_S - SILENT_S):
             what = "its own rule for a lost link acts" if self._armed else "it stands"
             self._give_up(f"the vehicle has been silent for {LOST_S:g} s: {what}{self._explain()}")
@@ -350,17 +352,13 @@ class Offboard(SimulatedVehicle):
         """Wait until the tick is over by that time."""
 
     def close(self) -> None:
-        """End the stream: a vehicle in the air is commanded to hold."""
-        if self._armed and not self.piloted and not self._is_silent():
-            says = self._choose(modes.HOLD)
-            self._says(says or "the vehicle is in the air and holds: land it with its own controls")
+        """End the stream: a vehicle that follows it is commanded to hold."""
+        h = self.link.heard
+        if h.armed and h.mode == modes.OFFBOARD and not self._is_silent():
+            says = choose_mode(self.link, modes.HOLD)
+            self._says(says or "the vehicle is armed and holds: land it with its own controls")
         self.link.close()
 
     def on_say(self, say: Callable[[str], None]) -> None:
         """Report events to `say`, one line each."""
         self._says = say
-
-
-def _place(world: Origin, local: tuple[float, float, float]) -> Array:
-    """Return the origin (3,) m of the vehicle's local frame in W."""
-    return to_local(world, Geodetic(*local))

@@ -22,6 +22,7 @@ from skywright.links.mavlink.frames import (
     swap_world,
     to_ned_quaternion,
 )
+from skywright.links.mavlink.heard import PX4
 from skywright.links.mavlink.robot import Robot
 from skywright.links.mavlink.setpoints import Scale
 from skywright.vehicle.bus import RotorDrive, WrenchCommand
@@ -32,18 +33,13 @@ from skywright.vehicle.preflight import read_charge
 
 Array = NDArray[np.float64]
 
-PX4 = 12
-"""MAV_AUTOPILOT: the modes are numbered as PX4 does."""
 VERSION = 1 << 24 | 14 << 16 | 0 << 8 | 255
 """flight_sw_version: 1.14.0, the release with this interface."""
 NAME = b"skywrigt"
 """flight_custom_version: the actual software, in the eight bytes of the field."""
-CAPABILITIES = 2 | 8 | 128 | 256 | 2048 | 8192 | 131072
-"""PARAM_FLOAT, COMMAND_INT, SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED, FLIGHT_TERMINATION,
-MAVLINK2, PARAM_ENCODE_BYTEWISE.
-
-SET_POSITION_TARGET_GLOBAL_INT (512) is added if the world has an origin.
-"""
+CAPABILITIES = 2 | 8 | 16 | 64 | 128 | 256 | 2048 | 8192
+"""PARAM_FLOAT, COMMAND_INT, PARAM_ENCODE_BYTEWISE, SET_ATTITUDE_TARGET,
+SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT, FLIGHT_TERMINATION, MAVLINK2."""
 SENSORS = 0x1 | 0x2 | 0x4 | 0x20 | 0x800 | 0x1000 | 0x2000 | 0x4000 | 0x8000 | 0x200000 | 0x2000000
 """SYS_STATUS: gyroscope, accelerometer, heading, position, rates, attitude, yaw, height, motors,
 AHRS, battery."""
@@ -68,14 +64,12 @@ class Reports:
     """Builds messages by their number."""
 
     def __init__(
-        self, dialect: Any, robot: Robot, origin: Origin, scale: Scale, system_type: int,
-        geodetic: bool,
-    ) -> None:  # fmt: skip
-        """`origin` is the position of W on the earth; `geodetic`: the world file states it."""
+        self, dialect: Any, robot: Robot, origin: Origin, scale: Scale, system_type: int
+    ) -> None:
+        """`origin` is the position of W on the earth."""
         self.d, self.robot, self.origin, self.scale = dialect, robot, origin, scale
-        self._type, self._geodetic = system_type, geodetic
+        self._type = system_type
         self._b: Backend = robot.vehicle.backend
-        self._start = np.array(self._b.estimate["p_WB"])
         self.unix_us: Callable[[], int] = lambda: 0
         self._lack, self._lack_at = "", -math.inf
         self._makers: dict[int, Callable[[], Any]] = {
@@ -198,15 +192,11 @@ class Reports:
     def _global(self) -> Any:
         lat, lon, alt, up = self._place()
         v = 100.0 * swap_world(np.asarray(self._b.estimate["v_WB"]))
-        above = round(1e3 * (up - float(self._find_home()[2])))
+        above = round(1e3 * (up - float(self.robot.home[2])))
         heading = _clip(100.0 * self._heading_deg(), 0, 35999)
         return self.d.MAVLink_global_position_int_message(
             self._ms, lat, lon, alt, above, *(_clip(x, -32767, 32767) for x in v), heading
         )
-
-    def _find_home(self) -> Array:
-        home = self.robot.vehicle.home
-        return self._start if home is None else home
 
     def _origin(self) -> Any:
         o = self.origin
@@ -218,7 +208,7 @@ class Reports:
     def _home(self) -> Any:
         if not self._located:
             return None
-        p = self._find_home()
+        p = self.robot.home
         at, local = to_geodetic(self.origin, p), swap_world(p)
         return self.d.MAVLink_home_position_message(
             round(1e7 * at.latitude_deg), round(1e7 * at.longitude_deg), round(1e3 * at.altitude_m),
@@ -237,7 +227,7 @@ class Reports:
 
     def _altitude(self) -> Any:
         _, _, alt, up = self._place()
-        above = up - float(self._find_home()[2])
+        above = up - float(self.robot.home[2])
         return self.d.MAVLink_altitude_message(
             self._us, 1e-3 * alt, 1e-3 * alt, up, above, math.nan, math.nan
         )
@@ -251,9 +241,8 @@ class Reports:
         )
 
     def _version(self) -> Any:
-        capabilities = CAPABILITIES | (512 if self._geodetic else 0)
         return self.d.MAVLink_autopilot_version_message(
-            capabilities, VERSION, VERSION, 0, 0, list(NAME), [0] * 8, [0] * 8, 0, 0, 1
+            CAPABILITIES, VERSION, VERSION, 0, 0, list(NAME), [0] * 8, [0] * 8, 0, 0, 1
         )
 
     def _estimator(self) -> Any:

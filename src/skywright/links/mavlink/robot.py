@@ -66,6 +66,8 @@ class Robot:
         self._armed_at: float | None = None
         self._state = vehicle.state
         self._acted = 0
+        self._ground = np.array(vehicle.backend.estimate["p_WB"])
+        """(3,) m in W, last position with the motors off."""
 
     # --- state -------------------------------------------------------------------------------
 
@@ -73,6 +75,12 @@ class Robot:
     def armed(self) -> bool:
         """Whether the motors turn."""
         return self.vehicle.is_turning
+
+    @property
+    def home(self) -> Array:
+        """Home (3,) m in W; before the first take-off the place on the ground."""
+        home = self.vehicle.home
+        return self._ground if home is None else home
 
     @property
     def ready(self) -> str:
@@ -233,6 +241,8 @@ class Robot:
             self._state = state
             self._say(f"state {state}")
         self._watch_ground(state)
+        if not self.armed:
+            self._ground = np.array(v.backend.estimate["p_WB"])
         if self.mode == modes.OFFBOARD and self.armed:
             self._follow(state)
         elif self.mode in modes.BY_STICK and self.armed:

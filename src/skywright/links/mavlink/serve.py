@@ -88,10 +88,7 @@ class Service:
         scale = Scale(lift, mass, math.isfinite(tilt) and tilt > math.radians(1.0))
         self.robot = Robot(self.vehicle, self.parameters, self._tell)
         origin = world.origin or HOME
-        reports = Reports(
-            dialect, self.robot, origin, scale, TYPES.get(len(setup.rotors.spin), 2),
-            world.origin is not None,
-        )  # fmt: skip
+        reports = Reports(dialect, self.robot, origin, scale, TYPES.get(len(setup.rotors.spin), 2))
         self.server = Server(
             endpoints, dialect, self.robot, reports, self.parameters, scale, origin
         )

@@ -30,6 +30,7 @@ SYSTEM, COMPONENT = 1, 1
 PER_TICK = 25  # parameters sent per tick (20 ms) to one peer
 RATE_MIN, RATE_MAX = 1.0 / 60.0, 50.0  # Hz: once a minute, and every tick
 TEXT = 50  # characters of a STATUSTEXT
+LONGEST = 249  # characters of a text: five chunks, of which the last contains a NUL
 REPEAT_S = 2.0  # s for which the same text is not repeated
 WARNING, INFO = 4, 6  # MAV_SEVERITY
 REQUEST_MESSAGE, SET_INTERVAL, GET_INTERVAL, REQUEST_VERSION = 512, 511, 510, 520
@@ -115,9 +116,10 @@ class Server:
         self._told = {k: at for k, at in self._told.items() if now - at < REPEAT_S}
         if len(self._told) < 100:
             self._told[text] = now
-        data = text.encode("ascii", "replace")[:250]
+        data = text.encode("ascii", "replace")[:LONGEST]
         number = (hash(text) & 0x7FFF) + 1 if len(data) > TEXT else 0
-        for k in range(0, max(len(data), 1), TEXT):
+        end = len(data) + 1 if number else TEXT  # the last of several chunks contains a NUL
+        for k in range(0, end, TEXT):
             part = data[k : k + TEXT]
             self._send(self.d.MAVLink_statustext_message(severity, part, number, k // TEXT))
 
@@ -263,7 +265,7 @@ class Server:
         if kind == "SET_ATTITUDE_TARGET":
             point = read_attitude(m, b, self.scale)
         elif kind == "SET_POSITION_TARGET_GLOBAL_INT":
-            point = read_global(m, b, self.origin)
+            point = read_global(m, self.origin, float(self.robot.home[2]))
         else:
             point = read_local(m, b)
         if isinstance(point, str):

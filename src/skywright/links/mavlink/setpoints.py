@@ -18,7 +18,9 @@ from skywright.links.mavlink.attitude_target import (
     AttitudeTarget,
 )
 from skywright.links.mavlink.frames import (
+    RELATIVE_FRAMES,
     find_heading,
+    find_height,
     from_ned_quaternion,
     swap_body,
     swap_heading,
@@ -31,7 +33,7 @@ from skywright.vehicle.uav import Uav
 Array = NDArray[np.float64]
 
 LOCAL, OFFSET, BODY, BODY_OFFSET = 1, 7, 8, 9  # MAV_FRAME
-GLOBAL, RELATIVE = (0, 5), (3, 6)
+GLOBAL_FRAMES = (0, 5)
 ACCELERATION, FORCE = 0x1C0, 0x200  # bits of type_mask
 YAW, YAW_RATE = 0x400, 0x800
 FAR = 1e4
@@ -95,21 +97,28 @@ def read_local(message: Any, b: Backend) -> SetPoint | str:
     return SetPoint(p, v, yaw, rate, v_body=body)
 
 
-def read_global(message: Any, b: Backend, origin: Origin) -> SetPoint | str:
-    """Return the set-point of SET_POSITION_TARGET_GLOBAL_INT, or the reason of a refusal."""
+def read_global(message: Any, origin: Origin, home: float) -> SetPoint | str:
+    """Return the set-point of SET_POSITION_TARGET_GLOBAL_INT, or the reason of a refusal.
+
+    `home` (m) is the height z of home in W, to which altitudes in the frames 3 and 6 refer.
+    """
     mask, frame = message.type_mask, message.coordinate_frame
-    if frame not in (*GLOBAL, *RELATIVE):
+    if frame not in (*GLOBAL_FRAMES, *RELATIVE_FRAMES):
         return f"global set-points in the frame {frame} are refused; valid: 0, 3, 5, 6"
-    altitude = message.alt + (origin.altitude_m if frame in RELATIVE else 0.0)
-    given = mask & 0x7 == 0
+    if mask & 0x3 in (1, 2):
+        return "a global set-point with one of latitude and longitude is refused: give both"
     v = swap_world(_read(mask, 3, message.vx, message.vy, message.vz))
     p = np.full(3, np.nan)
-    if given:
+    if not mask & 0x4:
+        p[2] = find_height(message.alt, frame, origin.altitude_m, home)
+    if not mask & 0x3:
+        height = 0.0 if mask & 0x4 else p[2]
+        lat, lon = 1e-7 * message.lat_int, 1e-7 * message.lon_int
         try:
-            place = Geodetic.check(1e-7 * message.lat_int, 1e-7 * message.lon_int, altitude)
+            place = Geodetic.check(lat, lon, origin.altitude_m + height)
         except InputError as error:
             return str(error)
-        p = to_local(origin, place)
+        p[:2] = to_local(origin, place)[:2]
     lack = _check(mask, message, p, v)
     if lack:
         return lack

@@ -24,6 +24,7 @@ from skywright.core.types import TASK_FORCE
 from skywright.errors import InputError
 from skywright.links.mavlink.body_force import find_forceless
 from skywright.links.mavlink.endpoint import Endpoint, Url
+from skywright.links.mavlink.frames import move_point
 from skywright.links.mavlink.link import PERIOD, WANTED, VehicleLink
 from skywright.links.mavlink.offboard import CONNECT_S, Offboard
 from skywright.links.mavlink.stream import load_dialect
@@ -224,8 +225,7 @@ class Px4Vehicle(Offboard):
         h, me, notes = self.link.heard, self._pose, self._sockets.notes
         R, w = h.R_WB, h.w_B
         me.R_WB[:], me.w_WB_B[:] = R, w
-        me.p_WB[:] = h.p + self._shift - R @ self._p_BC
-        me.v_WB[:] = h.v - R @ np.cross(w, self._p_BC)
+        me.p_WB[:], me.v_WB[:] = move_point(h.p + self._shift, h.v, R, w, -self._p_BC)
         me.t, me.t_turn = (1e-3 * ms - 1e-6 * FIRST_US for ms in (h.place_ms, h.turn_ms))
         me.std = h.std
         if self._is_placed(h):
