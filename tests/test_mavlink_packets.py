@@ -175,8 +175,8 @@ def test_px4s_centre_of_mass_is_noted_as_the_platform() -> None:
     telemetry = Telemetry("127.0.0.1", 0, notes, p_BC)
     half = math.sqrt(0.5)
     for message in (
-        # heading north: x of B points along y of W
-        common.MAVLink_attitude_quaternion_message(1, 1, 0, 0, 0, 0, 0, 0),
+        # heading north: x of B points along y of W; it turns to the right
+        common.MAVLink_attitude_quaternion_message(1, 1, 0, 0, 0, 0, 0, 0.5),
         common.MAVLink_local_position_ned_message(1, 2.0, 1.0, -3.0, 0.5, 0.0, 0.0),
         common.MAVLink_position_target_local_ned_message(
             1, 1, 0x0DC0, 2.0, 1.0, -4.0, 0, 0, 0, 0, 0, 0, 0, 0
@@ -185,7 +185,7 @@ def test_px4s_centre_of_mass_is_noted_as_the_platform() -> None:
         telemetry._take(message, np.zeros(3), False)
     np.testing.assert_allclose(notes.R_WB[:, 0], [0, 1, 0], atol=1e-9)
     np.testing.assert_allclose(notes.p_WB, [1.0, 2.0 - 0.1, 3.0 + 0.2], atol=1e-9)
-    np.testing.assert_allclose(notes.v_WB, [0.0, 0.5, 0.0], atol=1e-9)
+    np.testing.assert_allclose(notes.v_WB, [-0.05, 0.5, 0.0], atol=1e-9)
     np.testing.assert_allclose(notes.p_WB_des, [1.0, 2.0 - 0.1, 4.0 + 0.2], atol=1e-9)
     # heading east: x of B points along x of W
     telemetry._take(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import rot_from_quat
 from skywright.errors import InputError
-from skywright.links.mavlink.frames import FRD_FROM_FLU, NED_FROM_ENU
+from skywright.links.mavlink.frames import FRD_FROM_FLU, NED_FROM_ENU, move_point, swap_body
 from skywright.links.mavlink.stream import MavlinkStream, is_finite
 
 Array = NDArray[np.float64]
@@ -43,6 +43,7 @@ class Telemetry:
         self._notes, self._p_BC = notes, p_BC
         self._asked, self._came = -ASK_EVERY_S, set[int]()
         self._shift: Array | None = None
+        self._w_WB_B = np.zeros(3)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.bind((host, port))
@@ -101,11 +102,11 @@ class Telemetry:
     def _take(self, m: Any, p_WB: Array, local_origin: bool) -> None:
         kind = m.get_msgId()
         if kind == POSITION and is_finite(m, "x", "y", "z", "vx", "vy", "vz"):
-            p = self._to_platform(m)
+            p, v = (NED_FROM_ENU @ x for x in ([m.x, m.y, m.z], [m.vx, m.vy, m.vz]))
+            p, v = move_point(p, v, self._notes.R_WB, self._w_WB_B, -self._p_BC)
             if self._shift is None:
                 self._shift = p_WB - p if local_origin else np.zeros(3)
-            self._notes.p_WB[:] = p + self._shift
-            self._notes.v_WB[:] = NED_FROM_ENU @ np.array([m.vx, m.vy, m.vz])
+            self._notes.p_WB[:], self._notes.v_WB[:] = p + self._shift, v
             self._notes.heard = 1.0
         elif kind == ATTITUDE and is_finite(m, "q1", "q2", "q3", "q4"):
             q = np.array([m.q1, m.q2, m.q3, m.q4])
@@ -113,6 +114,8 @@ class Telemetry:
                 return
             R = rot_from_quat(q / np.linalg.norm(q))
             self._notes.R_WB[:] = NED_FROM_ENU @ R @ FRD_FROM_FLU
+            if is_finite(m, "rollspeed", "pitchspeed", "yawspeed"):
+                self._w_WB_B = swap_body(np.array([m.rollspeed, m.pitchspeed, m.yawspeed]))
         elif kind == TARGET:
             self._take_target(m)
         else:
