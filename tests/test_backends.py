@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 import skywright
-from skywright.errors import InputError
+from skywright.errors import InputError, SkywrightError
 from skywright.missions.skills.plan_flight import load_plan_description
 from skywright.models.rigid_body import joint_names, posture
 from skywright.planning.motion.plan_file import PlanFile, write_plan_file
 from skywright.reports.replay import build_replay_data
+from skywright.run import session
 from skywright.run.kind import load_kind
 from skywright.run.run import run_mission
 from skywright.vehicle.commands import State
@@ -127,6 +128,21 @@ def test_streams_tell_what_the_vehicle_does():
         vehicle.subscribe("poses", print)
     with pytest.raises(InputError, match="rate_hz = 200"):
         vehicle.subscribe("pose", print, rate_hz=200)
+
+
+def test_a_vehicle_without_a_position_is_closed_and_raises_an_error_of_skywright(monkeypatch):
+    built, closed = [], []
+
+    def build(*args, **more):
+        built.append(session_build(*args, **more))
+        built[0].close = lambda: closed.append(True)
+        return built[0]
+
+    session_build = session.build_vehicle
+    monkeypatch.setattr(session, "build_vehicle", build)
+    with pytest.raises(SkywrightError, match="gave no position within 10 s on the ground") as told:
+        skywright.fly("hexarotor", sets=["plant.faults.a.kind=localisation"])
+    assert closed == [True] and told.value.exit_code == 1
 
 
 def test_a_rule_that_acts_ends_the_command_with_its_reason():

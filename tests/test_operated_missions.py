@@ -12,7 +12,7 @@ import pytest
 import skywright
 from skywright.ground.operator_model import ModelOperator
 from skywright.missions.skills.operated import LONGEST_S, Lead, OperatorGone
-from skywright.run.operator import Sight, Stick
+from skywright.run.operator import Sight, Stick, load_recording, write_recording
 from skywright.run.run import run_mission
 from skywright.vehicle.plant import MISSION_TICK
 
@@ -70,6 +70,22 @@ def test_a_button_held_at_the_end_of_a_recording_stays_held_for_a_while() -> Non
     with pytest.raises(OperatorGone):
         for _ in range(200):
             lead.read(SIGHT)
+
+
+def test_the_input_of_an_absent_operator_is_recorded_without_a_gap(tmp_path: Path) -> None:
+    """The button was pressed, then nobody was there for 1 s, then the next stretch began."""
+    lead, shown = _build_lead([Stick(np.ones(3), True)])
+    for _ in range(50):
+        lead.read(SIGHT)
+    lead.begin()
+    lead._operator = _Sticks([Stick(np.zeros(3), False)] * 100)
+    for _ in range(10):
+        lead.read(SIGHT)
+    write_recording(tmp_path / "o.csv", lead.s.sticks, 0.03, [0.0, *lead.s.stretches])
+    found = load_recording(tmp_path / "o.csv")
+    assert [(tuple(axes), bool(b)) for axes, b in zip(found.axes, found.button, strict=True)] == [
+        (axes, button) for axes, button in shown
+    ]
 
 
 def test_a_stretch_of_work_has_an_end_and_the_next_one_its_own() -> None:

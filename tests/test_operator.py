@@ -197,7 +197,8 @@ BAD = {
     "backwards": (f"{HEADER}\n0,0,0,0,0\n0.2,0,0,0,0\n0.1,0,0,0,0\n", "line 4, t_s is 0.1"),
     "gap": (f"{HEADER}\n0,0,0,0,0\n3,0,0,0,0\n", f"no more than {GAP_MAX:g} s"),
     "late": (f"{HEADER}\n5,0,0,0,0\n5.1,0,0,0,0\n", "must begin at 0"),
-    "endless": (f"{HEADER}\n0,0,0,0,0\n1e9,0,0,0,0\n", "t_s is '1e9'"),
+    "endless": (f"{HEADER}\n0,0,0,0,0\ninf,0,0,0,0\n", "t_s is 'inf'; valid: 0 or more"),
+    "before": (f"{HEADER}\n-0.1,0,0,0,0\n0,0,0,0,0\n", "t_s is '-0.1'; valid: 0 or more"),
     "cut off": (f"{HEADER}\n0,0,0,0,0\n0.1,0,0\n", "line 3 has 3 values"),
     "speed": (f"# v_max_mps = fast\n{HEADER}\n0,0,0,0,0\n0.1,0,0,0,0\n", "v_max_mps is 'fast'"),
     "unit": (f"# v_max_mps = 3 cm/s\n{HEADER}\n0,0,0,0,0\n0.1,0,0,0,0\n", "v_max_mps is '3 cm/s'"),
@@ -233,6 +234,14 @@ def test_a_recording_too_large_is_not_read(tmp_path: Path, monkeypatch: pytest.M
     path.write_text(f"{HEADER}\n" + "0,0,0,0,0\n" * 100)
     with pytest.raises(InputError, match="larger than"):
         load_recording(path)
+
+
+def test_a_recording_of_a_long_flight_with_many_contacts_is_read_again(tmp_path: Path) -> None:
+    rows = [(0.1 * k, Stick(np.full(3, 0.25), k % 2 == 0)) for k in range(20_000)]
+    starts = [10.0 * k for k in range(200)]
+    write_recording(tmp_path / "long.csv", rows, 0.03, starts)
+    found = load_recording(tmp_path / "long.csv")
+    assert found.t[-1] == rows[-1][0] and found.starts == starts and found.v_max == 0.03
 
 
 TOOL_INSTALL = Path(skywright.missions.tool_install.__file__).parent

@@ -103,9 +103,10 @@ def test_next_ends_a_hold_and_orders_that_make_no_sense_are_refused_with_the_rea
 
 
 def test_a_word_that_is_no_order_is_refused(tmp_path):
-    operator = Operator(("take_off", 0.1, "explode"))
-    with pytest.raises(ValueError, match="explode"):
-        fly(tmp_path, "waypoints", operator, *HOLDS, backend="kinematic")
+    operator = Operator(("take_off", 0.1, "explode"), ("hold 1", 1.0, "next"))
+    result = fly(tmp_path, "waypoints", operator, *HOLDS, backend="kinematic")
+    assert operator.results[0].reason == "order 'explode' refused: valid: next, retry, retract"
+    assert result.outcome == "succeeded", result.reason
 
 
 def test_a_press_is_drawn_back_held_and_tried_again(tmp_path):

@@ -70,6 +70,25 @@ def test_a_killed_run_can_be_evaluated(tmp_path):
     assert again.phases[-1].outcome == "interrupted"
 
 
+def test_a_failure_is_judged_again_and_states_its_new_reason(tmp_path):
+    """Another limit in mission.toml: the reason is that of the new judgement, not the old one."""
+    limits = ("position.rms_m.limit=1e-9", "position.hold_error_m.limit=1")
+    sets = (*HOP, *(f"mission.requirements.{limit}" for limit in limits))
+    d = skywright.load("waypoints", sets=sets)
+    out = tmp_path / "run"
+    run = run_mission(d, out=out)
+    assert run.outcome == "failed" and "position.rms_m" in run.reason
+    file = out / "mission.toml"
+    text = file.read_text()
+    assert text.count("1e-09") == 1
+    file.write_text(text.replace("1e-09", "10.0"))
+    again = skywright.evaluate(out)
+    assert (again.outcome, again.reason) == ("succeeded", "")
+    file.write_text(text.replace("1e-09", "2e-09"))
+    again = skywright.evaluate(out)
+    assert again.outcome == "failed" and again.reason != run.reason and "2e-09" in again.reason
+
+
 def test_nothing_is_written_for_wrong_input(tmp_path):
     os.chdir(tmp_path)
     for sets, match in (

@@ -128,6 +128,82 @@ def test_rules_only_tell_while_the_pilot_flies(tmp_path):
     assert result.outcome == "aborted" and "geofence" in result.reason  # it was outside at the end
 
 
+def test_after_a_rule_has_held_the_robot_comes_home(tmp_path):
+    """The other responses are flown again: docs/howto/faults.md."""
+    held = ("mission.fence.x_max_m=0.2", "mission.faults.geofence.response=hold")
+    result = fly(tmp_path, Switch(9.0), *held)
+    names = [p.name for p in result.phases]
+    assert names[names.index("manual") - 1] == "hold" and names.count("hold") == 1
+    assert names[names.index("manual") + 1] == "come home" and result.outcome == "aborted"
+
+
+COMPUTER = (
+    "plant.faults.a.kind=computer", "plant.faults.a.start_s=7", "plant.faults.a.again=true"
+)  # fmt: skip
+LINK = (
+    "world.link.delay_s=0.001", "plant.faults.a.kind=link", "plant.faults.a.start_s=7",
+    "plant.faults.a.for_s=0.7",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "sets, rule, own",
+    [
+        (COMPUTER, "computer_failed", False),
+        (COMPUTER, "computer_failed", True),
+        (LINK, "link_lost", False),
+    ],
+)
+def test_a_pilot_does_not_start_motors_that_a_rule_has_stopped(tmp_path, sets, rule, own):
+    """The switch stays on, also `own` of the vehicle, and the link is back after 0.7 s."""
+
+    class Held(Switch):
+        active = ()
+
+        def on_tick(self, t, phase, vehicle):
+            if own and t > 6.0:
+                vehicle.piloted = True
+            super().on_tick(t, phase, vehicle)
+            if phase == "let go":
+                self.active = (*self.active, float(vehicle.reference["active"]))
+                self.again = self.s.take_over()
+
+    switch = Held(6.0, stick=(0.0, 0.0, 0.0, 0.0), gives=False)
+    result = fly(tmp_path, switch, *sets, backend="physics")
+    assert [p.name for p in result.phases[-2:]] == ["manual", "let go"]
+    last = result.acted[-1]
+    assert (last.rule, last.response) == (rule, "let_go") and last.t_s < 7.6
+    assert len(switch.active) > 100 and not any(switch.active)
+    assert switch.again.reason == "take_over refused: the motors are off"
+    s = result.samples
+    assert s["rotor_thrust"][s["t"] > last.t_s + 0.5].max() < 0.2  # they run down
+    assert s["p_WB"][-1, 2] < 0.4
+
+
+def test_wrong_sticks_modes_and_orders_are_refused_and_large_ones_limited(tmp_path):
+    class Wild(Switch):
+        def on_tick(self, t, phase, vehicle):
+            if self.s.pilot.flies and len(self.results) == 1:
+                move = self.s.move_stick
+                self.results += [move([math.nan, 0.0, 0.0, 0.0]), move([1.0, 0.0]), move(["a"] * 4)]
+                self.results += [self.s.choose_mode("acro"), self.s.order("abort")]
+            super().on_tick(t, phase, vehicle)
+
+    switch = Wild(7.0, seconds=0.6, stick=(5.0, 0.0, 0.0, 2.0))
+    result = fly(tmp_path, switch, backend="physics")
+    words = ", 0.0, 0.0, 0.0] refused: valid: four finite numbers from -1 to 1: right, ahead"
+    assert words in switch.results[1].reason
+    assert [r.ok for r in switch.results] == [True, *5 * [False], True]
+    assert switch.results[4].reason == "mode 'acro' refused: valid: position, angle, attitude"
+    assert switch.results[5].reason == "order 'abort' refused: valid: next, retry, retract"
+    assert result.outcome == "succeeded", result.reason
+    s = result.samples
+    (manual,) = [p for p in result.phases if p.name == "manual"]
+    _, x, y, _ = s["ref_q_WB"][(s["t"] > manual.start_s) & (s["t"] < manual.start_s + 0.5)].T
+    tilt = np.degrees(np.arccos(1.0 - 2.0 * (x**2 + y**2)))
+    assert tilt.max() == pytest.approx(15.0, abs=1e-6)  # and 75 deg for a stick of 5
+
+
 def test_the_switch_is_refused_on_the_ground_and_before_it_was_taken(tmp_path):
     early = Switch(0.5)
     result = fly(tmp_path, early)

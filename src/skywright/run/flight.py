@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from numpy.typing import NDArray
@@ -26,6 +26,15 @@ class PhaseRecord(NamedTuple):
     start_s: float
     end_s: float
     outcome: str  # "done", "retry", "taken over" (by a pilot), "failed"
+
+
+INTERRUPTS = ("manual", "draw back")
+"""Phases that begin when a pilot or an operator's order interrupts the phase before."""
+
+
+def is_interrupted(phases: Sequence[PhaseRecord], i: int) -> bool:
+    """Return whether a pilot or an operator's order interrupted phase `i`."""
+    return i + 1 < len(phases) and phases[i + 1].name in INTERRUPTS
 
 
 class Flight(NamedTuple):

@@ -19,7 +19,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.bounded import read_bytes
+from skywright.core.bounded import LARGEST_TABLE, read_bytes
 from skywright.errors import InputError, neighbours
 from skywright.vehicle.plant import MISSION_TICK
 
@@ -27,9 +27,8 @@ Array = NDArray[np.float64]
 
 COLUMNS = ("t_s", "dx", "dy", "dz", "button")
 GAP_MAX = 0.5  # s between rows: the input in a longer gap is unknown
-LONGEST = 600.0  # s
-MOST_STARTS = 100  # pieces of work
-MAX_BYTES = 10_000_000
+MAX_BYTES = LARGEST_TABLE
+"""The only limit of a recording's length: some 14 hours of input at 50 rows/s."""
 FILE = "operator.csv"
 """In a run's directory: the input of its operator."""
 
@@ -149,10 +148,10 @@ def load_recording(path: Path) -> Recording:
     if len(table) < 2:
         raise InputError(f"{path}: {len(table)} rows of numbers; valid: at least 2")
     _check_times(path, table[:, 0], [line for line, _ in rows[1:]])
-    speeds = _read_comment(path, lines, "v_max_mps", 1)
+    speeds = _read_comment(path, lines, "v_max_mps", one=True)
     if speeds and not speeds[0] > 0.0:
         raise InputError(f"{path}: v_max_mps is {speeds[0]:g}; a number above 0 is required")
-    starts = _read_comment(path, lines, "starts_s", MOST_STARTS) or [0.0]
+    starts = _read_comment(path, lines, "starts_s", one=False) or [0.0]
     if starts[0] != 0.0 or np.any(np.diff(starts) < 0.0) or starts[-1] > table[-1, 0]:
         raise InputError(
             f"{path}: starts_s is {', '.join(f'{x:g}' for x in starts[:8])}; valid: from 0 in "
@@ -186,9 +185,7 @@ def write_recording(
 
 def _read_text(path: Path) -> str:
     try:
-        text = read_bytes(path, MAX_BYTES, f"valid: up to {LONGEST:g} s of rows").decode(
-            "utf-8-sig"
-        )
+        text = read_bytes(path, MAX_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError:
         text = "\0"
     if "\0" in text:
@@ -210,10 +207,12 @@ def _read_row(path: Path, line: int, text: str, header: list[str]) -> list[float
             value = float(cell)
         except ValueError:
             value = math.nan
-        low, high = (0.0, LONGEST) if name == "t_s" else (-1.0, 1.0)
-        good = value in (0.0, 1.0) if name == "button" else low <= value <= high
+        good, valid = -1.0 <= value <= 1.0, "-1 to 1"
+        if name == "t_s":
+            good, valid = 0.0 <= value < math.inf, "0 or more"
+        elif name == "button":
+            good, valid = value in (0.0, 1.0), "0 or 1"
         if not good:  # also rejects NaN
-            valid = "0 or 1" if name == "button" else f"{low:g} to {high:g}"
             raise InputError(
                 f"{path}: line {line}, {name} is {cell.strip()[:20]!r}; valid: {valid}"
             )
@@ -232,8 +231,8 @@ def _check_times(path: Path, t: Array, lines: list[int]) -> None:
         raise InputError(f"{path}: line {lines[i + 1]}, t_s is {t[i + 1]:g} after {t[i]:g}; {what}")
 
 
-def _read_comment(path: Path, lines: list[tuple[int, str]], name: str, most: int) -> list[float]:
-    """Return the numbers of a comment, up to `most`; an empty list if there is no such comment."""
+def _read_comment(path: Path, lines: list[tuple[int, str]], name: str, one: bool) -> list[float]:
+    """Return the number or the numbers of a comment; an empty list if there is no such comment."""
     for line, text in lines:
         match = re.fullmatch(rf"\s*#\s*{name}\s*=(.*)", text)
         if match:
@@ -241,10 +240,10 @@ def _read_comment(path: Path, lines: list[tuple[int, str]], name: str, most: int
                 values = [float(x) for x in match.group(1).split(",")]
             except ValueError:
                 values = []
-            if not 0 < len(values) <= most or not all(map(math.isfinite, values)):
+            if not values or (one and len(values) > 1) or not all(map(math.isfinite, values)):
                 raise InputError(
                     f"{path}: line {line}, {name} is {match.group(1).strip()[:20]!r}; valid: "
-                    f"{'a number' if most == 1 else f'up to {most} numbers'}"
+                    f"{'a number' if one else 'finite numbers, separated by commas'}"
                 )
             return values
     return []

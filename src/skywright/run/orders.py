@@ -105,11 +105,14 @@ class Orders:
             says = f"{s.phase} has no contact that this mission can repeat"
         return says and f"{order} refused: {says}"
 
-    def give(self, order: Order) -> Result:
+    def give(self, order: str) -> Result:
         """Accept or refuse an order; it is executed from the next tick."""
-        says = self.find_refusal(order)
+        if order in list(Order):
+            says = self.find_refusal(Order(order))
+        else:
+            says = f"order {order!r} refused: valid: {', '.join(Order)}"
         if not says:
-            self._given = order
+            self._given = Order(order)
         return Result(not says, says, self._s.vehicle.t)
 
     def follow(self) -> None:
@@ -131,10 +134,10 @@ class Orders:
     def passes(self, seconds: float) -> Iterator[Ticked]:
         """Tick for a time (s) without pilot flight; the order `next` ends it early."""
         s = self._s
-        end = s.vehicle.t - s.pilot.away_s + seconds
+        end = s.clock + seconds
         self._holds, self._given = True, None
         try:
-            while s.vehicle.t - s.pilot.away_s < end - 1e-9 and self._given != Order.NEXT:
+            while s.clock < end - 1e-9 and self._given != Order.NEXT:
                 yield s.tick()
         finally:
             self._holds, self._given = False, None
@@ -218,12 +221,12 @@ class Orders:
         """
         s = self._s
         s.begin(WAITING)
-        end = s.vehicle.t - s.pilot.away_s + PATIENCE_S
+        end = s.clock + PATIENCE_S
         self.waits, self._given, self._why = True, None, BY_ORDER
         try:
             while self._given is None:
                 s.tick()
-                if s.vehicle.t - s.pilot.away_s > end:
+                if s.clock > end:
                     self._why = f"no order came for {PATIENCE_S:g} s after retract"
                     if not goes_on:
                         raise GivenBack(self._why, ended.taken, ended.first)

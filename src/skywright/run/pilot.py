@@ -13,7 +13,9 @@ response of a rule. After the pilot gives back:
 
 from __future__ import annotations
 
+import math
 import weakref
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -106,30 +108,54 @@ class Pilot:
         self.switch, self.says = self.switch and bool(says), says
         return Result(not says, says, self._s.vehicle.t)
 
-    def choose(self, mode: Mode) -> Result:
+    def choose(self, mode: str) -> Result:
         """Select the stick's mode; angle mode is refused if the robot cannot tilt in place."""
         says = ""
-        if mode == Mode.ANGLE and find_tilt_in_place(self._s) <= 0.0:
+        if mode not in list(Mode):
+            says = f"mode {mode!r} refused: valid: {', '.join(Mode)}"
+        elif mode == Mode.ANGLE and find_tilt_in_place(self._s) <= 0.0:
             robot = self._s.vehicle.robot.name
             says = f"angle mode refused: {robot} cannot tilt in place, its rotors are parallel"
-        self.mode, self.says = self.mode if says else mode, says
+        self.mode, self.says = self.mode if says else Mode(mode), says
         if self._hand is not None:
             self._hand.mode = self.mode
         return Result(not says, says, self._s.vehicle.t)
 
-    def move(self, axes: list[float]) -> None:
-        """Set the stick: right, ahead, turn, climb. It is valid for 0.5 s and then centred."""
-        self._axes, self._heard = axes, self._s.vehicle.t
+    def move(self, axes: Sequence[float]) -> Result:
+        """Set the stick: right, ahead, turn, climb. It is valid for 0.5 s and then centred.
+
+        Axes beyond -1 and 1 are limited to them. Anything but four finite numbers is refused: the
+        pilot then counts as silent, and the flight continues.
+        """
+        try:
+            stick = np.array(axes, float)
+        except (TypeError, ValueError):
+            stick = np.full(4, math.nan)
+        t = self._s.vehicle.t
+        if stick.shape != (4,) or not np.isfinite(stick).all():
+            self.says = (
+                f"stick {str(axes)[:80]} refused: valid: four finite numbers from -1 to 1: right, "
+                "ahead, turn, climb"
+            )
+            return Result(False, self.says, t)
+        self._axes, self._heard = np.clip(stick, -1.0, 1.0).tolist(), t
+        return Result(True, "", t)
 
     def follow_switch(self) -> None:
-        """Read the switch on the vehicle itself, which has priority; raises PilotLanded."""
+        """Read the switch on the vehicle itself, which has priority; raises PilotLanded.
+
+        While the motors are off, no switch has an effect: a pilot must not start motors that a
+        fault rule has stopped in the air.
+        """
         vehicle = self._s.vehicle
         if vehicle.stopped and (self.switch or self.flies):
             self.switch = False
             raise PilotLanded(f"the pilot took over; {vehicle.stopped}")
-        if not self.follows:
+        if not self.flies and self._s.senses.told("active") < 0.5:
+            self.switch = self._outside = False
+        elif not self.follows:
             return
-        if vehicle.piloted:
+        elif vehicle.piloted:
             self.switch, self._outside = True, True
             self.move([0.0, 0.0, 0.0, 0.0])  # the vehicle reads its own stick
         elif self._outside:

@@ -217,11 +217,11 @@ def evaluate_directory(directory: Path) -> RunResult:
     InputError if files are missing or damaged.
     """
     stored = load_run(directory)
-    description = load_description(directory / MISSION)
-    setup = Setup(description)
-    plan = plan_mission(description, setup)
+    setup = Setup(load_description(directory / MISSION))
+    plan = plan_mission(setup.description, setup)
     outcome = stored.outcome if stored.outcome in ("interrupted", "diverged") else ""
-    flight = Flight(stored.outcome in ("succeeded", "failed"), stored.reason, stored.acted)
+    reason = "" if stored.outcome == "failed" else stored.reason  # a failure is judged again
+    flight = Flight(stored.outcome in ("succeeded", "failed"), reason, stored.acted)
     flown = Flown(setup, plan, stored.samples, stored.phases)
     result = _evaluate(flown, flight, outcome, directory)
     return result._replace(

@@ -265,19 +265,27 @@ def open_vehicle(
     description: Description[Any], backend: str, arrival: Arrival | None, checklist: bool,
     parts: Sequence[Component] = (),
 ) -> Vehicle:  # fmt: skip
-    """Build a vehicle and wait until its position is estimated; see `skywright.fly`."""
+    """Build a vehicle and wait until its position is estimated; see `skywright.fly`.
+
+    Raises NoEstimate if it is not; the vehicle's connections are then closed.
+    """
     setup = Setup(description)
     vehicle = build_vehicle(description, setup=setup, backend=backend, parts=parts)
-    plan: MissionPlan[Any] = MissionPlan(True, None, 0.0, 0.0, 0.0, 0.0, {})
-    supervisor: Supervisor[Any] = Supervisor(
-        vehicle, description.mission, plan, description.robot.platform.gear_height_m,
-        rules=build_rules(description), surroundings=lambda: setup.clearance_aloft,
-    )  # fmt: skip
-    checks = description.mission.checklist.model_copy(update={"spin": True}) if checklist else None
-    out = Vehicle(vehicle, supervisor, arrival, checks)
-    supervisor.wait_for_estimate()
-    while out.state == State.UNINITIALIZED:
-        out.tick()
+    try:
+        plan: MissionPlan[Any] = MissionPlan(True, None, 0.0, 0.0, 0.0, 0.0, {})
+        supervisor: Supervisor[Any] = Supervisor(
+            vehicle, description.mission, plan, description.robot.platform.gear_height_m,
+            rules=build_rules(description), surroundings=lambda: setup.clearance_aloft,
+        )  # fmt: skip
+        checks = description.mission.checklist
+        spun = checks.model_copy(update={"spin": True}) if checklist else None
+        out = Vehicle(vehicle, supervisor, arrival, spun)
+        supervisor.wait_for_estimate()
+        while out.state == State.UNINITIALIZED:
+            out.tick()
+    except BaseException:
+        vehicle.close()
+        raise
     return out
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from skywright.core.find import blame
 from skywright.core.interrupt import check_interrupt
 from skywright.description.mission.spec import Mission, T
-from skywright.errors import SimulationError
+from skywright.errors import SimulationError, SkywrightError
 from skywright.models.geometry import ClearanceQuery
 from skywright.run.faults._response import LANDED_S, respond, wait_until_still
 from skywright.run.faults._rule import Acted, Response, Rule
@@ -19,10 +19,9 @@ from skywright.run.faults._senses import Senses
 from skywright.run.faults._trail import Trail
 from skywright.run.faults._watch import RuleActed, Watch
 from skywright.run.flight import Flight, PhaseRecord
-from skywright.run.hand_flight import Mode
 from skywright.run.kind import load_kind
 from skywright.run.operator import Operator, Stick
-from skywright.run.orders import Order, Orders
+from skywright.run.orders import Orders
 from skywright.run.parts import build_default_rules
 from skywright.run.pilot import GivenBack, Pilot, PilotLanded
 from skywright.run.planning import MissionPlan
@@ -43,8 +42,10 @@ START_MAX = 10.0  # s, on the ground without an estimate
 RELEASE = 3.0  # s, after the robot was released in the air
 
 
-class NoEstimate(Exception):
+class NoEstimate(SkywrightError):
     """Raised if the position is not estimated: the robot stays on the ground."""
+
+    exit_code = 1  # as a mission that ends without take-off
 
 
 class Supervisor(Generic[T]):
@@ -174,20 +175,23 @@ class Supervisor(Generic[T]):
     def choose_mode(self, mode: str) -> Result:
         """Select the mode of the pilot's stick: "position", "angle" or "attitude" (the default).
 
-        Refused, with the reason, if the robot cannot fly the mode.
+        Refused, with the reason, if the robot cannot fly the mode or there is no such mode.
         """
-        return self.pilot.choose(Mode(mode))
+        return self.pilot.choose(mode)
 
-    def move_stick(self, axes: list[float]) -> None:
-        """Set the pilot's stick: right, ahead, turn to the left, climb, each from -1 to 1."""
-        self.pilot.move(axes)
+    def move_stick(self, axes: Sequence[float]) -> Result:
+        """Set the pilot's stick (4,): right, ahead, turn to the left, climb, each from -1 to 1.
+
+        Larger values are limited. Refused, with the reason, unless all four are finite numbers.
+        """
+        return self.pilot.move(axes)
 
     def order(self, what: str) -> Result:
         """Accept an operator's order: "next", "retry" or "retract" (run/orders.py).
 
-        Refused, with the reason, if it does not apply.
+        Refused, with the reason, if it does not apply or there is no such order.
         """
-        return self.orders.give(Order(what))
+        return self.orders.give(what)
 
     def _fly_kind(self, way: Any) -> Flight:
         with blame(type(self.kind), "mission.kind: fly", SimulationError):
@@ -247,10 +251,18 @@ class Supervisor(Generic[T]):
         while not self.tick().arrived:
             pass
 
+    @property
+    def clock(self) -> float:
+        """Mission time (s) less the time for which pilots interrupted the mission.
+
+        Durations of free flight are measured with it.
+        """
+        return self.vehicle.t - self.pilot.away_s
+
     def wait(self, seconds: float) -> None:
         """Tick for a time (s) without pilot flight."""
-        end = self.vehicle.t - self.pilot.away_s + seconds
-        while self.vehicle.t - self.pilot.away_s < end - 1e-9:
+        end = self.clock + seconds
+        while self.clock < end - 1e-9:
             self.tick()
 
     def hold(self, seconds: float) -> None:

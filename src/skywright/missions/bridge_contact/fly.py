@@ -20,6 +20,7 @@ from skywright.missions.bridge_contact.sliding import find_way
 from skywright.missions.bridge_contact.stations import Station
 from skywright.missions.bridge_contact.survey import SurveyWay, get_ball
 from skywright.missions.bridge_contact.task import BridgeContact, Contact
+from skywright.missions.bridge_contact.visits import APPROACH, DOCK, FREE_APPROACH, FREE_NEAR
 from skywright.missions.skills.datum import SeenMark, look_at_datum
 from skywright.missions.skills.operated import Lead
 from skywright.missions.skills.pressing import TIP_GAP, Presser
@@ -55,10 +56,10 @@ def fly(s: Supervisor[BridgeContact], way: ContactPlan) -> Flight:
         if way.survey is not None and not way.survey.stations:
             reason = pilot.find_with_feet(way.survey, i)
         if pilot.contact.dock and not reason:
-            reason = pilot.inspect_docked(pilot.way.stations[i])
+            reason = pilot.inspect_docked(pilot.way.stations[i]) or ""
         free = pilot.way.free
         if not reason and free is not None and pilot.way.free_forces:
-            told = pilot.inspect_flying(pilot.way.stations[i], free)
+            told = pilot.inspect_flying(pilot.way.stations[i], free) or ""
             beside = beside or told
             reason = "" if pilot.contact.dock else told  # then it has no requirements
         if reason:
@@ -139,8 +140,11 @@ class Pilot(Presser):
         self.structure, self.way = found.structure, plan.get_way()
         return ""
 
-    def inspect_docked(self, at: Station) -> str:
-        """Dock, press, undock; returns the reason of a failure, or ""."""
+    def inspect_docked(self, at: Station) -> str | None:
+        """Dock, press, undock; returns the reason of a failure, or "".
+
+        Returns None if an order left the contact out.
+        """
         s, way = self.s, self.way
         rest, pressed = way.rest, way.pressed
         assert rest is not None and pressed is not None
@@ -153,10 +157,10 @@ class Pilot(Presser):
             }
 
         stand = at.p_dock + way.stand_off * at.normal
-        self.go("approach", p=stand, R=at.R_level, q=way.q_ready)
+        self.go(APPROACH, p=stand, R=at.R_level, q=way.q_ready)
         self.go("align", R=at.R_approach)
         s.wait(1.0)
-        reason = s.orders.attempt(at.name, lambda: self._press_docked(at, load_feet), "")
+        reason = s.orders.attempt(at.name, lambda: self._press_docked(at, load_feet), None)
         self.go(None, R=at.R_level)
         return reason
 
@@ -164,7 +168,7 @@ class Pilot(Presser):
         """Dock from below a station, press, undock; returns the reason of a failure, or ""."""
         s, way, task = self.s, self.way, self.contact
         stand = at.p_dock + way.stand_off * at.normal
-        self.go("dock", p=at.p_dock, R=at.R_approach, speed=task.dock_speed_mps)
+        self.go(DOCK, p=at.p_dock, R=at.R_approach, speed=task.dock_speed_mps)
         self.go("seat", R=at.R_dock, least=SEAT_S, docked=1.0, **load_feet(0.0))
         s.wait(1.0)
         gap = float((at.p_dock - s.vehicle.estimate["p_WB"]) @ -at.normal)
@@ -179,17 +183,15 @@ class Pilot(Presser):
         self.go(None, p=stand, R=at.R_approach, docked=0.0, speed=task.dock_speed_mps)
         return reason
 
-    def inspect_flying(self, at: Station, stance: ContactStance) -> str:
-        """Press in flight, slide if the task requires it; returns why it failed, or ""."""
+    def inspect_flying(self, at: Station, stance: ContactStance) -> str | None:
+        """Press in flight, slide if the task requires it; returns like `inspect_docked`."""
         task = self.contact
         back = at.p_press + self.way.stand_off * at.normal
-        self.go("free approach", p=back, R=at.R_level, q=stance.q)
+        self.go(FREE_APPROACH, p=back, R=at.R_level, q=stance.q)
         self.go(None, R=at.R_approach)
 
-        def work() -> str:
-            return self._press_flying(at, back)
-
-        return self.s.orders.attempt(f"{at.name} in flight" if task.dock else at.name, work, "")
+        what = f"{at.name} in flight" if task.dock else at.name
+        return self.s.orders.attempt(what, lambda: self._press_flying(at, back), None)
 
     def _press_flying(self, at: Station, back: Array) -> str:
         """Press, slide and leave, starting with the platform at `back` (3,) m in front of a
@@ -197,7 +199,7 @@ class Pilot(Presser):
         task = self.contact
         if self.lead is not None and isinstance(task, BridgeContact):
             return self._press_by_hand(at, back, self.lead, task)
-        self.go("free near", p=at.p_press + TIP_GAP * at.normal, R=at.R_approach, speed=0.1)
+        self.go(FREE_NEAR, p=at.p_press + TIP_GAP * at.normal, R=at.R_approach, speed=0.1)
         self.s.wait(1.0)
         slide = self._slide if task.slide_m else None
         reason = self.press(at.name, "flying", self.way.free_forces, "free ", then=slide)
@@ -207,7 +209,7 @@ class Pilot(Presser):
     def _press_by_hand(self, at: Station, back: Array, lead: Lead, task: BridgeContact) -> str:
         """Press with an operator at the stick, who applies one force and does not slide."""
         s = self.s
-        self.go("free near", p=HandPress.place_before(at), R=at.R_approach, speed=0.1)
+        self.go(FREE_NEAR, p=HandPress.place_before(at), R=at.R_approach, speed=0.1)
         s.wait(1.0)
         hand = HandPress(s, lead, at, task)
         reason = hand.fly()

@@ -14,6 +14,7 @@ from skywright.missions.bridge_contact.operated_press import PRESS, TOUCH
 from skywright.missions.bridge_contact.plan import ContactPlan
 from skywright.missions.bridge_contact.survey import read_survey
 from skywright.missions.bridge_contact.task import BridgeContact
+from skywright.missions.bridge_contact.visits import list_visits
 from skywright.missions.skills.datum import (
     DATUM_WHERE,
     get_datum,
@@ -31,7 +32,7 @@ from skywright.missions.skills.surveyed_structure import (
 )
 from skywright.models.drawing import rotate_vectors
 from skywright.recordings.columns import has_columns
-from skywright.run.flight import Flown, PhaseRecord
+from skywright.run.flight import INTERRUPTS, Flown, PhaseRecord, is_interrupted
 from skywright.run.kind import Measures
 from skywright.run.metrics import OFF_SURFACE
 from skywright.run.where import Where
@@ -156,14 +157,14 @@ def _measure_hand(samples: Samples, phases: list[PhaseRecord]) -> dict[str, floa
 def _find_place_error(run: Flown[BridgeContact, ContactPlan], deck: Surface) -> float:
     """Return the largest distance (m) of the tip from its spot, along the surface."""
     samples, phases, task = run.samples, run.phases, run.task
-    holds = (HOLD if task.dock else FREE).find(phases)
-    by_hand = bool(_measure_hand(samples, phases))
-    worst, n = 0.0, 1 if by_hand else len(task.forces_n)
-    for k, i in enumerate(holds):
-        spot = task.spots[min(k // n, len(task.spots) - 1)]
+    holds = set((HOLD if task.dock else FREE).find(phases))
+    worst = 0.0
+    for spot, visit in zip(task.spots, list_visits(phases, task.dock), strict=False):
         place, R = locate_point(deck, np.array([spot.x_m, spot.y_m]))
-        off = (samples["p_WT"][samples["phase"] == i] - place) @ R[:, :2]
-        worst = max(worst, float(np.max(np.linalg.norm(off, axis=1), initial=0.0)))
+        for i in holds.intersection(visit):
+            if not is_interrupted(phases, i):
+                off = (samples["p_WT"][samples["phase"] == i] - place) @ R[:, :2]
+                worst = max(worst, float(np.max(np.linalg.norm(off, axis=1), initial=0.0)))
     seen = read_datum(run.setup, samples, phases) is not None  # then the map is not used
     return max(worst - (0.0 if seen else run.setup.description.plant.map_error_m), 0.0)
 
@@ -222,7 +223,7 @@ def _judge_force(s: Samples, name: str) -> dict[str, float]:
 
 
 def _find_wander(samples: Samples, phases: list[PhaseRecord], where: Where) -> float:
-    """Return the platform's largest distance (m) from its position at a station's first hold."""
+    """Return the platform's largest distance (m) from its position at a contact's first hold."""
     worst, first, held = 0.0, None, where.find(phases)
     for i, phase in enumerate(phases):
         if i in held:
@@ -230,7 +231,7 @@ def _find_wander(samples: Samples, phases: list[PhaseRecord], where: Where) -> f
             if len(p):
                 first = p[0] if first is None else first
                 worst = max(worst, float(np.max(np.linalg.norm(p - first, axis=1))))
-        elif phase.name.endswith("release"):
+        elif phase.name.endswith("release") or phase.name in INTERRUPTS:
             first = None
     return worst
 

@@ -191,9 +191,10 @@ def _trim(s: Supervisor) -> None:
     """Hold the stand-off until the integral settles in all directions, before a touch."""
     s.begin("trim")
     s.body.hold()
-    start = good_since = s.vehicle.t
+    start = good_since = s.clock
     while True:
-        t = s.tick().t
+        s.tick()
+        t = s.clock
         error = s.vehicle.reference["p_WT"] - s.vehicle.estimate["p_WT"]
         if float(np.linalg.norm(error)) > TRIM_ERROR:
             good_since = t

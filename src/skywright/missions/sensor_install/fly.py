@@ -169,8 +169,8 @@ def _watch_hand(s: Supervisor, hand: int = 0) -> Array:
     platform compensates the resulting error of the hand: a deflection of 20 deg in the elbow of a
     stretched arm changes its reach by 8 mm.
     """
-    seen, end = [], s.vehicle.t + WATCH_S
-    while s.vehicle.t < end - 1e-9:
+    seen, end = [], s.clock + WATCH_S
+    while s.clock < end - 1e-9:
         s.tick()
         seen.append(s.vehicle.read(Hands).p_WH[hand])
     mean: Array = np.mean(seen, axis=0)
@@ -203,18 +203,18 @@ def _check_swing(s: Supervisor, angle: float, way: InstallPlan) -> bool:
     """
     s.begin("push the link")
     swing = int(s.vehicle.read(ArmModel).swing)
-    rest, started = float(s.vehicle.estimate["q"][swing]), s.vehicle.t
+    rest, end = float(s.vehicle.estimate["q"][swing]), s.clock + SWING_WAIT
     force = SWING_FORCE * angle / SWING_USUAL
     s.devices.helper.push("pendulum", -force * rot_z(way.yaw)[:, 0])
     away, rate = 0.0, 0.0
-    while math.hypot(away, rate / way.swing_rad_s) < angle and s.vehicle.t < started + SWING_WAIT:
+    while math.hypot(away, rate / way.swing_rad_s) < angle and s.clock < end:
         s.tick()
         away = float(s.vehicle.estimate["q"][swing]) - rest
         rate = float(s.vehicle.estimate["qd"][swing])
     s.devices.helper.push("pendulum", np.zeros(3))
-    if s.vehicle.t >= started + SWING_WAIT:
+    if s.clock >= end:
         return False
-    while rate * away > 0.0 and s.vehicle.t < started + SWING_WAIT:
+    while rate * away > 0.0 and s.clock < end:
         s.tick()
         rate = float(s.vehicle.estimate["qd"][swing])
     s.begin("swing check")

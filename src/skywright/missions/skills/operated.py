@@ -92,8 +92,7 @@ class Lead:
             if self._last is None or not self._last.button or self._ended > GRACE_S:
                 raise OperatorGone("the operator's input ended")
             stick = Stick(np.zeros(3), True)
-        else:
-            s.sticks.append((t, stick))
+        s.sticks.append((t, stick))  # every tick: a recording has no gaps
         self._last = stick
         self._ticks += 1
         s.vehicle.set_stick(stick.axes, stick.button)

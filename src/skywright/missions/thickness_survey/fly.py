@@ -46,7 +46,11 @@ class SurveyPilot(Pilot):
         self._newest: Reading | None = None
 
     def measure(self, at: Station) -> str:
-        """Touch a spot until a reading is accepted; returns the reason for an abort, or ""."""
+        """Touch a spot until a reading is accepted; returns the reason for an abort, or "".
+
+        A spot that an order leaves out is not touched again.
+        """
+        reason: str | None = ""
         for _ in range(self.survey.tries):
             self._newest = None
             if self.contact.dock:
@@ -55,15 +59,16 @@ class SurveyPilot(Pilot):
                 assert self.way.free is not None
                 reason = self.inspect_flying(at, self.way.free)
             accepted = self._newest is not None and self._newest.accepted
-            if reason or accepted:
+            if reason != "" or accepted:
                 break
         self.gauge.leave_site()
-        return reason
+        return reason or ""
 
     def measure_force(self, spot: str, force: float, how: str) -> None:
         """Hold until the gauge accepts a reading, for `hold_s` at most."""
         s, seen = self.s, float(self._reading.scan)
         start = s.vehicle.t
+        self._newest = None  # of a touch that is repeated
         self.gauge.restart()
         for _ in s.orders.passes(self.profile.hold_s):
             # readings before the phase are ignored, as in the evaluation

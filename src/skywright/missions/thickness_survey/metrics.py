@@ -10,6 +10,7 @@ import numpy as np
 from skywright.core.arrays import Array
 from skywright.inspection.thickness import GaugeCheck, Reading
 from skywright.missions.bridge_contact.metrics import compute_metrics as judge_contact
+from skywright.missions.bridge_contact.visits import is_left_out, list_visits
 from skywright.missions.skills.datum import DATUM_WHERE, read_datum
 from skywright.missions.skills.surveyed import SURVEY_WHERE
 from skywright.missions.skills.surveyed_structure import STRUCTURE_MEASURES
@@ -19,7 +20,7 @@ from skywright.missions.thickness_survey.task import ThicknessSurvey
 from skywright.models.things.wall import build_wall_field, compute_wall
 from skywright.models.ultrasonic import build_face, find_tilt_null
 from skywright.recordings.columns import has_columns
-from skywright.run.flight import Flown
+from skywright.run.flight import Flown, is_interrupted
 from skywright.run.kind import Measures
 from skywright.run.where import WHOLE, Where
 from skywright.vehicle.sensors.ultrasonic import find_wall, rebuild_ascans
@@ -91,7 +92,10 @@ class SpotReading(NamedTuple):
 
 
 def find_readings(run: Flown[ThicknessSurvey, ThicknessWay]) -> list[SpotReading]:
-    """Process the recorded A-scans of each touch as the flight did."""
+    """Process the recorded A-scans of each touch as the flight did.
+
+    A touch that a pilot or an order interrupted has no reading.
+    """
     if not has_columns(run.samples, "ut_scan"):
         return []
     d, task = run.setup.description, run.task
@@ -103,22 +107,28 @@ def find_readings(run: Flown[ThicknessSurvey, ThicknessWay]) -> list[SpotReading
     transducer = probe.true.build_transducer()
     face = build_face(transducer.radius)
     names = list_spot_names(task)
+    held = HELD.find(run.phases)
     out, at, tries = list[SpotReading](), 0, 0
-    for i in HELD.find(run.phases):
-        phase = run.phases[i]
-        mine = np.flatnonzero((t > phase.start_s) & (t < phase.end_s))
-        gauge.restart()
-        read = gauge.add(t[mine], scans[mine]) if mine.size else []
+    for visit in list_visits(run.phases, task.dock):
+        accepted = False
+        for i in sorted(set(visit).intersection(held)):
+            if is_interrupted(run.phases, i):
+                continue
+            phase = run.phases[i]
+            mine = np.flatnonzero((t > phase.start_s) & (t < phase.end_s))
+            gauge.restart()
+            read = gauge.add(t[mine], scans[mine]) if mine.size else []
+            accepted = any(r.accepted for r in read)
+            if read:
+                k = next((j for j, r in enumerate(read) if r.accepted), len(read) - 1)
+                _, _, share, tilt, u, v = states[mine[k]].tolist()
+                true = float(np.mean(compute_wall(field, u + face[:, 0], v + face[:, 1])[0]))
+                false = share == 0.0 or tilt >= find_tilt_null(transducer)
+                out.append(SpotReading(
+                    names[min(at, len(names) - 1)], u, v, read[k], true, false, scans[mine[k]]
+                ))  # fmt: skip
         tries += 1
-        if read:
-            k = next((j for j, r in enumerate(read) if r.accepted), len(read) - 1)
-            _, _, share, tilt, u, v = states[mine[k]].tolist()
-            true = float(np.mean(compute_wall(field, u + face[:, 0], v + face[:, 1])[0]))
-            false = share == 0.0 or tilt >= find_tilt_null(transducer)
-            out.append(SpotReading(
-                names[min(at, len(names) - 1)], u, v, read[k], true, false, scans[mine[k]]
-            ))  # fmt: skip
-        if (read and out[-1].reading.accepted) or tries == task.tries:
+        if accepted or tries == task.tries or is_left_out([run.phases[i] for i in visit]):
             at, tries = at + 1, 0
             gauge.leave_site()
     return out

@@ -60,6 +60,10 @@ class Rule:
     answers_failed_computer: ClassVar[bool] = False
     """Whether the rule acts if a step of the robot's computer failed (`Senses.failure`)."""
 
+    overrides_pilot: ClassVar[bool] = False
+    """Whether the rule also acts while a pilot flies, because the robot no longer follows the
+    stick. All other rules only report then."""
+
     class Table(Spec):
         """Keys of `[mission.faults.NAME]`."""
 

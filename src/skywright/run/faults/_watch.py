@@ -107,12 +107,12 @@ class Watch:
     def tell(self, phase: str) -> None:
         """Evaluate all rules while a pilot flies: each is reported once, and none ends the mission.
 
-        A failed computer is the exception, because the robot no longer follows the stick.
+        Rules that override the pilot are the exception: the robot no longer follows the stick.
         """
         try:
             self.look(phase)
         except RuleActed as acted:
-            if acted.rule.answers_failed_computer:
+            if acted.rule.overrides_pilot:
                 raise
             self.rank, self.senses.responding = self._before, self._before >= 0
             self.acted.pop()

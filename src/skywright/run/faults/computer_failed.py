@@ -25,7 +25,7 @@ class ComputerFailed(Rule):
         "estimator, nothing can control the robot"
     )
     from_take_off = True
-    answers_failed_computer = True
+    answers_failed_computer = overrides_pilot = True
     every = 100  # after a failure of a step it is evaluated at once
 
     class Table(Rule.Table):

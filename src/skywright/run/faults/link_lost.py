@@ -12,6 +12,7 @@ class LinkLost(LinkSilent):
     """Age of the newest inertial sample over the link, beyond the time-out of the motors."""
 
     source = "the motor controllers stop the motors after 0.5 s without a command"
+    overrides_pilot = True
 
     class Table(LinkSilent.Table):
         """Limit (s). If the link recovers, the motors of a falling robot are not restarted."""
