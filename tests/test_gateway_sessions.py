@@ -367,6 +367,8 @@ def test_the_client_moves_arms_and_hears_them(arms: tuple[Arms, bytes]) -> None:
     assert not program.server.peers  # it said good-bye
     joints = [h for h in program.heard if getattr(h, "packet", None) is not None]
     assert {h.packet.kind.name for h in joints} == {"joints", "stick"}
+    now = time.monotonic()  # stamps of a clock that nobody sets back
+    assert all(abs(1e-6 * h.packet.time_us - now) < 300.0 for h in joints)
     assert set(program.server.counts) == {"accepted"} == set(client.counts)
 
 

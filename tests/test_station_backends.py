@@ -52,14 +52,16 @@ def test_links_of_the_command_line_are_offered_in_place_of_the_hint() -> None:
     "more", ['"backend":7', '"backend":["kinematic"]', '"backend":null', '"backend":{}']
 )
 def test_a_back_end_is_a_name(more: str) -> None:
-    assert parse_order(f'{{"k":"start","mission":"waypoints",{more}}}') is None
-    assert parse_order(f'{{"k":"choose","n":1,"mission":"waypoints",{more}}}') is None
+    for kind in ('"start"', '"choose","n":1'):
+        with pytest.raises(InputError, match=r"backend is .*; valid: the name of a back end"):
+            parse_order(f'{{"k":{kind},"mission":"waypoints",{more}}}')
 
 
 def test_a_question_has_a_number() -> None:
-    assert parse_order('{"k":"choose","mission":"waypoints"}') is None
+    with pytest.raises(InputError, match="n is missing"):
+        parse_order('{"k":"choose","mission":"waypoints"}')
     order = parse_order('{"k":"choose","mission":"waypoints","n":3}')
-    assert order is not None and order.content["n"] == 3
+    assert order.content["n"] == 3
     assert order.content["backend"] == "physics"
 
 
@@ -86,9 +88,7 @@ def test_a_station_answers_and_starts_nothing_that_it_does_not_offer(tmp_path: P
         assert page is not None
 
         def order(kind: str, **more: Any) -> None:
-            told = parse_order(json.dumps({"k": kind, **more}))
-            assert told is not None
-            station.follow(page, told)
+            station.follow(page, parse_order(json.dumps({"k": kind, **more})))
 
         async def ask(number: int, *sets: str) -> dict[str, Any]:
             order("choose", mission="waypoints", n=number - 1)  # the newest question counts

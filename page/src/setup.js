@@ -94,13 +94,13 @@ export function showLogbook(parent, entries, known, repeat) {
     return;
   }
   const table = make('table', { class: 'log' }, make('tr', {}, make('th', { text: 'when (UTC)' }), make('th', { text: 'flight' }), make('th', { text: '' })));
-  entries.forEach((e, i) => {
+  for (const e of entries) {
     const acts = make('td');
     if (e.directory && e.outcome !== 'killed') {
       for (const page of ['report', 'replay']) {
         if (page === 'report' && !['succeeded', 'failed', 'aborted'].includes(e.outcome)) continue;
         if (page === 'replay' && !['succeeded', 'failed', 'aborted'].includes(e.outcome)) continue;
-        acts.append(make('a', { href: `flights/${i}/${page}.html`, target: '_blank', rel: 'noopener', text: page }), ' ');
+        acts.append(make('a', { href: `flights/${e.number}/${page}.html`, target: '_blank', rel: 'noopener', text: page }), ' ');
       }
     }
     if (e.mission in known) acts.append(button('repeat', () => repeat(e), { title: 'Fill in the same flight, disturbances included' }));
@@ -109,6 +109,6 @@ export function showLogbook(parent, entries, known, repeat) {
       make('td', {}, make('b', { text: `${e.mission}: ${e.outcome}` }), make('div', { text: `${e.robot ?? ''} in ${e.world ?? ''}, seed ${e.seed ?? '–'}${tellBackend(e.backend)}` }),
         e.reason ? make('div', { class: 'hint', text: e.reason }) : null),
       acts));
-  });
+  }
   parent.replaceChildren(table);
 }

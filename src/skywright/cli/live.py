@@ -93,7 +93,7 @@ def receive(
         recorder = LiveRecorder(out)
         click.echo(f"listening on {address}", err=True)
         record(receiver, recorder, seconds or math.inf, idle or math.inf)
-        files = recorder.finish(receiver)
+        files = recorder.finish()
     finally:
         receiver.close()
     streams = [

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from skywright.links.udp.receiver import Ages
 from skywright.run.operator import STILL, Stick
 
 LEASE_S = 2.0
@@ -19,23 +20,8 @@ LET_GO_S = 0.25
 """s of age beyond which a stick counts as released."""
 HOLD_S = 1.0
 """s without a fresh stick after which the robot holds, and the page reports it."""
-FORGET_S = 30.0
-"""s of validity of the smallest delay: clocks drift."""
-
-
-class Age:
-    """Age (s) of stamped messages relative to the smallest delay; two clocks need not agree."""
-
-    def __init__(self) -> None:
-        self._least: list[tuple[float, float]] = []  # (arrival, delay), both increasing
-
-    def take(self, stamp: float, arrival: float) -> float:
-        """Return the age of a message with `stamp` (s, sender's clock) at `arrival` (s, local
-        clock)."""
-        delay = arrival - stamp
-        least = [(t, d) for t, d in self._least if arrival - t <= FORGET_S and d < delay]
-        self._least = [*least, (arrival, delay)][-64:]
-        return delay - self._least[0][1]
+WINDOW_S = 15.0
+"""s; the smallest delay is that of the last 15 to 30 s: clocks drift."""
 
 
 class Control:
@@ -45,11 +31,11 @@ class Control:
         self.who: str | None = None
         self.seen = -math.inf
         self.seq = -1
-        self.age = Age()
+        self.ages = Ages(WINDOW_S)
 
     def take(self, who: str, now: float) -> None:
         """Give control to `who`, also from another page."""
-        self.who, self.seen, self.seq, self.age = who, now, -1, Age()
+        self.who, self.seen, self.seq, self.ages = who, now, -1, Ages(WINDOW_S)
 
     def release(self, who: str) -> bool:
         """Release control; return whether `who` had it."""
@@ -85,7 +71,7 @@ class Control:
         if self.who != who or seq <= self.seq:
             return None
         self.seq = seq
-        age = self.age.take(stamp, now)
+        age = self.ages.measure(now, stamp)
         return age if age < LET_GO_S else None
 
 

@@ -71,14 +71,14 @@ class Logbook:
         """`folder` contains the runs."""
         self.path = folder / LOGBOOK
         self.entries: list[dict[str, Any]] = []
-        if self.path.is_file():
-            lines = read_text(self.path, LARGEST_LOG).splitlines()[-KEPT:]
-            for line in lines:
-                with suppress(ValueError, InputError):
-                    entry = json.loads(line)
-                    if isinstance(entry, dict):
-                        self.entries.append(entry)
-
+        """The newest entries, each with its line in the file as "number", from 0."""
+        lines = read_text(self.path, LARGEST_LOG).splitlines() if self.path.is_file() else []
+        self._lines = len(lines)
+        for number, line in list(enumerate(lines))[-KEPT:]:
+            with suppress(ValueError, InputError):
+                entry = json.loads(line)
+                if isinstance(entry, dict):
+                    self.entries.append({**entry, "number": number})
         self._note = folder / f"{UNDER_WAY}{os.getpid()}.json"
         self._adopt(folder)
 
@@ -104,7 +104,8 @@ class Logbook:
 
     def add(self, entry: dict[str, Any]) -> None:
         """Add a flight's entry; a full disk raises InputError."""
-        self.entries = [*self.entries, entry][-KEPT:]
+        self.entries = [*self.entries, {**entry, "number": self._lines}][-KEPT:]
+        self._lines += 1
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             with self.path.open("a", encoding="utf-8") as file:
@@ -134,26 +135,27 @@ class Process:
     async def start(self) -> None:
         """Start it; raises InputError if no process can be started."""
         self.asked.check()
-        ours, theirs = build_pair()
         operator = ["--operator", "page"] if self.asked.operated else []
         disturbing = [x for text in self._list_disturbances() for x in ("--set", text)]
+        ours, theirs = build_pair()
         command = [
             sys.executable, "-m", "skywright", "run", *self.asked.list_arguments(), *disturbing,
             *operator, *self.options, "--out", str(self.out),
             "--station", f"{theirs.fileno()}:{self.folder}",
         ]  # fmt: skip
-        log = (self.folder / "output.txt").open("wb")
         try:
-            # a separate session: Ctrl-C reaches the station only, which ends the flight in order
-            self._process = await asyncio.create_subprocess_exec(
-                *command, stdin=asyncio.subprocess.DEVNULL, stdout=log, stderr=log,
-                pass_fds=[theirs.fileno()], start_new_session=True,
-            )  # fmt: skip
-        except OSError as error:
+            with (self.folder / "output.txt").open("wb") as log:
+                # a separate session: Ctrl-C reaches the station only, which ends the flight in
+                # order
+                self._process = await asyncio.create_subprocess_exec(
+                    *command, stdin=asyncio.subprocess.DEVNULL, stdout=log, stderr=log,
+                    pass_fds=[theirs.fileno()], start_new_session=True,
+                )  # fmt: skip
+        except (OSError, ValueError) as error:  # ValueError: an argument that is no text
             ours.close()
-            raise InputError(f"the flight cannot be started: {error.strerror or error}") from None
+            why = getattr(error, "strerror", None) or error
+            raise InputError(f"the flight cannot be started: {why}") from None
         finally:
-            log.close()
             theirs.close()
         self.end = ours
 
@@ -231,7 +233,7 @@ def write_down(process: Process, code: int, repeats: list[str]) -> dict[str, Any
     """Return the logbook's entry of a flight that has ended."""
     found, asked = process.read_result(), process.asked
     timing = found.get("timing") or {}
-    if code < 0:  # its initial file states that it was interrupted
+    if code < 0 and not process.out.exists():  # a complete run has its name without .partial
         name = signal.Signals(-code).name
         found |= {"outcome": "killed", "reason": f"the flight was killed ({name})"}
     return {

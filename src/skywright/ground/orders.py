@@ -6,11 +6,12 @@ Pages are untrusted clients: their messages are validated like those of a strang
 from __future__ import annotations
 
 import re
-from collections.abc import Container, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
 
 from skywright.core.keys import parse_assignment
 from skywright.core.toml_files import parse_value
+from skywright.errors import InputError
 from skywright.ground.disturb import DISTURBANCES
 from skywright.ground.feed import SPEED_FASTEST, SPEEDS
 from skywright.ground.link import read_flight
@@ -18,11 +19,16 @@ from skywright.ground.steering import MODES, ORDERS
 from skywright.links.pair import parse, read_number
 from skywright.run.backends import PHYSICS
 
-LARGEST = 4096  # bytes, largest message
+LARGEST = 16_384
+"""Characters of the largest message: a start with MOST_SETS values of LONGEST_SET characters."""
 PLAIN = ("take", "release", "here", "invite", "stop")
 """Messages without content."""
-NAME = re.compile(r"[\w.-]{1,64}")
+NAME = re.compile(r"[^/\x00-\x1f]{1,256}")
+NAMES = "a name of up to 256 characters without / and control characters"
 LONGEST_SET, MOST_SETS = 300, 40
+UNSENDABLE = re.compile(r"[\x00\ud800-\udfff]")
+WHOLE = 2**53
+"""Largest whole number that JavaScript represents."""
 
 
 class Order(NamedTuple):
@@ -32,89 +38,146 @@ class Order(NamedTuple):
     content: dict[str, Any]
 
 
-def parse_order(text: str) -> Order | None:
-    """Return a page's request; None if the message is unknown or invalid."""
+def parse_order(text: str) -> Order:
+    """Return a page's request; raises InputError that names the field, its value and valid ones."""
     if len(text) > LARGEST:
-        return None
+        raise InputError(f"a message of {len(text)} characters; valid: up to {LARGEST}")
     found = parse(text)
     if found is None:
-        return None
+        raise InputError("a message that is no JSON object with its kind in k")
     kind = found.pop("k")
-    content = {} if kind in PLAIN else _read(kind, found)
-    return None if content is None else Order(kind, content)
+    if kind in PLAIN:
+        return Order(kind, {})
+    read = READERS.get(kind)
+    if read is None:
+        raise InputError(f"{_show(kind)}: no kind of message; valid: {_join((*PLAIN, *READERS))}")
+    try:
+        return Order(kind, read(found))
+    except InputError as error:
+        raise InputError(f"{kind}: {error}") from None
 
 
-def _read(kind: str, found: dict[str, Any]) -> dict[str, Any] | None:
-    if kind == "ping":
-        stamp = read_number(found.get("w"), 0.0, 1e15)
-        return None if stamp is None else {"w": stamp}
-    if kind == "pause":
-        return {"on": found["on"]} if isinstance(found.get("on"), bool) else None
-    if kind == "speed":
-        x = read_number(found.get("x"), 0.0, SPEEDS[1])
-        return None if x is None or SPEED_FASTEST < x < SPEEDS[0] else {"x": x}
-    if kind == "order":
-        return _choose(found, ORDERS)
-    if kind == "mode":
-        return _choose(found, MODES)
-    if kind == "disturb":
-        return _choose(found, DISTURBANCES)
-    if kind == "stick":
-        return _read_stick(found)
-    if kind == "start":
-        return _read_start(found)
-    if kind == "choose":
-        number, wish = read_number(found.get("n"), 0, 2**53), _read_start(found)
-        return None if number is None or wish is None else {**wish, "n": int(number)}
-    return None
+def _read_ping(found: dict[str, Any]) -> dict[str, Any]:
+    return {"w": _get_number(found, "w", 0.0, 1e15)}
 
 
-def _choose(found: dict[str, Any], known: Container[str]) -> dict[str, Any] | None:
-    what = found.get("what")
-    return {"what": what} if isinstance(what, str) and what in known else None
+def _read_pause(found: dict[str, Any]) -> dict[str, Any]:
+    return {"on": _get_switch(found, "on")}
 
 
-def _read_stick(found: dict[str, Any]) -> dict[str, Any] | None:
-    seq, stamp = read_number(found.get("s"), 0, 2**53), read_number(found.get("w"), 0.0, 1e15)
-    axes = found.get("v")
-    if seq is None or stamp is None or not isinstance(axes, list) or len(axes) != 3:
-        return None
-    values = [read_number(x, -1.0, 1.0) for x in axes]
-    if any(x is None for x in values):
-        return None
-    held, button = found.get("d"), found.get("b")
-    if not isinstance(held, bool) or not isinstance(button, bool):
-        return None
-    flight = read_flight(found.get("f"))
+def _read_speed(found: dict[str, Any]) -> dict[str, Any]:
+    x = _get_number(found, "x", 0.0, SPEEDS[1])
+    if SPEED_FASTEST < x < SPEEDS[0]:
+        raise _wrong("x", x, f"{SPEED_FASTEST:g} (fastest), {SPEEDS[0]:g} to {SPEEDS[1]:g}")
+    return {"x": x}
+
+
+def _build_choice(known: Iterable[str]) -> Callable[[dict[str, Any]], dict[str, Any]]:
+    """Return the reader of a message whose field `what` is one of `known`."""
+    names = sorted(known)
+
+    def read(found: dict[str, Any]) -> dict[str, Any]:
+        what = found.get("what")
+        if not isinstance(what, str) or what not in names:
+            raise _wrong("what", what, _join(names))
+        return {"what": what}
+
+    return read
+
+
+def _read_stick(found: dict[str, Any]) -> dict[str, Any]:
+    axes, flight = found.get("v"), read_flight(found.get("f"))
+    if not isinstance(axes, list) or len(axes) != 3:
+        raise _wrong("v", axes, "a list of 3 numbers from -1 to 1")
+    values = [_get_number({f"v[{i}]": x}, f"v[{i}]", -1.0, 1.0) for i, x in enumerate(axes)]
     if flight is None:
-        return None
-    return {"s": int(seq), "w": stamp, "v": values, "d": held, "b": button, "f": flight}
+        raise _wrong("f", found.get("f"), "a list of 4 numbers from -1 to 1")
+    return {
+        "s": int(_get_number(found, "s", 0, WHOLE)), "w": _get_number(found, "w", 0.0, 1e15),
+        "v": values, "d": _get_switch(found, "d"), "b": _get_switch(found, "b"), "f": flight,
+    }  # fmt: skip
 
 
-def _read_start(found: dict[str, Any]) -> dict[str, Any] | None:
+def _read_start(found: dict[str, Any]) -> dict[str, Any]:
     """Return mission, robot, world and back end by name: a page names no files and no addresses."""
-    out: dict[str, Any] = {"mission": found.get("mission")}
-    if not isinstance(out["mission"], str) or not NAME.fullmatch(out["mission"]):
-        return None
-    for name in ("robot", "world"):
-        value = found.get(name)
-        if value is not None and (not isinstance(value, str) or not NAME.fullmatch(value)):
-            return None
-        out[name] = value
+    out: dict[str, Any] = {}
+    for name in ("mission", "robot", "world"):
+        value = out[name] = found.get(name)
+        if value is None and name != "mission":
+            continue
+        if not isinstance(value, str) or not NAME.fullmatch(value):
+            raise _wrong(name, value, NAMES)
     seed = found.get("seed")
-    if seed is not None and (isinstance(seed, bool) or not isinstance(seed, int) or seed < 0):
-        return None
-    if seed is not None and seed > 2**53:
-        return None
-    sets = found.get("sets", [])
-    if not isinstance(sets, list) or len(sets) > MOST_SETS:
-        return None
-    if not all(isinstance(s, str) and 0 < len(s) <= LONGEST_SET for s in sets):
-        return None
+    if seed is not None and (read_number(seed, 0, WHOLE) is None or not isinstance(seed, int)):
+        raise _wrong("seed", seed, f"a whole number from 0 to {WHOLE}")
     operated, backend = found.get("operated", False), found.get("backend", PHYSICS)
-    if not isinstance(operated, bool) or not isinstance(backend, str):
-        return None
+    if not isinstance(operated, bool):
+        raise _wrong("operated", operated, "true, false")
+    if not isinstance(backend, str):
+        raise _wrong("backend", backend, "the name of a back end")
+    sets = _read_sets(found.get("sets", []))
     return {**out, "seed": seed, "sets": sets, "operated": operated, "backend": backend}
+
+
+def _read_sets(sets: Any) -> list[str]:
+    if not isinstance(sets, list):
+        raise _wrong("sets", sets, "a list of KEY=VALUE")
+    if len(sets) > MOST_SETS:
+        raise InputError(f"sets has {len(sets)} values; valid: up to {MOST_SETS}")
+    for i, text in enumerate(sets, start=1):
+        if not isinstance(text, str) or not text:
+            raise _wrong(f"value {i} of sets", text, "KEY=VALUE")
+        if len(text) > LONGEST_SET:
+            raise InputError(
+                f"value {i} of sets has {len(text)} characters; valid: up to {LONGEST_SET}"
+            )
+        if UNSENDABLE.search(text):  # no argument of a command can contain it
+            raise _wrong(f"value {i} of sets", text, "text without NUL and lone surrogates")
+    return sets
+
+
+def _read_choose(found: dict[str, Any]) -> dict[str, Any]:
+    return {**_read_start(found), "n": int(_get_number(found, "n", 0, WHOLE))}
+
+
+READERS: dict[str, Callable[[dict[str, Any]], dict[str, Any]]] = {
+    "ping": _read_ping, "pause": _read_pause, "speed": _read_speed,
+    "order": _build_choice(ORDERS), "mode": _build_choice(MODES),
+    "disturb": _build_choice(DISTURBANCES), "stick": _read_stick, "start": _read_start,
+    "choose": _read_choose,
+}  # fmt: skip
+"""Kind of a message with content -> its reader."""
+
+
+def _get_number(found: dict[str, Any], name: str, low: float, high: float) -> float:
+    number = read_number(found.get(name), low, high)
+    if number is None:
+        raise _wrong(name, found.get(name), f"a number from {low:g} to {high:g}")
+    return number
+
+
+def _get_switch(found: dict[str, Any], name: str) -> bool:
+    value = found.get(name)
+    if not isinstance(value, bool):
+        raise _wrong(name, value, "true, false")
+    return value
+
+
+def _wrong(name: str, value: Any, valid: str) -> InputError:
+    return InputError(f"{name} is {_show(value)}; valid: {valid}")
+
+
+def _show(value: Any) -> str:
+    """Return a value of a message for an error, at most some 80 characters."""
+    if value is None:
+        return "missing"
+    if isinstance(value, list | dict):
+        return f"a {'list' if isinstance(value, list) else 'table'} of {len(value)}"
+    return repr(value[:80] if isinstance(value, str) else value)[:80]
+
+
+def _join(names: Iterable[str]) -> str:
+    return ", ".join(names)
 
 
 def names_code(text: str) -> bool:

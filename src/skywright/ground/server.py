@@ -21,14 +21,17 @@ from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from skywright.core.bounded import LARGEST_TABLE, read_text
 from skywright.errors import InputError
 from skywright.ground.guard import REPORT_POLICY, Guard
 from skywright.ground.orders import LARGEST, parse_order
 from skywright.ground.station import Station, Watcher, dump
 from skywright.reports.replay import read_asset
+from skywright.reports.served import unlink_files
 
 HOST_NAME = re.compile(r"[\w.:%-]{1,253}")
 LOCAL = ("127.0.0.1", "localhost", "::1")
+BYTES = 4  # of a character in UTF-8, at most
 MOST_BAD = 1000
 """Invalid messages after which a page is disconnected."""
 
@@ -125,6 +128,13 @@ def build_app(station: Station, data: str | None) -> Starlette:
         if path is None:
             return _absent()
         headers = {"content-security-policy": REPORT_POLICY}
+        if path.name == "report.html":
+            try:
+                text = read_text(path, LARGEST_TABLE)
+            except InputError as error:
+                return PlainTextResponse(f"{error}\n", 404)
+            text = unlink_files(text, path.parent.resolve())
+            return Response(text, media_type="text/html", headers=headers)
         return FileResponse(path, media_type="text/html", headers=headers)
 
     async def talk(sock: WebSocket) -> None:
@@ -157,11 +167,12 @@ async def _talk(station: Station, sock: WebSocket) -> None:
             message = await sock.receive()
             if message["type"] == "websocket.disconnect":
                 break
-            text = message.get("text")
-            order = parse_order(text) if isinstance(text, str) else None
-            if order is None:
+            try:
+                order = parse_order(message.get("text") or "")
+            except InputError as error:
                 watcher.bad += 1
                 station.counts["malformed"] += 1
+                watcher.tell("told", text=f"Refused: {error}")
                 continue
             station.follow(watcher, order)
     except (WebSocketDisconnect, RuntimeError):  # disconnected during a send
@@ -217,7 +228,7 @@ async def run_server(
     station.invite = lambda: base + guard.invite()
     config = uvicorn.Config(
         guard, log_level="critical", access_log=False, lifespan="off", server_header=False,
-        ws="websockets-sansio", ws_max_size=LARGEST, ws_max_queue=16,
+        ws="websockets-sansio", ws_max_size=BYTES * LARGEST, ws_max_queue=16,
         ws_per_message_deflate=False, ws_ping_interval=10.0, ws_ping_timeout=20.0,
         timeout_graceful_shutdown=2, h11_max_incomplete_event_size=16_384,
         ssl_certfile=str(address.certificate) if secure else None,

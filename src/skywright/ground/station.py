@@ -32,6 +32,8 @@ STEERING = frozenset(
     {"pause", "speed", "order", "mode", "disturb", "stick", "choose", "start", "invite", "stop"}
 )
 """Requests that only the page in control may make."""
+PAGES = ("report.html", "replay.html")
+UNREAD = "the flight does not read its messages; try again, or use Kill the flight in Station"
 
 
 class Watcher:
@@ -159,7 +161,8 @@ class Station:
             if self.invite is not None:
                 watcher.tell("invited", address=self.invite())
         elif self._end is not None:
-            say(self._end, kind, **content)
+            if not say(self._end, kind, **content):
+                watcher.tell("told", text=f"{kind}: not sent: {UNREAD}")
         else:
             watcher.tell("told", text="There is no flight.")
 
@@ -168,8 +171,8 @@ class Station:
         age = self.control.judge(watcher.id, content["s"], stamp, now)
         if age is None:
             self.counts["old stick"] += 1
-        elif self._end is not None:
-            say(self._end, "stick", at=now - age, **content)
+        elif self._end is not None and not say(self._end, "stick", at=now - age, **content):
+            self.counts["unread stick"] += 1
 
     def _control_changed(self) -> None:
         if self._end is not None:
@@ -253,6 +256,7 @@ class Station:
             return
         asked = self._read_asked(content)
         if isinstance(asked, str):
+            watcher.tell("backends", n=content["n"], wrong=asked)
             return
         if self._judging is not None:
             self._judging.cancel()
@@ -315,14 +319,12 @@ class Station:
             self._busy_stop = asyncio.create_task(self.process.stop())
 
     def find_report(self, number: int, page: str) -> Path | None:
-        """Return a page of a flight in the logbook; None if it does not exist."""
-        if page not in ("report.html", "replay.html") or not 0 <= number < len(
-            self.logbook.entries
-        ):
+        """Return a page of the flight with a number in the logbook; None if it does not exist."""
+        entry = next((e for e in self.logbook.entries if e["number"] == number), {})
+        if page not in PAGES or not entry.get("directory"):
             return None
-        directory = self.logbook.entries[number].get("directory")
-        path = Path(str(directory)) / page if directory else None
-        return path if path is not None and path.is_file() else None
+        path = Path(str(entry["directory"])) / page
+        return path if path.is_file() else None
 
     # --- time ----------------------------------------------------------------------------------
 

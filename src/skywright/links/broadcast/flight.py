@@ -44,6 +44,7 @@ if TYPE_CHECKING:
 START_S = 30.0  # s, time limit for the process to open its sockets
 HEAR_S = 0.005  # s of wall time between reads of incoming messages
 CHARGE_S = 1.0  # s of mission time between readings of the battery
+CHECK_S = 1.0  # s of wall time between checks that the process runs
 LATE_S = 0.5  # s behind the wall clock beyond which the flight does not catch up
 MOST = 64  # most commands in execution
 
@@ -74,7 +75,8 @@ class LiveFlight:
         self.sent = self.dropped = self.refused = 0
         """Numbers of sent rows, dropped rows, and refused commands."""
         self.cost_s = 0.0  # s, all ticks so far
-        self._next_hear = -math.inf  # of time.perf_counter
+        self._next_hear = self._next_check = -math.inf  # of time.perf_counter
+        self._ended = False  # the process, before the flight
         self._folder = tempfile.TemporaryDirectory(prefix="skywright-")
         self._end, theirs = build_pair()
         self._process = subprocess.Popen(
@@ -97,6 +99,8 @@ class LiveFlight:
     def on_tick(self, t: float, phase: str, vehicle: SimulatedVehicle) -> None:
         """Publish a tick, accept commands, and wait for the wall clock while a client is
         subscribed."""
+        if self._ended:
+            return
         if self._filler is None:
             self._begin(vehicle)
         began = time.perf_counter()
@@ -104,6 +108,11 @@ class LiveFlight:
             self._next_hear = began + HEAR_S
             self._hear()
             self._answer()
+        if began >= self._next_check:
+            self._next_check = began + CHECK_S
+            if self._process.poll() is not None:
+                self._report_end()
+                return
         self._tell(t, phase, vehicle)
         self.cost_s += time.perf_counter() - began
         self._pace(t)
@@ -184,6 +193,16 @@ class LiveFlight:
             time.sleep(min(ahead, 0.1))
         elif ahead < -LATE_S:
             self._anchor = now - t
+
+    def _report_end(self) -> None:
+        """Go on without the process; print its exit status."""
+        self._ended, self.watched = True, False
+        self._under_way.clear()
+        print(
+            "skywright: the process that publishes the flight has ended (exit status "
+            f"{self._process.returncode}); the flight continues without ROS 2 and Foxglove",
+            file=sys.stderr, flush=True,
+        )  # fmt: skip
 
     # --- reception ---------------------------------------------------------------------------
 

@@ -3,7 +3,8 @@
 The offset of a sender's clock is its smallest delay: age = (arrival - t) - the smallest of (arrival
 - t) within the last FORGET_S. No common clock is needed, and clock drift is tracked. Only the
 newest sample of a stream is used. A sample that is older than STALE_S when it arrives is counted
-and written to files, but never becomes the newest.
+and written to files, but never becomes the newest. The same holds for a single sample whose time is
+ahead of its clock: a wrong time does not change the offset.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from skywright.errors import InputError
-from skywright.links.live.odometry import ODOMETRY, parse_odometry
+from skywright.links.live.odometry import ODOMETRY, OdometrySenders, parse_odometry
 from skywright.links.live.packets import (
     CAUSES,
     MAGIC,
@@ -35,6 +36,8 @@ from skywright.links.udp.address import parse_address
 STALE_S = 0.25
 FORGET_S, BUCKET_S = 30.0, 1.0
 """s of validity of a clock's smallest delay, and its resolution."""
+AHEAD_S = 1.0
+"""s by which the smallest delay may fall at once; a larger step counts from its second sample."""
 STREAMS_MAX, CLOCKS_MAX = 64, 64
 AT_ONCE = 256  # datagrams per poll
 MAVLINK_2 = 0xFD
@@ -47,7 +50,7 @@ class Arrived(NamedTuple):
 
     sample: Sample
     arrival: float  # s, monotonic
-    age: float  # s, at arrival
+    age: float  # s, at arrival; negative: its time is ahead of its clock by more than AHEAD_S
 
 
 class DelayClock:
@@ -55,10 +58,20 @@ class DelayClock:
 
     def __init__(self) -> None:
         self._buckets: deque[tuple[float, float]] = deque()  # bucket's time, smallest difference
+        self._ahead = False  # whether the last sample was ahead of the clock
 
     def take(self, t: float, arrival: float) -> float:
-        """Add a sample; return its age (s) on arrival."""
+        """Add a sample; return its age (s) on arrival.
+
+        The first of consecutive samples that are ahead of the clock by more than AHEAD_S does not
+        change the offset: its age is negative.
+        """
         difference, at = arrival - t, math.floor(arrival / BUCKET_S)
+        ahead = bool(self._buckets) and difference < self.offset - AHEAD_S
+        if ahead and not self._ahead:
+            self._ahead = True
+            return difference - self.offset
+        self._ahead = False
         if self._buckets and self._buckets[-1][0] == at:
             if difference < self._buckets[-1][1]:
                 self._buckets[-1] = (at, difference)
@@ -84,11 +97,15 @@ class Stream:
         self.count = self.stale = self.restarts = self.lost = 0
         self._last: Sample | None = None
 
-    def take(self, sample: Sample, arrival: float, age: float) -> Arrived:
-        """Add a sample; raises Refused for one that is not new."""
+    def take(self, sample: Sample, arrival: float, delay: DelayClock) -> Arrived:
+        """Add a sample that arrived at `arrival` (s); `delay` is that of its clock.
+
+        Raises Refused for one that is not new; `delay` then remains as it is.
+        """
         last = self._last
         if last is not None and sample.clock != last.clock:
             self.restarts += 1
+            last = None
         elif last is not None:
             ahead = (sample.sequence - last.sequence) % SEQUENCES
             if not 0 < ahead < SEQUENCES // 2:
@@ -96,12 +113,15 @@ class Stream:
             if sample.t < last.t:
                 raise Refused("clock")
             self.lost += ahead - 1
+        age = delay.take(sample.t, arrival)
         self._last = sample
+        if age < 0.0:  # a wrong time: later ones are compared with the last right one
+            self._last = sample._replace(t=-math.inf if last is None else last.t)
         self.count += 1
         arrived = Arrived(sample, arrival, age)
         if age > STALE_S:
             self.stale += 1
-        else:
+        elif age >= 0.0:
             self.newest = arrived
         return arrived
 
@@ -124,7 +144,7 @@ class LiveReceiver:
         self._serial: Port | None = None
         self._splitter = LineSplitter()
         self._mavlink: MavlinkStream | None = None
-        self._odometries = 0
+        self._senders = OdometrySenders()
         self.port = 0
         self.failure = ""
         """Why reception has ended, such as a failed serial port, or ""."""
@@ -198,9 +218,7 @@ class LiveReceiver:
                 return
         for message in self._mavlink.feed(data):
             if message.get_msgId() == ODOMETRY:
-                self._odometries += 1
-                n = self._odometries
-                self._take(lambda m=message, n=n: parse_odometry(m, n), found)  # type: ignore[misc]
+                self._take(lambda m=message: self._senders.number(parse_odometry(m)), found)  # type: ignore[misc]
 
     def _take(self, parse: Callable[[], Sample], found: list[Arrived]) -> None:
         try:
@@ -217,7 +235,7 @@ class LiveReceiver:
         if sample.clock not in self.clocks and len(self.clocks) >= CLOCKS_MAX:
             self.clocks.pop(next(iter(self.clocks)))
         delay = self.clocks.setdefault(sample.clock, DelayClock())
-        return self.streams[key].take(sample, arrival, delay.take(sample.t, arrival))
+        return self.streams[key].take(sample, arrival, delay)
 
     def find(self, name: str) -> Stream | None:
         """Return the stream of a name."""

@@ -28,6 +28,8 @@ GAP = 5.0
 """Gaps longer than this number of usual intervals of the tip's poses are not interpolated."""
 NEAR = 0.01  # of the usual interval: distance to a pose that is still used beside a gap
 ROWS_MIN = 30
+TIME, VALUE = "%.6f", "%.12g"
+"""Formats of scan.csv: times to 1 us, Unix time too; positions up to POSITION_MAX to 0.1 mm."""
 
 
 class LiveRecorder:
@@ -45,6 +47,8 @@ class LiveRecorder:
         self.folder = folder
         self._files: dict[tuple[str, str], IO[str]] = {}
         self._rows: dict[tuple[str, str], list[tuple[float, ...]]] = {}
+        self._offsets: dict[int, float] = {}
+        """Clock number -> local clock minus the sender's (s), as of its newest sample."""
 
     def write(self, arrived: Arrived) -> None:
         """Append a sample; raises InputError if the disk is full."""
@@ -59,13 +63,14 @@ class LiveRecorder:
         except OSError as error:
             raise InputError(f"{self.folder}: {error.strerror or error}") from None
         self._rows[key].append((sample.t, float(sample.clock), *sample.values))
+        self._offsets[sample.clock] = arrived.arrival - sample.t - arrived.age
 
-    def finish(self, receiver: LiveReceiver) -> list[Path]:
+    def finish(self) -> list[Path]:
         """Close the files, and write scan.csv if possible; return all files."""
         for file in self._files.values():
             file.close()
         paths = [Path(file.name) for file in self._files.values()]
-        scan = self._merge(receiver)
+        scan = self._merge()
         if scan is not None:
             paths.append(scan)
         return paths
@@ -80,7 +85,7 @@ class LiveRecorder:
         self._files[key], self._rows[key] = file, []
         return file
 
-    def _merge(self, receiver: LiveReceiver) -> Path | None:
+    def _merge(self) -> Path | None:
         """Write the instrument's signal with the tip's positions; None if one is missing."""
         signals = [key for key in self._rows if key[0] == "SKYEC"]
         tips = [key for key in self._rows if key[1] == "tip" and key[0] not in LINES]
@@ -92,10 +97,8 @@ class LiveRecorder:
         shared = set(signal[:, 1]) == set(tip[:, 1]) and len(set(tip[:, 1])) == 1
         times = []
         for rows in (signal, tip):
-            offsets = {
-                c: 0.0 if shared else receiver.clocks[int(c)].offset for c in set(rows[:, 1])
-            }
-            times.append(rows[:, 0] + np.array([offsets[c] for c in rows[:, 1]]))
+            offsets = [0.0 if shared else self._offsets[int(c)] for c in rows[:, 1]]
+            times.append(rows[:, 0] + np.array(offsets))
         at, place = times
         order = np.argsort(place, kind="stable")
         place, tip = place[order], tip[order]
@@ -114,7 +117,10 @@ class LiveRecorder:
             names += TURN
         table = np.hstack(columns)[sound]
         path = self.folder / "scan.csv"
-        np.savetxt(path, table, fmt="%.9g", delimiter=",", header=",".join(names), comments="")
+        np.savetxt(
+            path, table, fmt=[TIME, *[VALUE] * (len(names) - 1)], delimiter=",",
+            header=",".join(names), comments="",
+        )  # fmt: skip
         return path
 
 

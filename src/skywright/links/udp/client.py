@@ -42,9 +42,12 @@ class ArmsClient:
         key: bytes = b"",
         *,
         timeout_s: float = 10.0,
-        clock: Callable[[], float] = time.time,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Open a session. Raises NoAnswer if none is granted within `timeout_s`."""
+        """Open a session. Raises NoAnswer if none is granted within `timeout_s`.
+
+        `clock` (s) stamps the packets. It must not go back: the arms program drops later packets.
+        """
         self.counts: Counter[str] = Counter()
         self.state: dict[str, Any] = {}
         self.age = 0.0

@@ -1,0 +1,151 @@
+"""Clocks of live streams: restarts, wrong times, Unix time, and many clock numbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from skywright.links.live.odometry import pack_odometry
+from skywright.links.live.packets import Sample, format_line, pack_pose
+from skywright.links.live.receiver import CLOCKS_MAX, Arrived, LiveReceiver
+from skywright.links.live.recorder import ROWS_MIN, LiveRecorder
+from skywright.links.mavlink.stream import MavlinkStream
+
+PLACE = (0.0, 0.0, 0.0)
+STILL = (*PLACE, 1.0, 0.0, 0.0, 0.0)
+
+
+class Bench:
+    """A receiver with a clock that is turned by hand."""
+
+    def __init__(self) -> None:
+        self.t = 100.0
+        self.receiver = LiveReceiver("udp:0", clock=lambda: self.t)
+
+    def send(self, data: bytes) -> list[Arrived]:
+        found: list[Arrived] = []
+        self.receiver.feed(data, found)
+        return found
+
+    def send_pose(self, name: str, n: int, t: float, clock: int = 5) -> list[Arrived]:
+        return self.send(pack_pose(Sample("pose", name, clock, n, t, STILL)))
+
+
+def pack(stream: MavlinkStream, t: float) -> bytes:
+    return pack_odometry(stream, Sample("pose", "x", 1, 0, t, STILL))
+
+
+@pytest.mark.parametrize("clocks", [(7, 7), (7, 8)])
+def test_a_scan_keeps_its_times_in_unix_time(tmp_path: Path, clocks: tuple[int, int]) -> None:
+    bench, recorder = Bench(), LiveRecorder(tmp_path / "a")
+    bench.t = 1.7e9
+    for k in range(400):
+        t, x = 1.7e9 + 0.005 * k, 4.5e6 + 0.001 * k  # m, as in a national grid
+        bench.t += 0.005
+        tip = Sample("position", "tip", clocks[0], k, t, (x, 0.0, 0.0))
+        signal = Sample("SKYEC", "eddy", clocks[1], k, t, (1.0, 2.0))
+        for data in (pack_pose(tip), format_line(signal)):
+            for arrived in bench.send(data):
+                recorder.write(arrived)
+    scan = np.genfromtxt(recorder.finish()[-1], delimiter=",", names=True)
+    bench.receiver.close()
+    assert len(scan) > 390
+    np.testing.assert_allclose(np.diff(scan["t_s"]), 0.005, atol=2e-6)
+    np.testing.assert_allclose(np.diff(scan["x_m"]), 0.001, atol=1e-4)
+
+
+def test_a_scan_is_written_after_more_clock_numbers_than_the_receiver_keeps(
+    tmp_path: Path,
+) -> None:
+    bench, recorder = Bench(), LiveRecorder(tmp_path / "a")
+    starts = CLOCKS_MAX + 6
+    for k in range(starts * ROWS_MIN):
+        bench.t += 0.01
+        clock, t = k // ROWS_MIN, 0.01 * (k % ROWS_MIN)  # each start begins at 0
+        tip = Sample("position", "tip", 1000, k, bench.t, (bench.t, 0.0, 0.0))
+        signal = Sample("SKYEC", "e", clock, k % ROWS_MIN, t, (bench.t, 0.0))
+        for data in (pack_pose(tip), format_line(signal)):
+            for arrived in bench.send(data):
+                recorder.write(arrived)
+    scan = np.genfromtxt(recorder.finish()[-1], delimiter=",", names=True)
+    bench.receiver.close()
+    assert len(scan) > 0.99 * starts * ROWS_MIN
+    np.testing.assert_allclose(scan["re"], scan["x_m"], atol=1e-6)
+
+
+def test_a_restarted_odometry_sender_is_accepted_with_a_new_clock() -> None:
+    bench, sender = Bench(), MavlinkStream(3)
+    for k in range(100):
+        bench.t += 0.01
+        bench.send(pack(sender, 600.0 + 0.01 * k))
+    ages = list[float]()
+    for k in range(100):
+        bench.t += 0.01
+        ages += [arrived.age for arrived in bench.send(pack(sender, 0.01 * k))]
+    (stream,) = bench.receiver.streams.values()
+    assert (len(ages), stream.restarts, stream.lost) == (99, 1, 0) and max(ages) < 1e-3
+    assert bench.receiver.counts == {"old": 1}  # the first: it could be a late packet
+    assert stream.newest is not None and stream.newest.sample.clock % 256 == 3
+    bench.receiver.close()
+
+
+def test_late_odometry_and_a_second_sender_of_the_same_id_are_no_restart() -> None:
+    """A second sender's times are behind; in between come those of the first."""
+    bench, sender = Bench(), MavlinkStream(3)
+    for k in range(100):
+        bench.t += 0.01
+        assert len(bench.send(pack(sender, 600.0 + 0.01 * k))) == 1
+        assert bench.send(pack(sender, 0.01 * k if k != 50 else 598.0)) == []
+    (stream,) = bench.receiver.streams.values()
+    assert (stream.count, stream.restarts, stream.lost) == (100, 0, 0)
+    bench.receiver.close()
+
+
+def test_two_odometry_senders_lose_nothing() -> None:
+    bench, senders = Bench(), [MavlinkStream(1), MavlinkStream(2)]
+    for k in range(50):
+        bench.t += 0.01
+        for sender in senders:
+            bench.send(pack(sender, 0.01 * k))
+    assert [(s.count, s.lost) for s in bench.receiver.streams.values()] == [(50, 0)] * 2
+    bench.receiver.close()
+
+
+@pytest.mark.parametrize("name", ["tip", "other"])
+def test_one_wrong_time_disturbs_no_stream(name: str) -> None:
+    """Its checksum is right. It is kept, and is not the newest sample of its stream."""
+    bench = Bench()
+    for k in range(1000):
+        bench.t += 0.01
+        if k == 500:
+            (wrong,) = bench.send_pose(name, 2 * k, 1e6)
+            assert wrong.age < 0.0
+        bench.send_pose("tip", 2 * k + 1, 0.01 * k)
+    stream = bench.receiver.find("tip")
+    assert stream is not None and stream.stale == 0 and stream.newest is not None
+    assert stream.newest.sample.t == pytest.approx(9.99) and stream.restarts == 0
+    assert stream.count == (1001 if name == "tip" else 1000)
+    bench.receiver.close()
+
+
+def test_a_clock_that_is_set_ahead_counts_from_the_second_sample() -> None:
+    bench = Bench()
+    ages = list[float]()
+    for k in range(100):
+        bench.t += 0.01
+        t = 0.01 * k + (3600.0 if k >= 50 else 0.0)
+        ages += [arrived.age for arrived in bench.send_pose("tip", k, t)]
+    assert ages[50] < -3599.0
+    np.testing.assert_allclose(np.delete(ages, 50), 0.0, atol=1e-6)
+    bench.receiver.close()
+
+
+def test_a_refused_sample_does_not_change_its_clock() -> None:
+    bench = Bench()
+    bench.send_pose("tip", 10, 1.0)
+    offset = bench.receiver.clocks[5].offset
+    assert bench.send_pose("tip", 9, 1.5) == []  # an old number, with a time that is ahead
+    assert bench.receiver.clocks[5].offset == offset
+    bench.receiver.close()
