@@ -115,6 +115,8 @@ def test_any_text_is_parsed_or_refused_in_one_line(text: str) -> None:
         ("world.x=uniform(1,1)", "must be smaller"),
         ("world.x=uniform(2,1)", "must be smaller"),
         ("world.x=uniform(0,nan)", "finite"),
+        (f"world.x=uniform(0,{'9' * 400})", "two finite numbers, found 9999"),
+        (f"world.x=choice(1,{'9' * 400})", "choice contains 9999"),
         ("world.x=uniform(a,b)", "the text 'a'"),
         ("world.x=normal(0,0)", "must be > 0"),
         ("world.x=normal(0,-1)", "must be > 0"),

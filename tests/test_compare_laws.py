@@ -81,6 +81,17 @@ def test_equal_laws_and_few_runs_are_no_finding() -> None:
     assert compare_metric("b", "c", "x", np.zeros(0), np.zeros(0)) is None
 
 
+def test_a_difference_in_few_runs_is_tested() -> None:
+    """8 of 40 runs differ: median and interval are zero, and the test decides."""
+    before = np.zeros(40)
+    d = compare_metric("b", "nominal", "x", before, before + (np.arange(40) < 8))
+    assert d is not None and (d.median, d.low, d.high) == (0.0, 0.0, 0.0)
+    assert d.p < 0.01 and not d.is_zero
+    same = compare_metric("b", "nominal", "y", before, before)
+    assert same is not None and same.is_zero
+    assert find_significant([d, same]) == {("b", "nominal", "x")}
+
+
 def test_below_six_pairs_there_is_no_interval(tmp_path: Path) -> None:
     """Neither in the JSON object nor on the page, and recorded results have none."""
     d = compare_metric("b", "nominal", "x", np.array([1.0, 2.0, 3.0]), np.array([2.0, 3.5, 3.9]))

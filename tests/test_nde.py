@@ -10,13 +10,8 @@ import numpy as np
 import pytest
 
 from skywright.errors import InputError
-from skywright.inspection.files.nde import (
-    SIMULATED,
-    EddyScan,
-    UltrasonicScan,
-    read_nde,
-    write_nde,
-)
+from skywright.inspection.files.nde import EddyScan, UltrasonicScan, read_nde, write_nde
+from skywright.inspection.files.nde_setup import SIMULATED
 
 ROOT = Path(__file__).resolve().parent.parent
 SCHEMAS = ROOT.parent / "shared" / "data" / "nde"
@@ -45,6 +40,18 @@ def build_eddy(channels: int = 3, cycles: int = 50) -> EddyScan:
     position = np.column_stack([np.linspace(0, 0.1, cycles), np.zeros(cycles)])
     offsets = np.column_stack([np.zeros(channels), 0.0025 * np.arange(channels)])
     return EddyScan(z, position, offsets, 1e5, 1.0, 1000.0, 0.008, ("array", ""), True)
+
+
+def edit_setup(path: Path, place: tuple[str | int, ...], values: dict[str, object]) -> None:
+    """Replace keys of the table at `place` of a file's set-up."""
+    with h5py.File(path, "a") as file:
+        setup = json.loads(file["Public/Setup"][()])
+        table = setup
+        for key in place:
+            table = table[key]
+        table.update(values)
+        del file["Public/Setup"]
+        file["Public/Setup"] = json.dumps(setup)
 
 
 def echo_wall(scan: UltrasonicScan) -> np.ndarray:
@@ -146,6 +153,50 @@ def test_other_files_are_told(tmp_path: Path) -> None:
         file["Public/Setup"] = json.dumps(setup | {"version": "3.1.0"})
     with pytest.raises(InputError, match=r"version 3\.1\.0; valid: 4\.0"):
         read_nde(path)
+
+
+@pytest.mark.parametrize(
+    ("place", "values", "says"),
+    [
+        (("datasets", 0, "dimensions", 2), {"resolution": 0}, "sample_rate_hz is inf"),
+        (("datasets", 0, "dimensions", 2), {"resolution": -1e-8}, "sample_rate_hz is -1e"),
+        (("datasets", 0, "dimensions", 0), {"resolution": float("nan")}, "u holds 1 values"),
+        (("datasets", 0, "dimensions", 0), {"resolution": 0.0}, "has spacings of 0 and"),
+        (("datasets", 0, "dataValue"), {"max": -32767}, "-32767; valid: min below max"),
+        (("datasets", 0, "dataValue"), {"unit": "Linear"}, "unit 'Linear'; valid: Percent"),
+        (("datasets", 1, "dataValue"), {"unit": "Meter"}, "unit 'Meter'; valid: Seconds"),
+        (("processes", 0, "ultrasonicConventional"), {"velocity": -5.0}, "velocity_mps is -5"),
+        (("processes", 0, "ultrasonicConventional"), {"gain": 10**400}, "too large"),
+    ],
+)
+def test_wrong_numbers_of_a_file_are_refused(
+    tmp_path: Path, place: tuple[str | int, ...], values: dict[str, object], says: str
+) -> None:
+    path = tmp_path / "s.nde"
+    write_nde(path, build_ultrasonic())
+    edit_setup(path, ("groups", 0, *place), values)
+    with pytest.raises(InputError, match=says) as caught:
+        read_nde(path)
+    assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
+
+
+def test_encoders_are_in_metres(tmp_path: Path) -> None:
+    path, value = tmp_path / "s.nde", ("dataMappings", 0, "allCycle", "datasets", 0, "dataValue")
+    write_nde(path, build_eddy())
+    edit_setup(path, value, {"min": 0.0, "max": 1.0, "unitMin": 2.0, "unitMax": 4.0})
+    again = read_nde(path)
+    assert isinstance(again, EddyScan)
+    assert again.position[:, 0] == pytest.approx(2.0 + 2.0 * build_eddy().position[:, 0])
+    edit_setup(path, value, {"unit": "Step"})
+    with pytest.raises(InputError, match="Encoder in the unit 'Step'; valid: Meter"):
+        read_nde(path)
+
+
+def test_a_file_without_a_plate_has_no_thickness(tmp_path: Path) -> None:
+    path = tmp_path / "s.nde"
+    write_nde(path, build_ultrasonic())
+    edit_setup(path, ("specimens", 0), {"plateGeometry": {}})
+    assert np.isnan(read_nde(path).thickness_m)
 
 
 @pytest.mark.parametrize(

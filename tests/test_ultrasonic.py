@@ -294,6 +294,21 @@ def test_twice_the_neighbours() -> None:
     assert read_site(gauge, 0.01, Coupling(), 9)[-1].reason.startswith("twice its neighbours")
 
 
+def test_refused_readings_are_no_neighbours() -> None:
+    """Sites read at twice the wall stay refused, however many of them follow each other."""
+    gauge = ThicknessGauge(set_up(), 0.0055, rules=Rules(most_fraction=3.0))
+    for i, wall in enumerate((0.005, 0.005, *[0.01] * 6)):
+        last = read_site(gauge, wall, Coupling(), i)[-1]
+        assert last.accepted == (wall == 0.005), (i, last)
+        gauge.leave_site()
+    unsteady = ThicknessGauge(set_up(), 0.0055, rules=Rules(most_fraction=3.0))
+    for _ in range(3):  # two walls in turn, 5 and 6 mm: no reading is accepted
+        scans = np.stack([scan(0.005 + 0.001 * (k % 2), seed=k) for k in range(8)])
+        assert not any(r.accepted for r in unsteady.add(0.05 * np.arange(8), scans))
+        unsteady.leave_site()
+    assert read_site(unsteady, 0.011, Coupling(), 9)[-1].accepted
+
+
 def test_two_steps_solve_velocity_and_zero() -> None:
     for velocity in (5850.0, 5920.0, 5990.0):
         fast = Coupling(velocity=velocity)

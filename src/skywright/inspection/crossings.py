@@ -85,10 +85,14 @@ def separate_lines(
 
 
 def count_passes(line: WeldLine, s: Array, c: Array, contact: Mask) -> int:
-    """Return how often a path in contact crosses a line, from CLEAR on one side to the other."""
+    """Return how often a path in contact crosses a line, from CLEAR on one side to the other.
+
+    A path that passes the side of the pipe opposite to a seam changes side without crossing it.
+    """
     d = line.measure_distance(s, c)
     d = d[contact & (np.abs(d) > CLEAR)]
-    return int(np.count_nonzero(np.diff(np.sign(d))))
+    crosses = np.abs(np.diff(d)) < 0.5 * line.turn
+    return int(np.count_nonzero(np.diff(np.sign(d))[crosses]))
 
 
 def is_near(x: Crossing, line: WeldLine) -> bool:

@@ -179,7 +179,8 @@ class ThicknessGauge:
                 f"{1e3 * dead:.1f} mm; use a dual probe or a higher frequency"
             )
         self._last: deque[Reading] = deque()
-        self._sites: list[float] = []
+        self._accepted: list[float] = []  # m, at this site
+        self._sites: list[float] = []  # m, median of the accepted readings of each earlier site
 
     def add(self, t: Iterable[float], ascans: Array) -> list[Reading]:
         """Return the k readings of A-scans (k, n) FSH, taken at `t` (k,) s in increasing order."""
@@ -189,10 +190,14 @@ class ThicknessGauge:
         ]
 
     def leave_site(self) -> None:
-        """Clear the readings that must agree, and store their median: the probe leaves the site."""
-        good = [r.thickness for r in self._last if not r.reason]
-        if good:
-            self._sites.append(float(np.median(good)))
+        """Store the median of the accepted readings: the probe leaves the site.
+
+        A site without an accepted reading is no neighbour of later sites. The readings that must
+        agree are cleared.
+        """
+        if self._accepted:
+            self._sites.append(float(np.median(self._accepted)))
+        self._accepted.clear()
         self._last.clear()
 
     def restart(self) -> None:
@@ -224,6 +229,7 @@ class ThicknessGauge:
             ratio = reading.thickness / float(np.median(self._sites[-5:]))
             if abs(ratio - 2.0) <= 2.0 * rules.doubling:
                 return reading._replace(reason="twice its neighbours: the second echo was read")
+        self._accepted.append(reading.thickness)
         return reading
 
     def _read(self, t: float, ascan: Array) -> Reading:

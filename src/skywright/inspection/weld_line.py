@@ -2,15 +2,18 @@
 
 A weld is the intersection of a plane and the pipe: s = s0 + tan(angle) u + lean w with
 u = R sin phi and w = R (1 - cos phi). phi is measured from the middle of the crossings. Over u the
-weld is straight except for its lean, a parameter with a prior. A seam along the axis has no lean.
-The method is total least squares in normal form, in which a seam along the axis is no special case.
-A consensus of all pairs rejects false crossings (Fischler and Bolles, Commun. ACM 24, 381 (1981));
-the fit uses Huber weights. A signal that lags the position shifts crossings along the direction of
-motion. The lag is therefore a further parameter with a prior. Passes in opposite directions
-determine it; with passes in one direction it increases the uncertainty.
+weld is straight except for its lean, a parameter with a prior. A line along the axis, or nearly so,
+is a seam. It has no lean and is straight on the unrolled surface, s over c, where c is within half
+a turn of the line: over u, a seam coincides with its mirror on the other side of the pipe.
+The method is total least squares in normal form, which is the same for both kinds. A consensus of
+all pairs rejects false crossings (Fischler and Bolles, Commun. ACM 24, 381 (1981)); the fit uses
+Huber weights. A signal that lags the position shifts crossings along the direction of motion. The
+lag is therefore a further parameter with a prior. Passes in opposite directions determine it; with
+passes in one direction it increases the uncertainty.
 """
 
 import math
+from collections.abc import Sequence
 from itertools import product
 from typing import NamedTuple
 
@@ -35,7 +38,7 @@ lack a crossing."""
 SCALE_PRIOR_COUNT = 4.0
 """Weight, in residuals, of the crossings' own standard deviations in the scale of the residuals."""
 SEAM = 0.1
-"""A line whose angle has a cosine below this counts as a seam along the axis."""
+"""A line through two crossings whose angle has a cosine below this is a seam along the axis."""
 HALF_WIDTH = 0.005
 """m; least standard deviation of a point on a weld that was not crossed from side to side."""
 SLANT = 0.01
@@ -65,15 +68,30 @@ class WeldLine(NamedTuple):
     inliers: tuple[int, ...]  # indices of the crossings on the line
     lean: float = 0.0
     radius: float = math.inf  # m, of the pipe
+    is_seam: bool = False  # straight on the unrolled surface, and without lean
+
+    @property
+    def turn(self) -> float:
+        """Distance (m) around the pipe after which `measure_distance` jumps; inf: never."""
+        return 2.0 * math.pi * self.radius if self.is_seam else math.inf
 
     def measure_distance(self, s: Array | float, c: Array | float) -> Array:
-        """Return the signed distance (m) of points from the line, normal to it."""
-        (u, w), s = _flatten(np.asarray(c) - self.c, self.radius), np.asarray(s) - self.s
+        """Return the signed distance (m) of points from the line, normal to it.
+
+        That from a seam jumps on the opposite side of the pipe.
+        """
+        around, s = np.asarray(c) - self.c, np.asarray(s) - self.s
+        if self.is_seam:
+            u, w = _wrap(around, self.radius), np.zeros(np.shape(around))
+        else:
+            u, w = _flatten(around, self.radius)
         return np.asarray((s - self.lean * w) * math.cos(self.angle) - u * math.sin(self.angle))
 
     def follow(self, way: Array) -> tuple[Array, Array]:
         """Return (s, c), (n,) m each, at distances `way` (n,) m along the line's tangent."""
         around = way * math.cos(self.angle)
+        if self.is_seam:
+            return self.s + way * math.sin(self.angle), self.c + around
         _, w = _flatten(around, self.radius)
         climb = way * math.sin(self.angle) * np.sinc(around / self.radius / math.pi)
         return self.s + climb + self.lean * w, self.c + around
@@ -84,6 +102,41 @@ def _flatten(c: Array, radius: float) -> tuple[Array, Array]:
     if not math.isfinite(radius):
         return np.asarray(c), np.zeros(np.shape(c))
     return radius * np.sin(c / radius), radius * (1.0 - np.cos(c / radius))
+
+
+def _wrap(c: Array | float, radius: float) -> Array:
+    """Return distances `c` (m) around the pipe to within half a turn; unchanged for a plane."""
+    if not math.isfinite(radius):
+        return np.asarray(c)
+    turn = 2.0 * math.pi * radius
+    return np.asarray(c - turn * np.round(c / turn))
+
+
+class _Points(NamedTuple):
+    """Crossings in the coordinates in which their line is straight."""
+
+    q: Array  # (n, 2) m, around and along the pipe
+    bow: Array  # (n,) m, along the pipe per unit of lean
+    v: Array  # (n, 2) m/s
+
+
+class _Crossings(NamedTuple):
+    s: Array  # (n,) m
+    c: Array  # (n,) m
+    v: Array  # (n, 2) m/s, around and along the pipe
+    std: Array  # (n,) m
+    radius: float  # m
+
+    def unroll(self, c0: float) -> _Points:
+        """Return s over c, within half a turn of `c0` (m)."""
+        around = _wrap(self.c - c0, self.radius)
+        return _Points(np.stack([around, self.s], axis=1), np.zeros(len(self.s)), self.v)
+
+    def flatten(self, c0: float) -> _Points:
+        """Return s over u, from `c0` (m)."""
+        u, bow = _flatten(self.c - c0, self.radius)
+        v = self.v * np.stack([np.cos((self.c - c0) / self.radius), np.ones(len(u))], axis=1)
+        return _Points(np.stack([u, self.s], axis=1), bow, v)
 
 
 class _Fit(NamedTuple):
@@ -118,36 +171,57 @@ def _get_limit(std: Array) -> Array:
     return np.asarray(np.clip(3.0 * std, INLIER, WIDEST))
 
 
-def _consensus(q: Array, w: Array, v: Array, std: Array, lag_std: float) -> NDArray[np.bool_]:
+def _consensus(x: _Crossings, c0: float, lag_std: float) -> tuple[NDArray[np.bool_], float | None]:
     """Flag (n,) the largest set of points that one line through two of them explains.
 
-    Of sets of equal size, the one along or across the pipe's axis is chosen, because most welds are
-    girths or seams. A line through two crossings of one pass is excluded, because a path does not
-    cross a line that it follows.
+    Returns the flags, and the c (m) of a point of the line if it is a seam, else None. Of sets of
+    equal size, the one along or across the pipe's axis is chosen, because most welds are girths or
+    seams. A line through two crossings of one pass is excluded, because a path does not cross a
+    line that it follows.
     """
-    n = len(q)
-    limit = _get_limit(std)
-    best, best_score = np.zeros(n, bool), -math.inf
+    n, flat, std = len(x.s), x.flatten(c0), x.std
+    limit, phi = _get_limit(std), (x.c - c0) / x.radius
+    bend, v = list(zip(np.cos(phi).tolist(), np.sin(phi).tolist(), strict=True)), x.v.tolist()
+    best, best_score, seam = np.zeros(n, bool), -math.inf, None
     pairs = [(i, j) for i in range(n) for j in range(i + 1, n)]
     if len(pairs) > 2000:
         pairs = [pairs[k] for k in np.linspace(0, len(pairs) - 1, 2000).astype(int)]
     lags = [k * lag_std for k in LAG_STEPS] if lag_std > LAG_PRIOR else [0.0]
-    for lean, lag in product(LEANS if np.any(w) else LEANS[:1], lags):
-        at = q - np.outer(w, [0.0, lean]) - lag * v
-        for i, j in pairs:
-            d = at[j] - at[i]
-            length = float(np.hypot(d[0], d[1]))
-            if length < 1e-3 or (
-                max(std[i], std[j]) < HALF_WIDTH
-                and max(abs(d @ v[k]) - ALONG * length * math.hypot(*v[k]) for k in (i, j)) > 0.0
+    for lean, lag in product(LEANS if np.any(flat.bow) else LEANS[:1], lags):
+        oblique = flat.q - np.outer(flat.bow, [0.0, lean]) - lag * flat.v
+        axial = np.stack([x.c, x.s], axis=1) - lag * x.v
+        for (i, j), is_seam in product(pairs, (False, True) if lean == 0.0 else (False,)):
+            at = axial if is_seam else oblique
+            d = (at[j] - at[i]).tolist()
+            if is_seam:
+                d[0] = float(_wrap(d[0], x.radius))
+            length = math.hypot(*d)
+            if length < 1e-3 or is_seam != (abs(d[0]) < SEAM * length):
+                continue
+            if max(std[i], std[j]) < HALF_WIDTH and any(
+                _is_along(d if is_seam else _bend(d, lean, *bend[k]), v[k]) for k in (i, j)
             ):
                 continue
-            r = np.abs((at - at[i]) @ np.array([-d[1], d[0]]) / length) / limit
+            off = at - at[i]
+            if is_seam:
+                off[:, 0] = _wrap(off[:, 0], x.radius)
+            r = np.abs(off @ np.array([-d[1], d[0]]) / length) / limit
             score = float(np.sum(1 - np.minimum(r, 1) ** 2)) + 1e-3 * (length - abs(lean))
             score -= SLANT * 2.0 * abs(d[0] * d[1]) / length**2 + LAG_LOSS * abs(lag)
             if score > best_score:
-                best, best_score = r < 1.0, score
-    return best
+                best, best_score, seam = r < 1.0, score, float(x.c[i]) if is_seam else None
+    return best, seam
+
+
+def _bend(d: Sequence[float], lean: float, cos: float, sin: float) -> tuple[float, float]:
+    """Return the direction, on the unrolled surface at an angle phi around the pipe, of a line
+    with the direction `d` over u."""
+    return d[0], d[1] * cos + lean * d[0] * sin
+
+
+def _is_along(d: Sequence[float], v: Sequence[float]) -> bool:
+    """Return whether the motion `v` is along the direction `d`."""
+    return abs(d[0] * v[0] + d[1] * v[1]) > ALONG * math.hypot(*d) * math.hypot(*v)
 
 
 def estimate_weld_line(
@@ -167,34 +241,42 @@ def estimate_weld_line(
     None if fewer than two crossings are far enough apart, because an angle requires two.
     """
     s, c = np.asarray(s, float), np.asarray(c, float)
-    c0 = float(np.median(c)) if len(c) else 0.0
-    u, bow = _flatten(c - c0, radius)
-    q = np.stack([u, s], axis=1)
-    v = np.stack([np.asarray(v_c, float) * np.cos((c - c0) / radius), np.asarray(v_s, float)], 1)
-    std = np.maximum(np.asarray(std, float), 5e-5)
-    if len(q) < 2 or not np.all(np.isfinite(q)):
+    motion = np.stack([np.asarray(v_c, float), np.asarray(v_s, float)], axis=1)
+    x = _Crossings(s, c, motion, np.maximum(np.asarray(std, float), 5e-5), radius)
+    if len(s) < 2 or not np.all(np.isfinite([s, c])):
         return None
-    inlier = _consensus(q, bow, v, std, lag_std)
+    c0 = float(np.median(c))
+    inlier, seam = _consensus(x, c0, lag_std)
+    if seam is not None:
+        c0 = seam
+    points = x.flatten(c0) if seam is None else x.unroll(c0)
     fit = None
     for _ in range(3):  # crossings that the lag or lean explains become inliers again
         if np.count_nonzero(inlier) < 2:
             return None
-        fit = _solve(q[inlier], bow[inlier], v[inlier], std[inlier], lag_std)
+        q, bow, v = (column[inlier] for column in points)
+        fit = _solve(q, bow, v, x.std[inlier], lag_std)
         if fit is None:
             return None
-        off = np.abs(fit.measure(q, bow, v))
-        again = inlier | (off < _get_limit(std))
+        off = np.abs(fit.measure(*points))
+        again = inlier | (off < _get_limit(x.std))
         if np.array_equal(again, inlier):
             break
         inlier = again
     assert fit is not None
-    return _refer(fit, (q[inlier] - fit.middle) @ fit.t, c0, radius)._replace(
-        inliers=tuple(int(i) for i in np.flatnonzero(inlier))
-    )
+    way = (points.q[inlier] - fit.middle) @ fit.t
+    line = _refer(fit, way, c0, radius if seam is None else math.inf)
+    return line._replace(
+        inliers=tuple(int(i) for i in np.flatnonzero(inlier)),
+        radius=radius, is_seam=seam is not None,
+    )  # fmt: skip
 
 
 def _refer(fit: _Fit, way: Array, c0: float, radius: float) -> WeldLine:
-    """Return the line with its reference, within `way`, where offset and angle are uncorrelated."""
+    """Return the line with its reference, within `way`, where offset and angle are uncorrelated.
+
+    `radius` (m) is infinite for a line that is straight on the unrolled surface.
+    """
     cov, cos, sin = fit.cov, math.cos(fit.angle), math.sin(fit.angle)
     slide = float(np.clip(-cov[0, 1] / cov[1, 1], np.min(way), np.max(way)))
     point = fit.middle + fit.offset * fit.n + slide * fit.t
@@ -206,8 +288,8 @@ def _refer(fit: _Fit, way: Array, c0: float, radius: float) -> WeldLine:
     # slope and lean of s0 + A u + B w at that point
     climb = sin * math.cos(turn) + fit.lean * cos * math.sin(turn)
     angle = math.atan2(climb, cos)
-    lean = fit.lean  # a seam along the axis has no lean to rotate
-    if turn and abs(cos) > SEAM:
+    lean = fit.lean
+    if turn:
         lean = fit.lean * math.cos(turn) - sin / cos * math.sin(turn)
     across = np.array([1.0, slide, 0.0, bow * cos])
     aside = np.array([0.0, 1.0, 0.0, cos**2 * math.sin(turn)])

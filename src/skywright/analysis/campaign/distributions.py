@@ -147,6 +147,14 @@ def _split_values(inside: str) -> tuple[Value, ...]:
     return tuple(parts)
 
 
+def _is_finite(value: float) -> bool:
+    """Return whether a number is finite; an integer beyond the range of floats is not."""
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False
+
+
 def _check_parameters(name: str, values: tuple[Any, ...], label: str) -> None:
     form = FORMS[name]
     if name == "choice":
@@ -155,13 +163,15 @@ def _check_parameters(name: str, values: tuple[Any, ...], label: str) -> None:
         for v in values:
             if isinstance(v, list | dict) or v == "":
                 raise InputError(f"{label}: choice contains {describe_value(v)}; expected {form}")
-            if isinstance(v, float) and not math.isfinite(v):
-                raise InputError(f"{label}: choice contains {v}; a finite number is needed")
+            if isinstance(v, int | float) and not _is_finite(v):
+                raise InputError(
+                    f"{label}: choice contains {describe_value(v)}; a finite number is needed"
+                )
         return
     if len(values) != 2:
         raise InputError(f"{label}: {name} takes two numbers, found {len(values)}; write {form}")
     for v in values:
-        if isinstance(v, bool) or not isinstance(v, int | float) or not math.isfinite(v):
+        if isinstance(v, bool) or not isinstance(v, int | float) or not _is_finite(v):
             raise InputError(f"{label}: {name} takes two finite numbers, found {describe_value(v)}")
     a, b = values
     if name == "normal":
@@ -216,11 +226,11 @@ def load_columns(path: Path, label: str) -> dict[str, tuple[Value, ...]]:
                 value = cell.strip()
             if isinstance(value, dict) or value == "":
                 raise InputError(f"{label}: {path}, line {number}: column {name!r} has no value")
-            if (isinstance(value, float) and not math.isfinite(value)) or (
+            if (isinstance(value, int | float) and not _is_finite(value)) or (
                 isinstance(value, str) and value.lower() in ("nan", "inf", "na", "null")
             ):
                 raise InputError(
-                    f"{label}: {path}, line {number}: {name} is {cell.strip()}; "
+                    f"{label}: {path}, line {number}: {name} is {describe_value(value)}; "
                     "a finite number is needed"
                 )
             columns[name].append(value)

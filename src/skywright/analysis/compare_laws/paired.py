@@ -36,11 +36,7 @@ class Difference(NamedTuple):
     low: float  # 95 % interval of that median, bootstrap; NaN below FEWEST pairs
     high: float
     p: float  # Wilcoxon's signed-rank test, two-sided; NaN below FEWEST pairs
-
-    @property
-    def is_zero(self) -> bool:
-        """Whether all differences are zero, and enough for a test."""
-        return self.low == self.high == self.median == 0.0
+    is_zero: bool  # whether the difference is zero in every run
 
 
 def pair_rows(reference: Sequence[Row], rows: Sequence[Row], metric: str) -> tuple[Array, Array]:
@@ -74,7 +70,9 @@ def compare_metric(
     p = math.nan
     if n >= FEWEST:
         p = float(scipy.stats.wilcoxon(d).pvalue) if np.any(d != 0.0) else 1.0
-    return Difference(law, case, metric, n, float(np.median(reference)), median, low, high, p)
+    return Difference(
+        law, case, metric, n, float(np.median(reference)), median, low, high, p, not np.any(d)
+    )
 
 
 def find_significant(differences: Sequence[Difference]) -> set[tuple[str, str, str]]:

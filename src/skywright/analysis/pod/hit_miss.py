@@ -23,6 +23,10 @@ STEEPEST = 500.0
 FARTHEST = 20.0
 """Search range of a bound beyond the data, as a multiple of the range of x."""
 CEILINGS = np.linspace(0.3, 1.0, 29)
+UNBOUNDED = (
+    "the slope of the curve is not bounded by the data: between the largest size that is always "
+    "missed and the smallest that is found there are too few flaws; add sizes there"
+)
 
 
 class HitMiss(NamedTuple):
@@ -167,9 +171,9 @@ class HitMiss(NamedTuple):
 
 
 def _compute_log_likelihood(link: Link, eta: Array, hit: Array, c: float) -> float:
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", over="ignore"):  # trial steps may be huge
         miss = np.logaddexp(np.log1p(-c), np.log(c) + link.log_cdf(-eta))
-    return float(np.sum(np.where(hit > 0, np.log(c) + link.log_cdf(eta), miss)))
+        return float(np.sum(np.where(hit > 0, np.log(c) + link.log_cdf(eta), miss)))
 
 
 def _fit_fixed(link: Link, x: Array, hit: Array, c: float) -> tuple[float, float, float]:
@@ -217,6 +221,40 @@ def _compute_shares(link: Link, eta: Array, c: float) -> tuple[Array, Array]:
     return c * link.cdf(eta), (1.0 - c) + c * link.cdf(-eta)
 
 
+def _is_step(x: Array, hit: Array, c: float, log_likelihood: float) -> bool:
+    """Return whether a step from 0 to the ceiling is as likely as the fitted curve.
+
+    The step is the limit of curves of growing slope. It lies at the smallest size that was found,
+    where its POD has any value up to the ceiling.
+    """
+    at = x == np.min(x[hit > 0])
+    beyond = x > np.min(x[hit > 0])
+    p = min(float(np.mean(hit[at])), c)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        step = np.concatenate([
+            np.where(hit[at] > 0, np.log(p), np.log1p(-p)),
+            np.where(hit[beyond] > 0, np.log(c), np.log1p(-c)),
+        ])  # fmt: skip
+    return bool(np.sum(step) >= log_likelihood - 1e-6)
+
+
+def estimate_ceiling(x: Array, hit: Array, link: Link) -> tuple[float, float]:
+    """Return the most likely ceiling, and the log-likelihood with it.
+
+    The log-likelihood is maximized over the slope, which it need not bound.
+    """
+    costs = [-_fit_fixed(link, x, hit, float(c))[2] for c in CEILINGS]
+    k = int(np.argmin(costs))
+    span = CEILINGS[max(k - 1, 0)], CEILINGS[min(k + 1, len(CEILINGS) - 1)]
+    found = optimize.minimize_scalar(
+        lambda c: -_fit_fixed(link, x, hit, c)[2], bounds=span, method="bounded",
+        options={"xatol": 1e-7},
+    )  # fmt: skip
+    if found.fun < costs[-1] - 1e-9:
+        return float(found.x), -float(found.fun)
+    return 1.0, -costs[-1]
+
+
 def fit_hit_miss(x: Array, hit: Array, link: Link, ceiling: float | None = 1.0) -> HitMiss:
     """Fit a curve to x (n,) and hit (n,) of 0 and 1; with `ceiling` None, the ceiling is estimated.
 
@@ -224,24 +262,10 @@ def fit_hit_miss(x: Array, hit: Array, link: Link, ceiling: float | None = 1.0) 
     separation, or a POD that decreases with size.
     """
     check_hit_miss(x, hit)
-    if ceiling is not None:
-        b0, b1, best = _fit_fixed(link, x, hit, ceiling)
-        c = ceiling
-    else:
-        costs = [-_fit_fixed(link, x, hit, float(c))[2] for c in CEILINGS]
-        k = int(np.argmin(costs))
-        span = CEILINGS[max(k - 1, 0)], CEILINGS[min(k + 1, len(CEILINGS) - 1)]
-        found = optimize.minimize_scalar(
-            lambda c: -_fit_fixed(link, x, hit, c)[2], bounds=span, method="bounded",
-            options={"xatol": 1e-7},
-        )  # fmt: skip
-        c = float(found.x) if found.fun < costs[-1] - 1e-9 else 1.0
-        b0, b1, best = _fit_fixed(link, x, hit, c)
-    if abs(b1) * float(np.std(x)) > STEEPEST:
-        raise InputError(
-            "the slope of the curve is not bounded by the data: between the largest size that is "
-            "always missed and the smallest that is found there are too few flaws; add sizes there"
-        )
+    c = estimate_ceiling(x, hit, link)[0] if ceiling is None else ceiling
+    b0, b1, best = _fit_fixed(link, x, hit, c)
+    if abs(b1) * float(np.std(x)) > STEEPEST or _is_step(x, hit, c, best):
+        raise InputError(UNBOUNDED)
     if b1 <= 0:
         raise InputError(
             f"the share of flaws that are found does not grow with size (slope {b1:.3g}); "
@@ -249,7 +273,10 @@ def fit_hit_miss(x: Array, hit: Array, link: Link, ceiling: float | None = 1.0) 
         )
     # at the boundary the ceiling has no variance: the curve has two parameters
     free = ceiling is None and c < 1.0 - 1e-6
-    covariance = _compute_covariance(link, x, (b0, b1), c, 3 if free else 2)
+    try:
+        covariance = _compute_covariance(link, x, (b0, b1), c, 3 if free else 2)
+    except np.linalg.LinAlgError:
+        raise InputError(UNBOUNDED) from None
     at = ceiling if ceiling is not None else c if free else 1.0
     return HitMiss(link, x, hit, b0, b1, at, ceiling is None, covariance, best)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from skywright.analysis.pod import a_hat
 from skywright.analysis.pod.a_hat import AHat, Residuals, fit_a_hat, judge_residuals
-from skywright.analysis.pod.hit_miss import HitMiss, bound_share, fit_hit_miss
+from skywright.analysis.pod.hit_miss import HitMiss, bound_share, estimate_ceiling, fit_hit_miss
 from skywright.analysis.pod.links import AXES, CONFIDENCE, LINKS, from_axis, to_axis
 from skywright.analysis.pod.method import Method, check_method, list_variants
 from skywright.analysis.pod.samples import (
@@ -49,6 +49,8 @@ class Curve(NamedTuple):
     coefficients: dict[str, float]
     standard_errors: dict[str, float]
     log_likelihood: float
+    parameters: int
+    """Number of estimated parameters."""
     aic: float  # for the original signals: comparable between axes
     a50: float | None
     a90: float | None
@@ -214,8 +216,8 @@ def _fit(table: Inspections, method: Method) -> Curve:
     return Curve(
         method.model or "", method.link if isinstance(fit, HitMiss) else "probit", axis,
         method.signal_axis or "" if isinstance(fit, AHat) else "", method.bounds, coefficients,
-        errors, log_likelihood, 2.0 * fit.parameters - 2.0 * log_likelihood, a50, a90, bound,
-        conditional, ceiling, none, none, none,
+        errors, log_likelihood, fit.parameters, 2.0 * fit.parameters - 2.0 * log_likelihood,
+        a50, a90, bound, conditional, ceiling, none, none, none,
         judge_residuals(fit) if isinstance(fit, AHat) else None,
     )  # fmt: skip
 
@@ -275,6 +277,21 @@ def _draw(table: Inspections, method: Method, curve: Curve) -> Curve:
     return curve._replace(sizes=sizes, pod=pod, lower=lower)
 
 
+def _warn_of_ceiling(table: Inspections, method: Method, curve: Curve) -> list[str]:
+    """Return a warning if a ceiling explains hits and misses better than the curve without one."""
+    assert table.hit is not None and method.size_axis is not None
+    x = to_axis(table.size, method.size_axis)
+    ceiling, log_likelihood = estimate_ceiling(x, table.hit, LINKS[method.link])
+    if 2.0 * (log_likelihood - curve.log_likelihood) <= CEILING_DROP:
+        return []
+    what = f"a ceiling of {ceiling:.3f} fits the misses of large flaws better; without it a90 "
+    try:
+        _fit_conditional(table, method._replace(ceiling="fit"))
+    except InputError as error:
+        return [f"{what}misleads, and with it {error}"]
+    return [f"{what}misleads: use --ceiling fit, or a column contact"]
+
+
 def _warn_of_curve(
     table: Inspections, method: Method, curve: Curve, tried: list[dict[str, Any]]
 ) -> list[str]:
@@ -287,13 +304,7 @@ def _warn_of_curve(
             "POD exists"
         )
     if method.ceiling is None and method.model == "hit-miss":
-        free = _fit_conditional(table, method._replace(ceiling="fit"))
-        assert isinstance(free, HitMiss)
-        if 2.0 * (free.log_likelihood - curve.log_likelihood) > CEILING_DROP:
-            out.append(
-                f"a ceiling of {free.ceiling:.3f} fits the misses of large flaws better; without "
-                "it a90 misleads: use --ceiling fit, or a column contact"
-            )
+        out += _warn_of_ceiling(table, method, curve)
     if curve.a90 is not None and curve.a90_95 is None:
         out.append("no a90/95 exists: the lower bound never reaches 90 %; more flaws are needed")
     if curve.residuals is not None:

@@ -15,7 +15,6 @@ import json
 import math
 import os
 from contextlib import suppress
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,13 +23,16 @@ import numpy as np
 from skywright.core.arrays import Array
 from skywright.errors import InputError
 from skywright.inspection.calibration import ComplexArray
-
-VERSION = "4.3.0"
-FULL = 32767
-"""The int16 value of full screen height."""
-SIMULATED = "SIMULATED: computed from models, not measured"
-GROUP = "/Public/Groups/0/Datasets/"
-ENCODERS = "/Public/DataMappings/0/Datasets/"
+from skywright.inspection.files.nde_setup import (
+    ENCODERS,
+    FULL,
+    GROUP,
+    SIMULATED,
+    VERSION,
+    build_eddy,
+    build_properties,
+    build_ultrasonic,
+)
 
 
 class UltrasonicScan(NamedTuple):
@@ -71,13 +73,13 @@ class EddyScan(NamedTuple):
 def write_nde(path: Path, scan: UltrasonicScan | EddyScan) -> None:
     """Write a scan, complete or not at all. Raises InputError if numbers or shapes are invalid."""
     h5py = _import_h5py()
-    _check(scan)
+    _check(path, scan)
     ultrasonic = isinstance(scan, UltrasonicScan)
-    setup = _build_ultrasonic(scan) if isinstance(scan, UltrasonicScan) else _build_eddy(scan)
+    setup = build_ultrasonic(scan) if isinstance(scan, UltrasonicScan) else build_eddy(scan)
     partial = path.with_name(path.name + ".partial")
     try:
         with h5py.File(partial, "w") as file:
-            file["Properties"] = json.dumps(_build_properties(ultrasonic, scan.simulated))
+            file["Properties"] = json.dumps(build_properties(ultrasonic, scan.simulated))
             file["Public/Setup"] = json.dumps(setup)
             if isinstance(scan, UltrasonicScan):
                 data = np.round(np.clip(scan.ascan, -1.0, 1.0) * FULL).astype(np.int16)
@@ -101,8 +103,10 @@ def write_nde(path: Path, scan: UltrasonicScan | EddyScan) -> None:
 
 
 def read_nde(path: Path) -> UltrasonicScan | EddyScan:
-    """Read the first group of a file. Raises InputError, in one line, if the file is incomplete, of
-    another format or version, or if its data do not match its set-up.
+    """Read the first group of a file; a thickness that it does not state is NaN.
+
+    Raises InputError, in one line, if the file is incomplete, of another format or version, or if
+    its data do not match its set-up or are outside the ranges that `write_nde` accepts.
     """
     h5py = _import_h5py()
     if not path.is_file():
@@ -117,25 +121,29 @@ def read_nde(path: Path) -> UltrasonicScan | EddyScan:
             notice = str(properties["file"].get("notice", ""))
             datasets = {d["dataClass"]: d for d in setup["groups"][0]["datasets"]}
             arrays = {name: file[d["path"]][()] for name, d in datasets.items()}
-            simulated = notice == SIMULATED
+            scan: UltrasonicScan | EddyScan
             if "AScanAmplitude" in arrays:
-                return _read_ultrasonic(setup, datasets, arrays, simulated)
-            if "Impedance" in arrays:
-                places = [
-                    file[d["path"]][()] for d in setup["dataMappings"][0]["allCycle"]["datasets"]
-                ]
-                return _read_eddy(setup, arrays["Impedance"], places, simulated)
-            raise InputError(
-                f"{path}: no A-scans and no impedance in its first group; found: "
-                + (", ".join(datasets) or "nothing")
-            )
+                scan = _read_ultrasonic(setup, datasets, arrays, notice == SIMULATED)
+            elif "Impedance" in arrays:
+                encoders = setup["dataMappings"][0]["allCycle"]["datasets"]
+                places = [_scale(file[d["path"]][()], d, "Meter") for d in encoders]
+                scan = _read_eddy(setup, arrays["Impedance"], places, notice == SIMULATED)
+            else:
+                raise InputError(
+                    f"{path}: no A-scans and no impedance in its first group; found: "
+                    + (", ".join(datasets) or "nothing")
+                )
+            _check(path, scan, ("time", "thickness_m"))
+            return scan
     except InputError:
         raise
     except OSError:
         raise InputError(
             f"{path}: is no complete HDF5 file: not an .nde file, or only a part of one"
         ) from None
-    except (KeyError, ValueError, TypeError, IndexError, AttributeError, RuntimeError) as error:
+    except (
+        LookupError, ValueError, TypeError, ArithmeticError, AttributeError, RuntimeError,
+    ) as error:  # fmt: skip
         what = " ".join(str(error).split())[:120]
         raise InputError(f"{path}: is damaged or incomplete: {what}") from None
 
@@ -148,194 +156,37 @@ def _import_h5py() -> Any:
     return h5py
 
 
-def _check(scan: UltrasonicScan | EddyScan) -> None:
+def _check(
+    path: Path, scan: UltrasonicScan | EddyScan, may_be_nan: tuple[str, ...] = ("time",)
+) -> None:
     for name, value in scan._asdict().items():
-        if isinstance(value, float) and not math.isfinite(value):
-            raise InputError(f".nde: {name} is {value}; valid: a finite number")
-        array = np.asarray(value) if isinstance(value, np.ndarray) else np.zeros(0)
-        if name != "time" and not np.all(np.isfinite(array)):
-            raise InputError(
-                f".nde: {name} holds {np.sum(~np.isfinite(array))} values without a number"
-            )
+        array = np.asarray(value)
+        bad = ~np.isfinite(array) if array.dtype.kind in "fc" else np.zeros(0)
+        if name not in may_be_nan and np.any(bad):
+            what = f"holds {np.sum(bad)} values without a number" if bad.ndim else f"is {value}"
+            raise InputError(f"{path}: {name} {what}; valid: finite numbers")
     positive = ("sample_rate_hz", "velocity_mps", "frequency_hz", "thickness_m", "rate_hz")
     for name in positive:
         if getattr(scan, name, 1.0) <= 0:
-            raise InputError(f".nde: {name} is {getattr(scan, name):g}; valid: above 0")
+            raise InputError(f"{path}: {name} is {getattr(scan, name):g}; valid: above 0")
     if isinstance(scan, UltrasonicScan):
         if scan.ascan.ndim != 3 or min(scan.ascan.shape) < 1:
-            raise InputError(f".nde: A-scans of the shape {scan.ascan.shape}; valid: (u, v, time)")
+            raise InputError(
+                f"{path}: A-scans of the shape {scan.ascan.shape}; valid: (u, v, time)"
+            )
         if scan.time is not None and scan.time.shape != scan.ascan.shape[:2]:
-            raise InputError(f".nde: {scan.time.shape} times for A-scans {scan.ascan.shape[:2]}")
+            raise InputError(f"{path}: {scan.time.shape} times for A-scans {scan.ascan.shape[:2]}")
         if min(scan.u[1], scan.v[1]) <= 0:
             raise InputError(
-                f".nde: the grid has spacings of {scan.u[1]:g} and {scan.v[1]:g} m; valid: above 0"
+                f"{path}: the grid has spacings of {scan.u[1]:g} and {scan.v[1]:g} m; "
+                "valid: above 0"
             )
     elif scan.impedance.ndim != 2 or len(scan.position) != scan.impedance.shape[1]:
         raise InputError(
-            f".nde: {len(scan.position)} positions for an impedance of {scan.impedance.shape}"
+            f"{path}: {len(scan.position)} positions for an impedance of {scan.impedance.shape}"
         )
     elif len(scan.offsets) != len(scan.impedance):
-        raise InputError(f".nde: {len(scan.offsets)} coils for {len(scan.impedance)} channels")
-
-
-def _build_properties(ultrasonic: bool, simulated: bool) -> dict[str, Any]:
-    from importlib.metadata import version
-
-    file = {
-        "createdByAppName": "Skywright", "createdByAppVersion": version("skywright"),
-        "creationDate": datetime.now(UTC).isoformat(timespec="seconds"),
-        "creationFormatVersion": VERSION, "formatVersion": VERSION,
-    }  # fmt: skip
-    if simulated:
-        file["notice"] = SIMULATED
-    return {
-        "$schema": f"./Properties-Schema-{VERSION}.json", "file": file,
-        "methods": ["UT" if ultrasonic else "ET"],
-    }  # fmt: skip
-
-
-def _build_common(scan: UltrasonicScan | EddyScan, group: dict[str, Any]) -> dict[str, Any]:
-    model, serial = scan.instrument
-    unit = {
-        "id": 0, "platform": "Skywright", "model": model or "unknown",
-        "acquisitionRate": scan.rate_hz, **({"serialNumber": serial} if serial else {}),
-    }  # fmt: skip
-    plate = {"thickness": scan.thickness_m, "surfaces": [{"id": 0, "name": "Top"}]}
-    return {
-        "$schema": f"./Setup-Schema-{VERSION}.json", "version": VERSION,
-        "scenario": "General Mapping", "groups": [group], "acquisitionUnits": [unit],
-        "specimens": [{"id": 0, "plateGeometry": plate}],
-    }  # fmt: skip
-
-
-PLACED = {
-    "specimenId": 0, "surfaceId": 0, "uCoordinateOffset": 0.0, "vCoordinateOffset": 0.0,
-    "skewAngle": 0.0,
-}  # fmt: skip
-
-
-def _build_ultrasonic(scan: UltrasonicScan) -> dict[str, Any]:
-    n_u, n_v, n_t = scan.ascan.shape
-    u, v = (
-        {"axis": f"{axis}Coordinate", "quantity": n, "offset": at[0], "resolution": at[1]}
-        for axis, n, at in (("U", n_u, scan.u), ("V", n_v, scan.v))
-    )
-    ultrasound = {
-        "axis": "Ultrasound", "quantity": n_t, "offset": scan.start_s,
-        "resolution": 1.0 / scan.sample_rate_hz,
-    }  # fmt: skip
-    datasets: list[dict[str, Any]] = [{
-        "id": 0, "dataTransformations": [{"processId": 0}], "dataClass": "AScanAmplitude",
-        "storageMode": "Independent", "path": GROUP + "0-AScanAmplitude",
-        "dataValue": {"min": -FULL, "max": FULL, "unitMin": -100.0, "unitMax": 100.0,
-                      "unit": "Percent"},
-        "dimensions": [u, v, ultrasound],
-    }]  # fmt: skip
-    length = n_t / scan.sample_rate_hz
-    if scan.time is not None:
-        end = scan.start_s + length
-        datasets.append({
-            "id": 1, "dataTransformations": [{"processId": 0}], "dataClass": "CScanTime",
-            "storageMode": "Independent", "path": GROUP + "1-CScanTime",
-            "dataValue": {"min": 0.0, "max": end, "unitMin": 0.0, "unitMax": end,
-                          "unit": "Seconds"},
-            "dimensions": [u, v],
-        })  # fmt: skip
-    process = {
-        "id": 0, "inputs": [], "implementation": "Hardware",
-        "outputs": [
-            {"id": d["id"], "datasetId": d["id"], "dataClass": d["dataClass"]} for d in datasets
-        ],
-        "ultrasonicConventional": {
-            "pulseEcho": {"probeId": 0}, "waveMode": "Longitudinal",
-            "velocity": scan.velocity_mps, "wedgeDelay": 0.0,
-            "digitizingFrequency": scan.sample_rate_hz, "rectification": "None",
-            "gain": scan.gain_db,
-            "beams": [{"id": 0, "refractedAngle": 0.0, "ascanStart": scan.start_s,
-                       "ascanLength": length}],
-        },
-    }  # fmt: skip
-    setup = _build_common(scan, {"id": 0, "datasets": datasets, "processes": [process]})
-    material = {
-        "name": "Steel",
-        "longitudinalWave": {"nominalVelocity": scan.velocity_mps},
-        "transversalVerticalWave": {"nominalVelocity": scan.shear_mps},
-    }
-    setup["specimens"][0]["plateGeometry"]["material"] = material
-    round_probe = {
-        "centralFrequency": scan.frequency_hz, "diameter": scan.diameter_m,
-        "elements": [{"id": 0, "acquisitionUnitId": 0, "connectorName": "P1"}],
-    }  # fmt: skip
-    setup["probes"] = [{
-        "id": 0, "model": scan.instrument[0] or "unknown", "conventionalRound": round_probe,
-        "wedgeAssociation": {"wedgeId": 0, "mountingLocationId": 0},
-    }]  # fmt: skip
-    mounted = {
-        "id": 0, "wedgeAngle": 0.0, "primaryOffset": 0.0, "secondaryOffset": 0.0,
-        "tertiaryOffset": 0.0,
-    }  # fmt: skip
-    face = {
-        "width": scan.diameter_m, "height": 0.0, "length": scan.diameter_m,
-        "longitudinalVelocity": scan.velocity_mps, "mountingLocations": [mounted],
-    }  # fmt: skip
-    setup["wedges"] = [{"id": 0, "model": "contact", "angleBeamWedge": face, "positioning": PLACED}]
-    return setup
-
-
-def _build_eddy(scan: EddyScan) -> dict[str, Any]:
-    channels, cycles = scan.impedance.shape
-    most = float(max(np.max(np.abs(scan.impedance)), 1e-9))
-    impedance = {
-        "id": 0, "dataTransformations": [{"processId": 0}], "dataClass": "Impedance",
-        "path": GROUP + "0-Impedance",
-        "dataValue": {"min": -most, "max": most, "unitMin": -most, "unitMax": most,
-                      "unit": "instrument units"},
-        "dimensions": [
-            {"axis": "Channel", "quantity": channels},
-            {"axis": "AcquisitionCycle", "quantity": cycles},
-        ],
-    }  # fmt: skip
-    process = {
-        "id": 0, "inputs": [], "dataMappingId": 0, "implementation": "Hardware",
-        "outputs": [{"id": 0, "datasetId": 0, "dataClass": "Impedance"}],
-        "eddyCurrent": {
-            "channels": [{"id": k, "sensorId": k} for k in range(channels)], "probeId": 0,
-            "sensorGroupId": 0, "driveAmplitude": scan.drive_v, "frequency": scan.frequency_hz,
-            "gain": scan.gain_db,
-        },
-    }  # fmt: skip
-    setup = _build_common(scan, {"id": 0, "datasets": [impedance], "processes": [process]})
-    setup["probes"] = [{
-        "id": 0, "model": scan.instrument[0] or "unknown",
-        "eddyCurrentProbe": {"sensorGroups": [{
-            "id": 0, "name": "coils",
-            "sensors": [
-                {"id": k, "primaryOffset": float(a), "secondaryOffset": float(b),
-                 "acquisitionUnitId": 0}
-                for k, (a, b) in enumerate(scan.offsets)
-            ],
-        }]},
-        "wedgeAssociation": {"wedgeId": 0, "orientation": "Normal"},
-    }]  # fmt: skip
-    setup["wedges"] = [{"id": 0, "model": "none", "positioning": PLACED}]
-    setup["motionDevices"] = [
-        {"id": k, "name": name, "encoder": {"mode": "Quadrature", "stepResolution": 1e6,
-                                            "unit": "StepPerMeter"}}
-        for k, name in enumerate(("U", "V"))
-    ]  # fmt: skip
-    encoders = []
-    for k in range(2):
-        low, high = float(np.min(scan.position[:, k])), float(np.max(scan.position[:, k]))
-        value = {"min": low, "max": high, "unitMin": low, "unitMax": high, "unit": "Meter"}
-        along = {"axis": "AcquisitionCycle", "quantity": cycles, "motionDeviceId": k}
-        encoders.append({
-            "id": k, "dataClass": "Encoder", "path": f"{ENCODERS}{k}-Encoder",
-            "dataValue": value, "dimensions": [along],
-        })  # fmt: skip
-    setup["dataMappings"] = [
-        {"id": 0, "specimenId": 0, "surfaceId": 0, "allCycle": {"datasets": encoders}}
-    ]
-    return setup
+        raise InputError(f"{path}: {len(scan.offsets)} coils for {len(scan.impedance)} channels")
 
 
 def _read_unit(setup: dict[str, Any]) -> tuple[tuple[str, str], float, float]:
@@ -346,10 +197,17 @@ def _read_unit(setup: dict[str, Any]) -> tuple[tuple[str, str], float, float]:
     return model, float(unit["acquisitionRate"]), float(plate.get("thickness", math.nan))
 
 
-def _scale(raw: Array, value: dict[str, float]) -> Array:
-    """Return the values of a dataset in its unit."""
-    share = (raw.astype(float) - value["min"]) / (value["max"] - value["min"])
-    return np.asarray(value["unitMin"] + share * (value["unitMax"] - value["unitMin"]))
+def _scale(raw: Array, described: dict[str, Any], unit: str) -> Array:
+    """Return the values of a dataset in `unit`. Raises ValueError for another unit, or no range."""
+    name, value = described["dataClass"], described["dataValue"]
+    if value["unit"] != unit:
+        raise ValueError(f"{name} in the unit {value['unit']!r}; valid: {unit}")
+    low, high, bottom, top = (float(value[k]) for k in ("min", "max", "unitMin", "unitMax"))
+    if (low, high) == (bottom, top):
+        return np.asarray(raw, float)
+    if not (low < high and math.isfinite(high - low) and math.isfinite(top - bottom)):
+        raise ValueError(f"{name} from {low:g} to {high:g}; valid: min below max, both finite")
+    return np.asarray(bottom + (raw.astype(float) - low) / (high - low) * (top - bottom))
 
 
 def _read_ultrasonic(
@@ -364,18 +222,19 @@ def _read_ultrasonic(
     wanted = ["UCoordinate", "VCoordinate", "Ultrasound"]
     if sorted(order) != sorted(wanted):
         raise ValueError(f"A-scans over {', '.join(order)}; only grids of u and v are read")
-    ascan = np.transpose(_scale(raw, described["dataValue"]), [order.index(n) for n in wanted])
+    ascan = np.transpose(_scale(raw, described, "Percent"), [order.index(n) for n in wanted])
     time = None
     if "CScanTime" in arrays:
         names = [d["axis"] for d in datasets["CScanTime"]["dimensions"]]
-        time = _scale(arrays["CScanTime"], datasets["CScanTime"]["dataValue"])
+        time = _scale(arrays["CScanTime"], datasets["CScanTime"], "Seconds")
         time = np.transpose(time, [names.index(n) for n in wanted[:2]])
     process = setup["groups"][0]["processes"][0]["ultrasonicConventional"]
     probe = setup["probes"][0]["conventionalRound"]
     instrument, rate, thickness = _read_unit(setup)
     u, v, t = (axes[name] for name in wanted)
+    step = float(t["resolution"])
     return UltrasonicScan(
-        ascan / 100.0, time, 1.0 / float(t["resolution"]), float(t.get("offset", 0.0)),
+        ascan / 100.0, time, 1.0 / step if step else math.inf, float(t.get("offset", 0.0)),
         (float(u.get("offset", 0.0)), float(u["resolution"])),
         (float(v.get("offset", 0.0)), float(v["resolution"])), float(process["velocity"]),
         float(probe["centralFrequency"]), float(probe["diameter"]), thickness, instrument,
