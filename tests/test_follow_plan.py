@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -9,14 +10,23 @@ import pytest
 from click.testing import CliRunner
 
 from skywright.cli import main
+from skywright.core.rotations import rot_z
+from skywright.description.loader import load_description
 from skywright.description.robot.loader import load_robot
 from skywright.errors import InputError
-from skywright.missions.skills.plan_flight import load_plan_description
+from skywright.missions.skills.plan_flight import (
+    RESOLUTION,
+    find_closest,
+    load_checked_plan,
+    load_plan_description,
+)
 from skywright.missions.skills.plan_table import LEAD_S, build_plan_table
+from skywright.models.geometry import compute_clearance
 from skywright.models.rigid_body import build_body_model, joint_names
 from skywright.planning.motion.plan_file import PlanFile, write_plan_file
 from skywright.run.planning import plan_mission
 from skywright.run.run import fly_and_evaluate
+from skywright.run.setup import Setup
 from skywright.vehicle.rest_to_rest import quintic
 
 
@@ -84,6 +94,114 @@ def test_what_a_robot_cannot_fly_is_refused(tmp_path: Path) -> None:
     plan = plan_mission(load_plan_description(tmp_path / "low"))
     assert not plan.feasible
     assert "touch" in str(plan.blocked_by)
+
+
+def build_fast(what: str) -> PlanFile:
+    """A plan that exceeds one limit of its robot."""
+    if what == "speed":
+        return build_line("hexarotor", 2.4)
+    if what == "acceleration":
+        return build_line("hexarotor", 0.6, 1.2)
+    plan = build_line("ars-lrm" if what == "servo" else "hexarotor", 0.0, 0.2)
+    s, ds, dds = quintic(plan.t / 0.2)
+    if what == "yaw":
+        plan.pose[:, 3], plan.rate[:, 3], plan.acceleration[:, 3] = s, ds / 0.2, dds / 0.04
+    elif what == "servo":
+        plan.q[:, 1], plan.qd[:, 1] = -s, -ds / 0.2
+    else:  # a step of the velocity, with an acceleration of one row that is twice the mean
+        plan.rate[1:, 0], plan.acceleration[1, 0] = 0.02, 2.0
+        plan.pose[1:, 0] = 0.02 * plan.t[1:]
+    return plan
+
+
+@pytest.mark.parametrize(
+    ("what", "message"),
+    [
+        ("speed", r"line 102, the speed of the plan is 1\.1"),
+        ("acceleration", r"the acceleration by its columns is 2\.4. m/s\^2; .* at most 0\.8"),
+        ("step", r"line 3, the acceleration by its columns is 2\.00 m/s\^2"),
+        ("yaw", r"line 7, yaw_rate_rad_s is 9\.38 rad/s; valid: at most 0\.8 rad/s"),
+        ("servo", r"the servo of left_shoulder_pitch moves at 9\.38 rad/s; without load .* 7\.1"),
+    ],
+)
+def test_motions_faster_than_the_robot_are_refused(tmp_path: Path, what: str, message: str) -> None:
+    write_plan_file(tmp_path / "fast", build_fast(what))
+    with pytest.raises(InputError, match=message):
+        plan_mission(load_plan_description(tmp_path / "fast"))
+
+
+def test_a_step_of_the_velocity_is_an_acceleration(tmp_path: Path) -> None:
+    """0.1 m/s within one row are 5 m/s^2, which acceleration columns of 0.7 m/s^2 hide."""
+    plan = build_line("hexarotor", 0.0, 0.2)
+    plan.rate[5:, 0], plan.pose[5:, 0] = 0.02, 0.02 * (plan.t[5:] - plan.t[4])
+    plan.acceleration[4:6, 0] = 0.7
+    write_plan_file(tmp_path / "step", plan)
+    with pytest.raises(InputError, match=r"line 7, the acceleration by the step of its velocity"):
+        plan_mission(load_plan_description(tmp_path / "step"))
+
+
+def test_a_plan_in_few_rows_is_checked_between_them(tmp_path: Path) -> None:
+    """Four rows, all beside the rack of the world, pass through it."""
+    t = np.array([0.0, 10 / 3, 20 / 3, 10.0])
+    pose, rate, none = np.zeros((4, 4)), np.zeros((4, 4)), np.zeros((4, 0))
+    pose[:, 0], pose[:, 2], rate[:, 0] = (0.0, 1.5, 4.5, 6.0), 1.2, (0.0, 0.9, 0.9, 0.0)
+    plan = PlanFile(
+        "hexarotor", "pipe-structures", 1, (), t, pose, rate, np.zeros((4, 4)), none, none, {}
+    )
+    setup = Setup(load_description("waypoints", "hexarotor", "pipe-structures"))
+    query = setup.clearance
+    rows = [compute_clearance(query, p[:3], np.eye(3), np.zeros(0)).distance for p in pose]
+    assert min(rows) > 0.05
+    distance, what = find_closest(plan, setup)
+    assert distance < 0.0 and "tube rack" in what
+    write_plan_file(tmp_path / "coarse", plan)
+    found = plan_mission(load_plan_description(tmp_path / "coarse"))
+    assert not found.feasible and "tube rack" in str(found.blocked_by)
+
+
+def test_the_closest_pose_is_that_of_a_dense_search() -> None:
+    """A turn beside the rack, in two rows; 2,000 poses between them are the reference."""
+    setup = Setup(load_description("waypoints", "ars-lrm", "pipe-structures"))
+    plan = build_line("ars-lrm", 0.0, 4.0)
+    plan = plan._replace(**{n: getattr(plan, n)[[0, -1]] for n in ("t", "pose", "rate", "q")})
+    plan.pose[:] = [[1.2, 0.0, 2.5, -0.5], [1.9, 0.3, 2.4, 1.0]]
+    plan.q[1, 1:] = -0.6
+    dense = math.inf
+    for u in np.linspace(0.0, 1.0, 2001):
+        p = (1 - u) * plan.pose[0] + u * plan.pose[1]
+        q = (1 - u) * plan.q[0] + u * plan.q[1]
+        dense = min(dense, compute_clearance(setup.clearance, p[:3], rot_z(p[3]), q).distance)
+    assert find_closest(plan, setup)[0] == pytest.approx(dense, abs=RESOLUTION / 2)
+
+
+def test_a_plan_stays_in_the_area_of_the_world(tmp_path: Path) -> None:
+    plan = build_line("hexarotor", -3.0, 8.0)._replace(world="pipe-structures")
+    write_plan_file(tmp_path / "back", plan)
+    found = plan_mission(load_plan_description(tmp_path / "back"))
+    assert not found.feasible and "the limits of world.area" in str(found.blocked_by)
+
+
+def test_a_plan_begins_with_the_mission_s_heading(tmp_path: Path) -> None:
+    plan = build_line("hexarotor")
+    plan.pose[:, 3] = math.radians(350.0)
+    write_plan_file(tmp_path / "turned", plan)
+    file = str(tmp_path / "turned.csv")
+    d = load_plan_description(file, sets={"mission.start_yaw_deg": -10.0})
+    assert load_checked_plan(file, d).pose[0, 3] == pytest.approx(math.radians(350.0))
+    d = load_plan_description(file, sets={"mission.start_yaw_deg": 45.0})
+    with pytest.raises(InputError, match=r"heading of 350\.0 deg, the mission with 45 deg"):
+        load_checked_plan(file, d)
+
+
+def test_a_plan_is_flown_in_the_random_structures_of_its_planning(tmp_path: Path) -> None:
+    drawn = build_line("hexarotor")._replace(
+        world="pipe-structures", scenario_seed=1, difficulty=0.75
+    )
+    file = write_plan_file(tmp_path / "drawn", drawn)[0]
+    world = load_plan_description(file).world
+    assert (world.scenario_seed, world.difficulty) == (1, 0.75)
+    assert load_plan_description(file, sets={"world.scenario_seed": 3}).world.scenario_seed == 3
+    assert load_plan_description(file, world="open").world.scenario_seed is None
 
 
 def test_the_command_refuses_what_is_no_plan(tmp_path: Path) -> None:

@@ -273,3 +273,19 @@ def test_blocked_ends_and_wrong_robots_are_told() -> None:
         plan_transport(ROBOT, build_transport(ROBOT, WORLD, Transport(goal=goal)))
     with pytest.raises(InputError, match="cannot carry a bar"):
         build_transport(load_robot("hexarotor")[0], WORLD)
+
+
+def test_ends_beyond_the_range_of_a_joint_are_refused() -> None:
+    for end, joints in (("start", (2.8, -1.5)), ("goal", (0.0, -2.7))):
+        transport = Transport(**{end: (4.0, 2.0, *joints)})
+        joint, at = ("shoulder", 160.428) if end == "start" else ("elbow", -154.699)
+        with pytest.raises(InputError, match=f"{end}: joint left_{joint}_pitch at {at} deg; valid"):
+            build_transport(ROBOT, EMPTY.world, transport)
+
+
+@pytest.mark.parametrize("at", [(45.0, 2.0), (80.0, 2.0), (-70.0, 120.0)])
+def test_a_world_without_an_area_has_no_limits(at: tuple[float, float]) -> None:
+    ends = [(at[0] + x, at[1], 0.0, -math.pi / 2) for x in (0.0, 10.0)]
+    problem = build_transport(ROBOT, World(name="open"), Transport(*ends))
+    path = plan_path(problem.space, problem.start, problem.goal, stream(), slices=1)
+    np.testing.assert_allclose(path.rows, ends)

@@ -11,23 +11,33 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from skywright.description.loader import load_description
 from skywright.description.robot.loader import load_robot
 from skywright.description.world.loader import load_world
 from skywright.description.world.spec import World
 from skywright.errors import InfeasibleError, InputError
 from skywright.models.planar import build_planar_lrm
 from skywright.models.scene import build_scene
+from skywright.planning.motion.kinematics import fill_motion
 from skywright.planning.motion.plan_file import load_plan_file, write_plan_file
-from skywright.planning.motion.planner import plan_path
+from skywright.planning.motion.space import build_scratch
 from skywright.planning.motion.swing import add_bar, build_swing, equilibrium
 from skywright.planning.motion.timing import (
+    ROW,
     Timed,
     TimeLimits,
     assign_times,
     compute_acceleration_limits,
 )
 from skywright.planning.motion.transport import Transport, build_transport
-from skywright.planning.motion.transport_plan import TransportPlan, plan_transport
+from skywright.planning.motion.transport_plan import (
+    SERVO_SHARE,
+    TransportPlan,
+    build_swing_model,
+    build_time_limits,
+    find_hand,
+    plan_transport,
+)
 
 Array = NDArray[np.float64]
 
@@ -101,9 +111,39 @@ def test_a_path_with_corners_keeps_limits_and_shape() -> None:
         assign_times(EMPTY.space, rows, LIMITS._replace(thrust=50.0))
 
 
+def test_a_path_without_length_rests_for_two_rows() -> None:
+    still = assign_times(EMPTY.space, np.array([EMPTY.start, EMPTY.start]), LIMITS)
+    assert still.t.tolist() == [0.0, ROW] and not still.cd.any() and not still.cdd.any()
+    np.testing.assert_array_equal(still.c, [EMPTY.start, EMPTY.start])
+    rows = np.array([EMPTY.start, EMPTY.start])
+    assert assign_times(EMPTY.space, rows, LIMITS, duration=3.0).t.tolist() == [0.0, 3.0]
+
+
+def test_averaging_over_the_period_keeps_the_speeds() -> None:
+    """A slow arm motion, then a fast flight: the average is fast where the arm still moves."""
+    limits = LIMITS._replace(
+        speed=2.0, acceleration=4.0, joint_rate=0.1, joint_acceleration=30.0, smooth=2.0
+    )
+    rows = np.array(
+        [[0, 3, 0, -1.57], [0.14, 3, -0.58, -1.57], [2.19, 3, -0.58, -1.47], [2.21, 3, 0, -1.57]]
+    )
+    timed = assign_times(EMPTY.space, rows, limits)
+    assert np.abs(timed.cd[:, 2:]).max() <= limits.joint_rate * (1 + 2e-3)
+    assert np.hypot(timed.cd[:, 0], timed.cd[:, 1]).max() <= limits.speed * (1 + 2e-3)
+
+
+def test_a_plan_is_no_faster_than_the_servos() -> None:
+    problem = build_transport(ROBOT, EMPTY.world)
+    assert build_time_limits(ROBOT, problem).joint_rate == TimeLimits().joint_rate
+    sets = {"robot.arm.elbow_pitch_servo.no_load_speed_rad_s": 0.3}
+    slow = load_description("waypoints", "ars-lrm", sets=sets).robot
+    assert build_time_limits(slow, problem).joint_rate == pytest.approx(0.3 * SERVO_SHARE)
+
+
 def test_swing_of_a_steady_acceleration_is_the_pendulum_s() -> None:
     """Suddenly accelerated, an undamped pendulum swings to twice the angle of the plumb line."""
-    model = add_bar(build_planar_lrm(build_scene(ROBOT, WORLD), ROBOT), 0.3)
+    bare = build_planar_lrm(build_scene(ROBOT, WORLD), ROBOT)
+    model = add_bar(bare, 0.3, find_hand(EMPTY.scene))
     swing = build_swing(model, 9.81, 0.0)
     t = np.linspace(0, 3, 151)
     a = 0.3
@@ -116,15 +156,19 @@ def test_swing_of_a_steady_acceleration_is_the_pendulum_s() -> None:
     assert swing(t, np.tile(EMPTY.start, (len(t), 1)), still, still) < 1e-3
 
 
-def test_both_models_hang_alike() -> None:
+@pytest.mark.parametrize("forearm", [None, 0.45])
+def test_both_models_hang_alike(forearm: float | None) -> None:
     """The planner's kinematics and the planar model agree on the equilibrium, bar included."""
-    problem = build_transport(ROBOT, WORLD)
-    model = add_bar(build_planar_lrm(build_scene(ROBOT, WORLD), ROBOT), problem.transport.bar_mass)
-    path = plan_path(EMPTY.space, EMPTY.start, EMPTY.goal, np.random.default_rng(0), slices=1)
-    assert len(path.rows)
-    plan = plan_transport(ROBOT, problem, 1, 0.3)
-    for row, c in zip(plan.file.q[::50], plan.timed.c[::50], strict=True):
-        assert row[0] == pytest.approx(equilibrium(model, c[2], c[3]), abs=1e-9)
+    sets = {} if forearm is None else {"robot.arm.elbow_pitch.length_m": forearm}
+    robot = load_description("waypoints", "ars-lrm", sets=sets).robot
+    problem = build_transport(robot, EMPTY.world)
+    model = build_swing_model(robot, problem)
+    c = np.array([EMPTY.start, [0.0, 2.0, -0.5, -1.0], [0.0, 2.0, 0.4, -2.0]])
+    u = np.zeros((len(c), 4 + len(problem.scene.joints)))
+    scratch = build_scratch(problem.space)
+    fill_motion(problem.space, scratch, c, np.zeros_like(c), u, np.zeros_like(u))
+    for row, (_, _, shoulder, elbow) in zip(u, c, strict=True):
+        assert row[4] == pytest.approx(equilibrium(model, shoulder, elbow), abs=1e-9)
 
 
 def test_the_plan_of_the_paper_s_scenario_keeps_everything(plan: TransportPlan) -> None:
@@ -182,6 +226,6 @@ def test_bad_plan_files_are_refused(plan: TransportPlan, tmp_path: Path) -> None
 def test_a_lighter_load_swings_less_far_from_the_link() -> None:
     """The equilibrium with the forearms forward leans back, more so with the bar."""
     model = build_planar_lrm(build_scene(ROBOT, WORLD), ROBOT)
-    empty, loaded = (equilibrium(add_bar(model, m), 0.0, -math.pi / 2) for m in (0.0, 0.3))
+    empty, loaded = (equilibrium(add_bar(model, m, 0.25), 0.0, -math.pi / 2) for m in (0.0, 0.3))
     assert 0 < empty < loaded < math.radians(10)
     assert Transport().bar_mass == 0.3

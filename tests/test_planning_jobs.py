@@ -12,6 +12,7 @@ import pytest
 
 from skywright.errors import InputError
 from skywright.evidence.bench.runner import run_benchmarks
+from skywright.evidence.planning import __main__ as module
 from skywright.evidence.planning import jobs
 from skywright.evidence.planning.__main__ import draw_found
 from skywright.evidence.planning.compare import build_decoupled_rows, build_rows
@@ -130,3 +131,15 @@ def test_the_plot_shows_all_planners_that_have_run() -> None:
         "default planner", "RRT* of the paper", "OMPL RRT*", "OMPL Informed RRT*",
         "OMPL RRT-Connect",
     ]  # fmt: skip
+
+
+def test_a_figure_without_the_default_planner_is_refused_before_the_jobs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "run_jobs", lambda *_: pytest.fail("jobs were run"))
+    picture = tmp_path / "cost.svg"
+    arguments = ["planning", str(tmp_path), "--only", PAPER, "--figure", str(picture)]
+    monkeypatch.setattr("sys.argv", arguments)
+    with pytest.raises(SystemExit, match=f"--figure: draws results of '{OURS}'.* add {OURS} to"):
+        module.main()
+    assert not picture.exists()

@@ -134,7 +134,8 @@ def fly(
     `checklist` selects whether `[mission.checklist]` and the spin check are evaluated before the
     motors start. `parts` are further components, such as real servos (links/servo_bus/arms.py).
     `live` publishes the vehicle to ROS 2 and Foxglove, and accepts commands of ROS 2 at every tick.
-    Raises InputError if an argument is invalid.
+    Raises InputError if an argument is invalid, and NoEstimate, a SkywrightError, if the position
+    is not estimated within 10 s on the ground.
     """
     from skywright.run.session import open_recording, open_vehicle
 

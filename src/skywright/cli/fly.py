@@ -118,18 +118,21 @@ def plan(
     import skywright
 
     description = skywright.load(mission, robot=robot, world=world, sets=sets, seed=seed)
-    if out is not None and out.suffix not in (".csv", ".toml"):
-        raise InputError(f"{out}: a plan file is called NAME.csv or NAME.toml")
+    if out is not None:
+        from skywright.planning.motion.plan_file import check_replaceable, write_plan_file
+
+        if out.suffix not in (".csv", ".toml"):
+            raise InputError(f"{out}: a plan file is called NAME.csv or NAME.toml")
+        check_folder(out.parent)
+        check_replaceable(out)
     found = skywright.plan(description)
     if out is not None and found.feasible:
-        from skywright.planning.motion.plan_file import write_plan_file
-
         if found.file is None:
             raise InputError(
                 f"mission {description.mission.name!r} cannot write a plan file: its kind "
                 "does not plan platform and joints together"
             )
-        check_folder(out.parent).mkdir(parents=True, exist_ok=True)
+        out.parent.mkdir(parents=True, exist_ok=True)
         write_plan_file(out, found.file)
     if as_json:
         print_json(found.to_json())

@@ -19,6 +19,7 @@ from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
 from skywright.models.rigid_body import joint_names
 from skywright.models.scene import Scene
+from skywright.models.self_contact import SelfContacts, build_self_contacts
 
 FIXED, HINGE, SLIDE = range(3)
 CAPSULE, BOX = range(2)
@@ -64,6 +65,7 @@ class PlanningScene(NamedTuple):
     q_min: Array  # (nj,) rad
     q_max: Array
     with_ground: bool  # the plane z = 0
+    contacts: SelfContacts  # of the robot's parts, with their exact shapes
 
 
 def build_planning_scene(scene: Scene, robot: Robot) -> PlanningScene:
@@ -100,7 +102,7 @@ def build_planning_scene(scene: Scene, robot: Robot) -> PlanningScene:
     return PlanningScene(
         tree, robot_shapes, world_shapes, names, world_names,
         tuple(model.body(b).name for b in bodies), joints,
-        reach[:, 0], reach[:, 1], True,
+        reach[:, 0], reach[:, 1], True, build_self_contacts(model, robot),
     )  # fmt: skip
 
 

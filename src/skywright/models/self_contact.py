@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import math
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import mujoco
 import numpy as np
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Ints
 from skywright.description.robot.spec import Robot
 from skywright.models.arm_body import OWN
 from skywright.models.rigid_body import joint_names, posture
@@ -30,18 +30,7 @@ POSTURES = ("folded", "landed", "working")
 def exclude_neighbours(spec: mujoco.MjSpec, robot: Robot) -> None:
     """Exclude contacts of bodies of the robot that touch in one of POSTURES."""
     model = spec.compile()
-    data = mujoco.MjData(model)
-    root = model.body("platform").id
-    q = [int(model.jnt_qposadr[model.joint(name).id]) for name in joint_names(robot)]
-    touching: set[tuple[int, int]] = set()  # of geoms
-    for name in POSTURES:
-        data.qpos[:] = model.qpos0
-        data.qpos[q] = posture(robot, name)
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_collision(model, data)
-        own = np.all(model.body_rootid[model.geom_bodyid[data.contact.geom]] == root, axis=1)
-        touching |= {(int(min(g)), int(max(g))) for g in data.contact.geom[own]}
-    body = model.geom_bodyid
+    touching, body = _list_neighbours(model, robot), model.geom_bodyid
     for a, b in sorted({(int(body[g]), int(body[h])) for g, h in touching}):
         spec.add_exclude(bodyname1=model.body(a).name, bodyname2=model.body(b).name)
         for g, h in product(np.flatnonzero(body == a), np.flatnonzero(body == b)):
@@ -52,6 +41,33 @@ def exclude_neighbours(spec: mujoco.MjSpec, robot: Robot) -> None:
                 spec.add_pair(geomname1=names[0], geomname2=names[1])
 
 
+class SelfContacts(NamedTuple):
+    """A scene's model and the pairs of its geoms that are neighbours by design."""
+
+    model: mujoco.MjModel
+    at: Ints  # (n_joints,) places of the joints in qpos
+    neighbours: frozenset[tuple[int, int]]
+
+
+def build_self_contacts(model: mujoco.MjModel, robot: Robot) -> SelfContacts:
+    """Read a robot's neighbours by design from the model of its scene."""
+    return SelfContacts(
+        model, _find_joints(model, robot), frozenset(_list_neighbours(model, robot))
+    )
+
+
+def find_self_contact(parts: SelfContacts, q: Array) -> str:
+    """Return "NAME and NAME" of parts of the robot that touch in a posture of q (m, n_joints) rad.
+
+    Returns "" if no parts but neighbours by design touch in any of the postures.
+    """
+    model, data = parts.model, mujoco.MjData(parts.model)
+    for row in q:
+        for g, h in sorted(_list_contacts(model, data, parts.at, row) - parts.neighbours):
+            return f"{model.geom(g).name} and {model.geom(h).name}"
+    return ""
+
+
 def is_apart(query: ClearanceQuery | None, a: Array, b: Array) -> bool:
     """Whether parts that are apart in posture a stay apart on the path to posture b.
 
@@ -59,18 +75,39 @@ def is_apart(query: ClearanceQuery | None, a: Array, b: Array) -> bool:
     """
     if query is None:
         return False
-    model, data = query.model, mujoco.MjData(query.model)
-    root = model.body("platform").id
+    data = mujoco.MjData(query.model)
     met = set[tuple[int, int]]()
     n = max(math.ceil(float(np.max(np.abs(b - a), initial=0.0)) / TOUCH_Q), 1)
     for i in range(n + 1):
-        data.qpos[:3] = 0.0, 0.0, 100.0  # far from the world
-        data.qpos[query.core.joint_qpos] = a + i / n * (b - a)
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_collision(model, data)
-        own = model.body_rootid[model.geom_bodyid[data.contact.geom]] == root
-        meets = {(int(g), int(h)) for g, h in data.contact.geom[np.all(own, axis=1)]}
+        meets = _list_contacts(query.model, data, query.core.joint_qpos, a + i / n * (b - a))
         met = meets if i == 0 else met
         if meets - met:
             return False
     return True
+
+
+def _find_joints(model: mujoco.MjModel, robot: Robot) -> Ints:
+    places = [int(model.jnt_qposadr[model.joint(name).id]) for name in joint_names(robot)]
+    return np.array(places, np.int64)
+
+
+def _list_neighbours(model: mujoco.MjModel, robot: Robot) -> set[tuple[int, int]]:
+    """Return the pairs of the robot's geoms that touch in one of POSTURES."""
+    data, at = mujoco.MjData(model), _find_joints(model, robot)
+    touching = set[tuple[int, int]]()
+    for name in POSTURES:
+        touching |= _list_contacts(model, data, at, posture(robot, name))
+    return touching
+
+
+def _list_contacts(
+    model: mujoco.MjModel, data: mujoco.MjData, at: Ints, q: Array
+) -> set[tuple[int, int]]:
+    """Return the pairs of the robot's geoms that touch; `at` (n_joints,) are places in qpos."""
+    data.qpos[:3] = 0.0, 0.0, 100.0  # far from the world
+    data.qpos[at] = q
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_collision(model, data)
+    root = model.body("platform").id
+    own = model.body_rootid[model.geom_bodyid[data.contact.geom]] == root
+    return {(int(min(g)), int(max(g))) for g in data.contact.geom[np.all(own, axis=1)]}

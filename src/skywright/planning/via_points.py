@@ -195,9 +195,9 @@ class Search:
         """Run a task-space RRT over the surface from a towards b; returns [] without a path."""
         tree: list[tuple[State, Array, list[Slide]]] = [(state, a, [])]
         scale = np.array([1.0, self.prob.cylinder.radius])
-        half = np.array([self.prob.cylinder.half_length, math.pi])
+        half = np.array([self.prob.cylinder.half_length, math.inf])  # phi is periodic
         lo = np.maximum(np.minimum(a, b) - ROOM / scale, -half)
-        hi = np.minimum(np.maximum(a, b) + ROOM / scale, [half[0], np.inf])
+        hi = np.minimum(np.maximum(a, b) + ROOM / scale, half)
         for _ in range(DETOURS):
             if self.late():
                 break

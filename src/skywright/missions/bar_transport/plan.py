@@ -49,7 +49,7 @@ def plan(setup: Setup[BarTransport]) -> MissionPlan[None]:
 
 def _take_plan(setup: Setup[BarTransport], file: PlanFile, began: float) -> MissionPlan[None]:
     """Build the mission's plan from a plan file; a plan with contact is refused."""
-    clearance, what = find_closest(file, setup.clearance)
+    clearance, what = find_closest(file, setup)
     table = build_plan_table(file, setup.model)
     return MissionPlan(
         clearance > 0.0, None if clearance > 0.0 else f"the plan: {what} touch",

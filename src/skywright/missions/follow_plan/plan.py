@@ -19,7 +19,7 @@ def plan(setup: Setup[FollowPlan]) -> MissionPlan[None]:
             "mission.task.plan_file is empty: name a plan file, or `skywright run --plan FILE`"
         )
     found = load_checked_plan(file, d)
-    clearance, what = find_closest(found, setup.clearance)
+    clearance, what = find_closest(found, setup)
     table = build_plan_table(found, setup.model)
     blocked = None if clearance > 0.0 else f"{file}: {what} touch"
     return MissionPlan(

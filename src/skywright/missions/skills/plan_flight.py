@@ -1,22 +1,30 @@
 """Missions that fly a plan file: loading of the file and checks before the flight."""
 
+import itertools
 import math
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.description.loader import Description, Sets, load_description, split_assignments
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
+from skywright.description.world.scenario import get_structures
 from skywright.errors import InputError
-from skywright.models.geometry import ClearanceQuery, compute_clearance
-from skywright.models.rigid_body import joint_names
-from skywright.planning.motion.plan_file import PlanFile, load_plan_file
+from skywright.models.geometry import compute_area_clearance, compute_clearance
+from skywright.models.rigid_body import build_body_model, joint_names
+from skywright.planning.motion.plan_file import PlanFile, load_plan_file, name_files
+from skywright.planning.motion.space import compute_reach
+from skywright.run.setup import Setup
+from skywright.vehicle.drives import TURN_MAX
 
 TOLERANCE = 0.05  # fraction by which a plan may exceed a robot's limit
 NEAR_M, NEAR_RAD = 0.05, 0.05  # largest distance of the plan's start from the mission's
+RESOLUTION = 0.005  # m, motion of a point between two poses that are checked for contact
 
 
 def load_plan_description(
@@ -29,8 +37,8 @@ def load_plan_description(
 ) -> Description:
     """Load the mission that flies a plan file: `mission`, or by default "follow-plan".
 
-    Without a mission, robot, world and start default to those of the plan. Raises InputError if the
-    file is no plan or belongs to another robot.
+    Without a mission, robot, world, random structures and start default to those of the plan.
+    Raises InputError if the file is no plan or belongs to another robot.
     """
     plan = load_plan_file(file)
     given = split_assignments(sets)
@@ -41,6 +49,10 @@ def load_plan_description(
             "mission.start_x_m": x, "mission.start_y_m": y, "mission.hover_height_m": z,
             "mission.start_yaw_deg": math.degrees(yaw),
         }  # fmt: skip
+        if world is None and plan.scenario_seed is not None:
+            more |= {
+                "world.scenario_seed": plan.scenario_seed, "world.difficulty": plan.difficulty,
+            }  # fmt: skip
         mission, robot, world = "follow-plan", robot or plan.robot, world or plan.world
     elif not hasattr(load_description(mission).mission.task, "plan_file"):
         raise InputError(
@@ -57,7 +69,8 @@ def load_checked_plan(file: str, d: Description) -> PlanFile:
     """
     robot = d.robot
     plan = load_plan_file(file, robot.name, joint_names(robot))
-    _check_limits(file, plan, robot)
+    _check_platform(file, plan, robot)
+    _check_joints(file, plan, robot)
     m = d.mission
     start = np.array([m.start_x_m, m.start_y_m, m.hover_height_m])
     if float(np.linalg.norm(plan.pose[0, :3] - start)) > NEAR_M:
@@ -67,40 +80,126 @@ def load_checked_plan(file: str, d: Description) -> PlanFile:
             f"({start[0]:.2f}, {start[1]:.2f}, {start[2]:.2f}) m; set mission.start_x_m, start_y_m "
             "and hover_height_m"
         )
+    yaw = math.degrees(plan.pose[0, 3])
+    if math.radians(abs(math.remainder(yaw - m.start_yaw_deg, 360.0))) > NEAR_RAD:
+        raise InputError(
+            f"{file}: the plan begins with a heading of {yaw:.1f} deg, the mission with "
+            f"{m.start_yaw_deg:g} deg; set mission.start_yaw_deg"
+        )
     return plan
 
 
-def _check_limits(file: str, plan: PlanFile, robot: Robot) -> None:
-    c = robot.control
-    speed = float(np.max(np.linalg.norm(plan.rate[:, :3], axis=1)))
-    if speed > (1.0 + TOLERANCE) * c.speed_max_mps:
+def _check_platform(file: str, plan: PlanFile, robot: Robot) -> None:
+    """Raise InputError if the platform is faster, or accelerates more, than the robot may."""
+    c, name = robot.control, robot.name
+    v, a = plan.rate[:, :3], plan.acceleration[:, :3]
+    speed = np.linalg.norm(v, axis=1)
+    if np.max(speed) > (1.0 + TOLERANCE) * c.speed_max_mps:
         raise InputError(
-            f"{file}: the speed of the plan is {speed:.2f} m/s; robot {robot.name!r} flies "
-            f"at most {c.speed_max_mps:g} m/s (control.speed_max_mps)"
+            f"{_find_line(file, speed)}the speed of the plan is {np.max(speed):.2f} m/s; robot "
+            f"{name!r} flies at most {c.speed_max_mps:g} m/s (control.speed_max_mps)"
         )
+    turn = np.abs(plan.rate[:, 3])
+    if np.max(turn) > (1.0 + TOLERANCE) * TURN_MAX:
+        raise InputError(
+            f"{_find_line(file, turn)}yaw_rate_rad_s is {np.max(turn):.2f} rad/s; valid: at most "
+            f"{TURN_MAX:g} rad/s"
+        )
+    most = (1.0 + TOLERANCE) * c.acceleration_max_mps2
+    stated = np.linalg.norm(a, axis=1)
+    steps = np.diff(plan.t)
+    change = np.linalg.norm(np.diff(v, axis=0), axis=1)
+    mean = np.where(change > most * steps + 2e-3, change / steps, 0.0)  # 2 mm/s: rounded rows
+    for what, found in (("its columns", stated), ("the step of its velocity", [0.0, *mean])):
+        if np.max(found) > most:
+            raise InputError(
+                f"{_find_line(file, np.asarray(found))}the acceleration by {what} is "
+                f"{np.max(found):.2f} m/s^2; robot {name!r} accelerates by at most "
+                f"{c.acceleration_max_mps2:g} m/s^2 (control.acceleration_max_mps2)"
+            )
+
+
+def _check_joints(file: str, plan: PlanFile, robot: Robot) -> None:
+    """Raise InputError if a joint leaves its range, or a servo is faster than without load."""
+    model = build_body_model(robot)[0]
+    n = len(plan.joints)
+    speed = np.abs(plan.qd @ model["belt_inv"][:n, :n].T)
     for j, limb in enumerate(list_joints(robot)):
         if limb.servo < 0:
             continue
         low, high = limb.link.reach
-        q = plan.q[:, j]
-        if np.min(q) < low - 1e-6 or np.max(q) > high + 1e-6:
-            worst = float(np.min(q) if np.min(q) < low - 1e-6 else np.max(q))
+        q, most = plan.q[:, j], float(model["motor_speed_max"][j])
+        beyond = np.maximum(low - q, q - high)
+        if np.max(beyond) > 1e-6:
+            worst = round(float(q[np.argmax(beyond)]), 4)
             raise InputError(
-                f"{file}: {limb.name} goes to {limb.link.describe(round(worst, 4))}; its range "
-                f"is {limb.link.describe(low)} to {limb.link.describe(high)}"
+                f"{_find_line(file, beyond)}{limb.name} goes to {limb.link.describe(worst)}; its "
+                f"range is {limb.link.describe(low)} to {limb.link.describe(high)}"
+            )
+        if np.max(speed[:, j]) > most:
+            unit = "m/s" if limb.link.joint == "slide" else "rad/s"
+            raise InputError(
+                f"{_find_line(file, speed[:, j])}the servo of {limb.name} moves at "
+                f"{np.max(speed[:, j]):.2f} {unit}; without load it moves at {most:g} {unit} "
+                "(no_load_speed_rad_s)"
             )
 
 
-def find_closest(plan: PlanFile, query: ClearanceQuery) -> tuple[float, str]:
-    """Return the smallest distance (m) of the planned poses to the world, and between what.
+def _find_line(file: str, values: Array) -> str:
+    """Return "FILE: line N, " of the row with the largest of the values (m,)."""
+    return f"{name_files(file)[0]}: line {int(np.argmax(values)) + 2}, "
 
-    Every row is checked; rows of a plan lie millimetres apart.
+
+def find_closest(plan: PlanFile, setup: Setup[Any]) -> tuple[float, str]:
+    """Return the smallest distance (m) of the planned motion to the world, and between what.
+
+    The limits of the world's area count. Between rows the platform's position and all angles are
+    linear, as in flight. Two poses are halved until no point of the robot moves by more than
+    `RESOLUTION` between them, unless the distances at both exclude a smaller one: a distance
+    changes at most by as much as the points move.
     """
-    least, what = math.inf, ""
-    for t, pose, q in zip(plan.t, plan.pose, plan.q, strict=True):
-        found = compute_clearance(query, pose[:3], rot_z(float(pose[3])), q)
-        if found.distance < least:
-            least = found.distance
-            names = [query.names[g] for g in (found.robot_geom, found.other_geom) if g >= 0]
-            what = f"{' and '.join(names)} at t = {t:.2f} s"
-    return least, what
+    scene = setup.planning_scene
+    reach = float(np.max(compute_reach(scene.tree, scene.robot)[0] + scene.robot.radius))
+    rows = np.column_stack([plan.pose, plan.q])
+    best = (math.inf, "")
+
+    def measure(t: float, row: Array) -> float:
+        nonlocal best
+        distance, what = _measure_pose(setup, row)
+        if distance < best[0]:
+            best = distance, f"{what} at t = {t:.2f} s"
+        return distance
+
+    found = [measure(t, row) for t, row in zip(plan.t, rows, strict=True)]
+    spans = [
+        (*two, *at, *ways)
+        for two, at, ways in zip(
+            itertools.pairwise(plan.t), itertools.pairwise(rows), itertools.pairwise(found),
+            strict=True,
+        )
+    ]  # fmt: skip
+    while spans:
+        t0, t1, a, b, d0, d1 = spans.pop()
+        moved = float(np.linalg.norm(b[:3] - a[:3]) + reach * np.sum(np.abs(b[3:] - a[3:])))
+        if moved <= RESOLUTION or 0.5 * (d0 + d1 - moved) >= best[0]:
+            continue
+        t, row = 0.5 * (t0 + t1), 0.5 * (a + b)
+        d = measure(t, row)
+        spans += [(t0, t, a, row, d0, d), (t, t1, row, b, d, d1)]
+    return best
+
+
+def _measure_pose(setup: Setup[Any], row: Array) -> tuple[float, str]:
+    """Return the distance (m) of a pose (x, y, z, yaw, q) to world and area, and between what."""
+    query = setup.clearance
+    found = compute_clearance(query, row[:3], rot_z(float(row[3])), row[4:])
+    names = [query.names[g] for g in (found.robot_geom, found.other_geom) if g >= 0]
+    area = get_structures(setup.world).area
+    if area is not None:
+        limits = np.array([
+            [area.x_min_m, area.x_max_m], [area.y_min_m, area.y_max_m], [-math.inf, area.z_max_m],
+        ])  # fmt: skip
+        room = compute_area_clearance(query, setup.scene, limits)
+        if room < found.distance:
+            return room, "the robot and the limits of world.area"
+    return found.distance, " and ".join(names)

@@ -17,7 +17,10 @@ REDRAWS = 15
 SHORTER = 2
 """Number of lengths that are tried for an edge."""
 STEP = 4.0
-"""Longest edge of a tree, in units of cost (6)."""
+"""Longest edge of a tree, in units of cost (6), between ends at most `EDGES` such edges apart."""
+EDGES = 80
+"""Number of edges of a straight path beyond which the edges become longer than `STEP`: a path
+with many corners then still fits into the planner's rows."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -45,16 +48,19 @@ def draw_free(space: SpaceRecord, state: State, along: int, out: Array, k: Scrat
 
 @helper
 def _extend(
-    space: SpaceRecord, nodes: Array, parent: Ints, count: int, target: Array, new: Array,
-    k: ScratchRecord, hits: Ints,
+    space: SpaceRecord, nodes: Array, parent: Ints, count: int, target: Array, longest: float,
+    new: Array, k: ScratchRecord, hits: Ints,
 ) -> int:  # fmt: skip
-    """Add a node towards `target`; return 0 trapped, 1 advanced, 2 reached."""
+    """Add a node towards `target`, at most `longest` (cost (6)) away from its parent.
+
+    Returns 0 trapped, 1 advanced, 2 reached.
+    """
     best, near = 1e18, 0
     for i in range(count):
         d = displacement_cost(space, nodes[i], target)
         if d < best:
             best, near = d, i
-    share = 1.0 if best <= STEP else STEP / best
+    share = 1.0 if best <= longest else longest / best
     free = False
     for _ in range(SHORTER):  # a blocked edge is tried again shorter: partial progress counts
         for j in range(space.n):
@@ -73,6 +79,16 @@ def _extend(
 
 
 @helper
+def _count_rows(parent: Ints, i: int) -> int:
+    """Return the number of nodes from node i to the root of its tree."""
+    count = 0
+    while i >= 0:
+        count += 1
+        i = parent[i]
+    return count
+
+
+@helper
 def connect(
     space: SpaceRecord, start: Array, goal: Array, state: State, along: int, trees: Array,
     parents: Ints, counts: Ints, tries: int, path: Array, k: ScratchRecord, hits: Ints,
@@ -81,9 +97,10 @@ def connect(
 
     `trees` (2, TREE_SIZE, n), `parents` and `counts` (2,) keep the search between calls; counts of
     zero start a new one. Samples are uniform in coordinate `along`. `hits` (pairs,) counts the
-    pairs that blocked edges.
+    pairs that blocked edges. A path with more rows than `path` has is discarded.
     """
     n = space.n
+    longest = max(STEP, displacement_cost(space, start, goal) / EDGES)
     if counts[0] == 0:
         for j in range(n):
             trees[0, 0, j], trees[1, 0, j] = start[j], goal[j]
@@ -97,36 +114,34 @@ def connect(
             counts[0] = counts[1] = 0
             return 0
         draw_free(space, state, along, sample, k)
-        if _extend(space, trees[a], parents[a], counts[a], sample, new, k, hits) == 0:
+        if _extend(space, trees[a], parents[a], counts[a], sample, longest, new, k, hits) == 0:
             continue
         counts[a] += 1
         for j in range(n):
             sample[j] = trees[a, counts[a] - 1, j]
         got = 1
         while got == 1 and counts[b] < TREE_SIZE - 1:
-            got = _extend(space, trees[b], parents[b], counts[b], sample, new, k, hits)
+            got = _extend(space, trees[b], parents[b], counts[b], sample, longest, new, k, hits)
             if got > 0:
                 counts[b] += 1
         if got != 2:
             continue
-        length, i = 0, counts[0] - 1
+        first = _count_rows(parents[0], counts[0] - 1)
+        length = first + _count_rows(parents[1], counts[1] - 1)
+        if length > path.shape[0]:
+            counts[0] = counts[1] = 0
+            return 0
+        row, i = first, counts[0] - 1
         while i >= 0:  # from the meeting point back to the start
-            length += 1
-            i = parents[0, i]
-        row, i = length, counts[0] - 1
-        while i >= 0:
             row -= 1
             for j in range(n):
                 path[row, j] = trees[0, i, j]
             i = parents[0, i]
-        i = parents[1, counts[1] - 1]
+        row, i = first, counts[1] - 1
         while i >= 0:
-            if length >= path.shape[0]:
-                counts[0] = counts[1] = 0
-                return 0
             for j in range(n):
-                path[length, j] = trees[1, i, j]
-            length += 1
+                path[row, j] = trees[1, i, j]
+            row += 1
             i = parents[1, i]
         counts[0] = counts[1] = 0
         return length

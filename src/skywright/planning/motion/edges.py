@@ -119,6 +119,8 @@ def _nearest(
     """
     s = space
     if other_is_robot:
+        if s.s_kind[a] == BOX:
+            return box_box(k.p0[a], k.box[a], s.s_half[a], k.p0[b], k.box[b], s.s_half[b], k.normal)
         if s.s_kind[b] == BOX:
             return segment_box(k.p0[a], k.p1[a], k.p0[b], k.box[b], s.s_half[b], k.normal)
         return segment_segment(k.p0[a], k.p1[a], k.p0[b], k.p1[b], k.normal)

@@ -8,8 +8,16 @@ import math
 from skywright.core.arrays import Array
 from skywright.core.compiled import helper
 from skywright.core.rotations import cross, mat_mat, mat_vec
+from skywright.core.user_code import njit
 from skywright.models.kinematic_tree import HINGE
-from skywright.planning.motion.space import JOINT0, YAW, ScratchRecord, SpaceRecord
+from skywright.planning.motion.space import (
+    JOINT0,
+    YAW,
+    Scratch,
+    ScratchRecord,
+    Space,
+    SpaceRecord,
+)
 
 
 @helper
@@ -174,3 +182,15 @@ def _hangs(t: SpaceRecord, body: int, joint: int) -> bool:
     while body > joint:
         body = t.parent[body]
     return body == joint
+
+
+@njit(cache=True, error_model="numpy")
+def fill_motion(space: Space, scratch: Scratch, c: Array, cd: Array, u: Array, du: Array) -> None:
+    """Fill u and du (m, 4 + nj), platform (x, y, z, yaw) and joints, for rows c and cd (m, n).
+
+    A passive joint is in equilibrium.
+    """
+    for i in range(c.shape[0]):
+        compute_pose(space[0], c[i], cd[i], scratch[0])
+        for j in range(u.shape[1]):
+            u[i, j], du[i, j] = scratch[0].u[j], scratch[0].du[j]

@@ -22,7 +22,10 @@ def list_ancestors(tree: Tree, body: int) -> list[int]:
 
 
 def list_pairs(tree: Tree, s: Shapes, world: Shapes, box: Array) -> list[tuple[int, int, int]]:
-    """Return the pairs that can collide: with obstacles, limits, and parts two joints apart."""
+    """Return the pairs that can collide: with obstacles, limits, and parts two joints apart.
+
+    Parts on two branches of the tree, such as two arms, are one pair if both can move.
+    """
     pairs = []
     for a in range(len(s.body)):
         pairs += [(a, b, PAIR_WORLD) for b in range(len(world.body))]
@@ -33,14 +36,26 @@ def list_pairs(tree: Tree, s: Shapes, world: Shapes, box: Array) -> list[tuple[i
     for a in range(len(s.body)):
         above = list_ancestors(tree, int(s.body[a]))
         for b in range(len(s.body)):
-            if a == b or s.kind[a] == BOX:
+            if a == b:
                 continue
             # b is nearer the root of the same chain, with at least two joints in between
-            if int(s.body[b]) in [0, *above] and int(s.body[b]) != int(s.body[a]):
+            of_chain = int(s.body[b]) in [0, *above] and int(s.body[b]) != int(s.body[a])
+            if of_chain and s.kind[a] != BOX:
                 between = [x for x in above if x not in list_ancestors(tree, int(s.body[b]))]
                 if len(between) >= 2:
                     pairs.append((a, b, PAIR_SELF))
+            elif a < b and _move_apart(tree, int(s.body[a]), int(s.body[b])):
+                # the nearest points of a segment and a box are computed from the segment
+                pairs.append((b, a, PAIR_SELF) if s.kind[a] == BOX else (a, b, PAIR_SELF))
     return pairs
+
+
+def _move_apart(tree: Tree, a: int, b: int) -> bool:
+    """Return whether two bodies are on two branches, each with a joint below the branching."""
+    over_a, over_b = list_ancestors(tree, a), list_ancestors(tree, b)
+    own_a = [x for x in over_a if x not in over_b]
+    own_b = [x for x in over_b if x not in over_a]
+    return all(any(tree.joint[x] >= 0 for x in own) for own in (own_a, own_b))
 
 
 def drop_beside(
@@ -51,6 +66,7 @@ def drop_beside(
     pairs: list[tuple[int, int, int]],
     y: float,
     margin: float,
+    margin_self: float,
 ) -> list[tuple[int, int, int]]:
     """Drop pairs that stay apart in y because no shape moves in y.
 
@@ -81,6 +97,8 @@ def drop_beside(
             return bool(low - box[Y, 0] < margin or box[Y, 1] - high < margin)
         if kind == PAIR_WORLD:
             return max(low - other[b][1], other[b][0] - high) < margin
+        if kind == PAIR_SELF:
+            return max(low - own[b][1], own[b][0] - high) < margin_self
         return True
 
     return [pair for pair in pairs if meets(pair)]

@@ -2,7 +2,8 @@
 
 NAME.csv has a header and one row per reference: `t_s`; the platform's `x_m, y_m, z_m, yaw_rad`,
 their rates `vx_mps ... yaw_rate_rad_s` and accelerations `ax_mps2 ...`; for every joint `NAME_rad`,
-`NAME_rad_s`. NAME.toml names robot, world and seed, the joints in order, and the planner's metrics.
+`NAME_rad_s`. NAME.toml names robot, world and seed, the joints in order, and the planner's metrics,
+and for a world with random structures also their `scenario_seed` and `difficulty`.
 Other tools may write such files; they are checked when loaded.
 """
 
@@ -26,7 +27,10 @@ RATE = ("vx_mps", "vy_mps", "vz_mps", "yaw_rate_rad_s")
 ACCELERATION = ("ax_mps2", "ay_mps2", "az_mps2", "yaw_acceleration_rad_s2")
 FORMAT = 1
 STEP_TOLERANCE = 0.25
-"""Largest difference between a step in position and its adjacent rates, relative to the step."""
+"""Largest difference between a step in position and its adjacent rates, relative to the step; also
+of a step in a rate and its adjacent accelerations."""
+ACCELERATION_TOLERANCE = 0.5
+"""m/s^2 and rad/s^2, largest error of an acceleration: tools that plan slow motions may write 0."""
 
 
 class PlanFile(NamedTuple):
@@ -43,6 +47,8 @@ class PlanFile(NamedTuple):
     q: Array  # (m, nj) rad
     qd: Array  # (m, nj) rad/s
     metrics: dict[str, float]  # e.g. plan.cost, plan.lower_bound, plan.first_solution_s
+    scenario_seed: int | None = None  # of the world's random structures; None: its own
+    difficulty: float = 0.5  # of the random structures
 
 
 def list_columns(joints: Sequence[str]) -> list[str]:
@@ -52,26 +58,65 @@ def list_columns(joints: Sequence[str]) -> list[str]:
     return ["t_s", *POSE, *RATE, *ACCELERATION, *angles, *rates]
 
 
+def name_files(path: str | os.PathLike[str]) -> tuple[Path, Path]:
+    """Return the names NAME.csv and NAME.toml of a plan file, given either of them or NAME."""
+    base = Path(path)
+    if base.suffix in (".csv", ".toml"):
+        base = base.with_name(base.stem)
+    return base.with_name(base.name + ".csv"), base.with_name(base.name + ".toml")
+
+
+def check_replaceable(path: str | os.PathLike[str]) -> None:
+    """Raise InputError if writing the plan file `path` would replace a file that is no plan."""
+    table, head = name_files(path)
+    for file in (table, head):
+        if not file.exists():
+            continue
+        if file.is_dir():
+            raise InputError(f"{file}: is a folder; give another name")
+        with file.open("rb") as stream:
+            text = stream.read(LARGEST_TOML).decode(errors="replace")
+        try:
+            if file == table:
+                is_plan = text.startswith(",".join(("t_s", *POSE)))
+            else:
+                is_plan = isinstance(parse_toml(text, str(file)).get("plan"), dict)
+        except InputError:
+            is_plan = False
+        if not is_plan:
+            raise InputError(
+                f"{file}: already exists and is not part of a plan file; give another name or "
+                "remove it"
+            )
+
+
 def write_plan_file(path: str | os.PathLike[str], plan: PlanFile) -> tuple[Path, Path]:
-    """Write `path` with the suffixes .csv and .toml; both appear only when complete."""
-    base = Path(path).with_suffix("")
+    """Write a plan as `name_files(path)`; both files appear only when complete.
+
+    Raises InputError if that would replace a file that is no plan.
+    """
+    files = name_files(path)
+    check_replaceable(path)
     table = np.column_stack([plan.t, plan.pose, plan.rate, plan.acceleration, plan.q, plan.qd])
     head = {
-        "plan": {
-            "format": FORMAT, "robot": plan.robot, "world": plan.world, "seed": plan.seed,
-            "joints": list(plan.joints), "rows": len(plan.t),
-            "duration_s": float(plan.t[-1]), "metrics": plan.metrics,
-        }
+        "format": FORMAT, "robot": plan.robot, "world": plan.world, "seed": plan.seed,
+        "joints": list(plan.joints), "rows": len(plan.t), "duration_s": float(plan.t[-1]),
     }  # fmt: skip
-    files = base.with_suffix(".csv"), base.with_suffix(".toml")
+    if plan.scenario_seed is not None:
+        head |= {"scenario_seed": plan.scenario_seed, "difficulty": plan.difficulty}
+    head["metrics"] = plan.metrics
     parts = [f.with_name(f.name + ".partial") for f in files]
-    with parts[0].open("w", newline="", encoding="utf-8") as out:
-        writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(list_columns(plan.joints))
-        writer.writerows([[f"{x:.9g}" for x in row] for row in table])
-    parts[1].write_text(tomli_w.dumps(head), encoding="utf-8")
-    for part, file in zip(parts, files, strict=True):
-        part.replace(file)
+    try:
+        with parts[0].open("w", newline="", encoding="utf-8") as out:
+            writer = csv.writer(out, lineterminator="\n")
+            writer.writerow(list_columns(plan.joints))
+            writer.writerows([[f"{x:.9g}" for x in row] for row in table])
+        parts[1].write_text(tomli_w.dumps({"plan": head}), encoding="utf-8")
+        for part, file in zip(parts, files, strict=True):
+            part.replace(file)
+    finally:
+        for part in parts:  # left by an error, such as a full disk
+            part.unlink(missing_ok=True)
     return files
 
 
@@ -82,31 +127,29 @@ def load_plan_file(
 
     Raises InputError that names the file, row and column of the error.
     """
-    base = Path(path).with_suffix("")
-    head = _read_head(base.with_suffix(".toml"))
+    table_file, head_file = name_files(path)
+    head = _read_head(head_file)
     names = tuple(head["joints"])
     if robot is not None and head["robot"] != robot:
-        raise InputError(
-            f"{base.with_suffix('.toml')}: the plan is for robot {head['robot']!r}, not {robot!r}"
-        )
+        raise InputError(f"{head_file}: the plan is for robot {head['robot']!r}, not {robot!r}")
     if joints is not None and names != tuple(joints):
         raise InputError(
-            f"{base.with_suffix('.toml')}: plan.joints are {', '.join(names) or 'none'}; the robot "
+            f"{head_file}: plan.joints are {', '.join(names) or 'none'}; the robot "
             f"has {', '.join(joints) or 'none'}"
         )
-    table = _read_table(base.with_suffix(".csv"), list_columns(names))
+    table = _read_table(table_file, list_columns(names))
     if len(table) != head["rows"]:
         raise InputError(
-            f"{base.with_suffix('.csv')}: {len(table)} rows, but plan.rows is "
+            f"{table_file}: {len(table)} rows, but plan.rows is "
             f"{head['rows']}: the file is truncated or belongs to another plan"
         )
     n, at = len(names), 13
     plan = PlanFile(
         head["robot"], head["world"], head["seed"], names, table[:, 0], table[:, 1:5],
         table[:, 5:9], table[:, 9:13], table[:, at : at + n], table[:, at + n :],
-        {k: float(v) for k, v in head["metrics"].items()},
+        head["metrics"], head.get("scenario_seed"), head.get("difficulty", 0.5),
     )  # fmt: skip
-    _check_motion(base.with_suffix(".csv"), plan)
+    _check_motion(table_file, plan)
     return plan
 
 
@@ -114,6 +157,7 @@ _HEAD: dict[str, tuple[type, ...]] = {
     "format": (int,), "robot": (str,), "world": (str,), "seed": (int,), "joints": (list,),
     "rows": (int,), "duration_s": (float, int), "metrics": (dict,),
 }  # fmt: skip
+_OPTIONAL: dict[str, tuple[type, ...]] = {"scenario_seed": (int,), "difficulty": (float, int)}
 
 
 def _read_head(path: Path) -> dict[str, Any]:
@@ -123,14 +167,17 @@ def _read_head(path: Path) -> dict[str, Any]:
         raise InputError(
             f"{path}: no [plan] table; the file contains: {', '.join(tree) or 'nothing'}"
         )
-    for key, kinds in _HEAD.items():
+    for key, kinds in (_HEAD | _OPTIONAL).items():
         if key not in head:
+            if key in _OPTIONAL:
+                continue
             raise InputError(f"{path}: plan lacks {key}; required: {', '.join(_HEAD)}")
         if not isinstance(head[key], kinds) or isinstance(head[key], bool):
             raise InputError(f"{path}: plan.{key} is {head[key]!r}; {kinds[0].__name__} is needed")
-    unknown = sorted(set(head) - set(_HEAD))
+    valid = _HEAD | _OPTIONAL
+    unknown = sorted(set(head) - set(valid))
     if unknown:
-        raise InputError(f"{path}: unknown key plan.{unknown[0]}; valid: {', '.join(_HEAD)}")
+        raise InputError(f"{path}: unknown key plan.{unknown[0]}; valid: {', '.join(valid)}")
     if head["format"] != FORMAT:
         raise InputError(f"{path}: plan.format is {head['format']}; this version reads {FORMAT}")
     if not all(isinstance(j, str) for j in head["joints"]):
@@ -138,6 +185,12 @@ def _read_head(path: Path) -> dict[str, Any]:
     for key, value in head["metrics"].items():
         if not isinstance(value, int | float) or isinstance(value, bool):
             raise InputError(f"{path}: plan.metrics.{key} is {value!r}; a number is needed")
+        try:
+            head["metrics"][key] = float(value)
+        except OverflowError:
+            raise InputError(
+                f"{path}: plan.metrics.{key} is an integer above 1e308; valid: below that"
+            ) from None
     return head
 
 
@@ -190,21 +243,41 @@ def _read_table(path: Path, columns: list[str]) -> Array:
 
 
 def _check_motion(path: Path, plan: PlanFile) -> None:
-    """Check that time increases from 0, and that positions agree with their rates."""
+    """Check that time increases from 0, that positions agree with their rates, and these with the
+    platform's accelerations."""
     if abs(plan.t[0]) > 1e-9:
         raise InputError(f"{path}: line 2, t_s is {plan.t[0]:g}; a plan starts at 0")
     steps = np.diff(plan.t)
     if np.any(steps <= 0.0):
         line = int(np.argmax(steps <= 0.0)) + 3
         raise InputError(f"{path}: line {line}, t_s is {plan.t[line - 2]:g}; times must increase")
-    names = [*POSE, *(f"{j}_rad" for j in plan.joints)]
-    place, rate = np.hstack([plan.pose, plan.q]), np.hstack([plan.rate, plan.qd])
-    moved = np.diff(place, axis=0)
-    told = 0.5 * (rate[1:] + rate[:-1]) * steps[:, None]
-    wrong = np.abs(moved - told) > STEP_TOLERANCE * np.abs(told) + 2e-3
+    h = steps[:, None]
+    _compare_steps(
+        path, "rates", [*POSE, *(f"{j}_rad" for j in plan.joints)], h,
+        np.hstack([plan.pose, plan.q]), np.hstack([plan.rate, plan.qd]), np.array(2e-3),
+    )  # fmt: skip
+    # an acceleration may jump anywhere between two rows
+    jump = 0.5 * np.abs(np.diff(plan.acceleration, axis=0)) * h
+    _compare_steps(
+        path, "accelerations", [*RATE], h, plan.rate, plan.acceleration,
+        jump + ACCELERATION_TOLERANCE * h + 2e-3,
+    )  # fmt: skip
+
+
+def _compare_steps(
+    path: Path, what: str, names: list[str], h: Array, value: Array, rate: Array, slack: Array
+) -> None:
+    """Raise InputError unless each step of `value` (m, k) agrees with its `rate` (m, k).
+
+    `h` (m - 1, 1) s are the steps in time, `slack` (m - 1, k) or () is the absolute tolerance, and
+    `what` names the columns of the rate.
+    """
+    change = np.diff(value, axis=0)
+    expected = 0.5 * (rate[1:] + rate[:-1]) * h
+    wrong = np.abs(change - expected) > STEP_TOLERANCE * np.abs(expected) + slack
     if np.any(wrong):
         row, column = (int(i) for i in np.argwhere(wrong)[0])
         raise InputError(
-            f"{path}: line {row + 3}, {names[column]} moves by {moved[row, column]:.4g}, "
-            f"but its rates give {told[row, column]:.4g}"
+            f"{path}: line {row + 3}, {names[column]} changes by {change[row, column]:.4g}, "
+            f"but its {what} give {expected[row, column]:.4g}"
         )

@@ -38,7 +38,7 @@ MAX_COORDINATES = 16
 MAX_BODIES = 16
 MAX_SHAPES = 24
 MAX_OBSTACLES = 96
-MAX_PAIRS = 2400
+MAX_PAIRS = 2600
 MAX_U = 16
 
 f8, i8 = np.float64, np.int64
@@ -216,7 +216,7 @@ def build_space(
     if passive is not None:
         passive_body = int(np.flatnonzero(tree.joint == scene.joints.index(passive))[0])
         cmap[JOINT0 + scene.joints.index(passive)] = 0.0
-    reach, chain = _chain_lengths(tree, shapes)
+    reach, chain = compute_reach(tree, shapes)
     moment, moment_min = _first_moments(tree, passive_body)
     bound = np.linalg.norm(shapes.p1 - shapes.p0, axis=1) / 2 + shapes.radius
     bound += np.linalg.norm(shapes.half, axis=1)
@@ -225,8 +225,10 @@ def build_space(
         box = box.copy()
         box[Z, 0] = max(box[Z, 0], 0.0)
     pairs = list_pairs(tree, shapes, scene.world, box)
+    if carried is not None:
+        pairs = _drop_held(scene, carried, pairs)
     if not cmap[[Y, YAW]].any() and offset[YAW] == 0.0:
-        pairs = drop_beside(tree, shapes, scene.world, box, pairs, offset[Y], margin)
+        pairs = drop_beside(tree, shapes, scene.world, box, pairs, offset[Y], margin, margin_self)
     keep = np.array([margin_self if kind == PAIR_SELF else margin for _, _, kind in pairs])
     space = np.zeros(1, SpaceRecord.dtype)
     r = space[0]
@@ -283,11 +285,27 @@ def _add_carried(scene: PlanningScene, carried: Carried) -> tuple[Tree, Shapes]:
     return tree._replace(mass=mass, com=com), build_shapes([*rows, row])
 
 
+def _drop_held(
+    scene: PlanningScene, carried: Carried, pairs: list[tuple[int, int, int]]
+) -> list[tuple[int, int, int]]:
+    """Drop the pairs of a carried bar, the last shape, with the arms of the other hands."""
+    bar, tree, body = len(scene.robot.body), scene.tree, scene.robot.body
+    holders = [list_ancestors(tree, scene.bodies.index(name)) for name in carried.bodies]
+    others = {x for chain in holders[1:] for x in chain} - set(holders[0])
+    return [
+        (a, b, kind) for a, b, kind in pairs
+        if kind != PAIR_SELF or bar not in (a, b) or int(body[min(a, b)]) not in others
+    ]  # fmt: skip
+
+
 def _slide_room(tree: Tree, body: int) -> float:
     return 1.0 if tree.kind[body] == SLIDE else 0.0  # m, a slide's travel; generous
 
 
-def _chain_lengths(tree: Tree, shapes: Shapes) -> tuple[Array, Mask]:
+def compute_reach(tree: Tree, shapes: Shapes) -> tuple[Array, Mask]:
+    """Return bounds of how far (m) each shape's segment or box reaches from the platform's origin,
+    (ns,), and whether each body is between platform and shape, (ns, nb).
+    """
     ns, nb = len(shapes.body), len(tree.parent)
     reach, chain = np.zeros(ns), np.zeros((ns, nb), dtype=np.bool_)
     for s in range(ns):

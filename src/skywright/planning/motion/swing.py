@@ -17,12 +17,12 @@ STEP = 0.004  # s, of the integration
 SETTLE = 2.0  # s of simulation after the end of the motion
 
 
-def add_bar(model: PlanarLrm, mass: float) -> PlanarLrm:
-    """Return the model with half of a bar's mass (kg) at the end of each forearm."""
-    share, end = mass / 2, model.l_u  # both links of an arm have equal lengths
+def add_bar(model: PlanarLrm, mass: float, hand: float) -> PlanarLrm:
+    """Return the model with half of a bar's mass (kg) in each hand, `hand` (m) from its elbow."""
+    share = mass / 2
     total = model.m_f + share
-    c = (model.m_f * model.c_f + share * end) / total
-    inertia = model.i_f + model.m_f * (c - model.c_f) ** 2 + share * (end - c) ** 2
+    c = (model.m_f * model.c_f + share * hand) / total
+    inertia = model.i_f + model.m_f * (c - model.c_f) ** 2 + share * (hand - c) ** 2
     return model._replace(m_f=total, c_f=c, i_f=inertia)
 
 

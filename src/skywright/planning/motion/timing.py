@@ -231,13 +231,14 @@ def assign_times(
     """Time a path: as fast as the limits allow, or in `duration` s.
 
     `swing` returns the largest swing (rad) of a motion (t, c, cd, cdd); see `swing.build_swing`.
-    Raises InfeasibleError if `duration` is shorter than the fastest motion.
+    A path without length has two rows at rest. Raises InfeasibleError if `duration` is shorter than
+    the fastest motion.
     """
     curve = build_curve(space, rows)
     n, n_move = rows.shape[1], int(space[0]["n_move"])
     if len(curve.s) < 2:
-        still = np.zeros((1, n))
-        return Timed(np.zeros(1), rows[:1], still, still, 0.0)
+        still, end = np.zeros((2, n)), ROW if duration is None else max(duration, ROW)
+        return Timed(np.array([0.0, end]), rows[[0, 0]], still, still, 0.0)
     flat, vertical = compute_acceleration_limits(limits)
     most = np.full(n, limits.joint_acceleration)
     up = space[0]["map"][2, :n] != 0.0
@@ -268,14 +269,14 @@ def assign_times(
     for _ in range(200):
         timed = _sample(curve, x, at, factor, limits.smooth)
         # averaging raises the speed in bends that the fastest motion takes slowly
-        over = limits.smooth > 0.0 and bool(np.any(np.abs(timed.cdd) > most * (1.0 + 1e-3)))
+        over = limits.smooth > 0.0 and _exceeds(timed, limits, n_move, most)
         peak = 0.0 if swing is None or over else swing(timed.t, timed.c, timed.cd, timed.cdd)
         timed = timed._replace(swing=peak)
         if not over and peak <= limits.swing:
             return timed
         if duration is not None:
             what = (
-                f"the accelerations exceed their limits in {duration:g} s"
+                f"speeds or accelerations exceed their limits in {duration:g} s"
                 if over
                 else f"in {duration:g} s the passive joint swings by {math.degrees(peak):.1f} deg "
                 f"> {math.degrees(limits.swing):.1f} deg"
@@ -283,6 +284,15 @@ def assign_times(
             raise InfeasibleError(what, "swing")
         factor *= STRETCH
     raise InfeasibleError("the passive joint swings too far at any speed", "swing")
+
+
+def _exceeds(timed: Timed, limits: TimeLimits, n_move: int, most: Array) -> bool:
+    """Return whether a speed exceeds its limit, or an acceleration exceeds `most` (n,)."""
+    return bool(
+        np.any(np.linalg.norm(timed.cd[:, :n_move], axis=1) > limits.speed * (1.0 + 1e-3))
+        or np.any(np.abs(timed.cd[:, n_move:]) > limits.joint_rate * (1.0 + 1e-3))
+        or np.any(np.abs(timed.cdd) > most * (1.0 + 1e-3))
+    )
 
 
 class _Stretch(NamedTuple):

@@ -6,6 +6,7 @@ posture at the start to the one at the goal (one more coordinate). If this gives
 joint has its own coordinate.
 """
 
+import itertools
 import math
 import time
 from typing import NamedTuple
@@ -15,9 +16,11 @@ import numpy as np
 from skywright.core.arrays import Array
 from skywright.core.user_code import njit
 from skywright.models.kinematic_tree import PlanningScene
+from skywright.models.self_contact import find_self_contact
 from skywright.planning.motion.cost import path_cost
 from skywright.planning.motion.edges import pair_distance, place_shapes
 from skywright.planning.motion.improve import drop_corners
+from skywright.planning.motion.kinematics import fill_motion
 from skywright.planning.motion.pairs import PAIR_LIMIT, PAIR_SELF, PAIR_WORLD
 from skywright.planning.motion.planner import Path, check_state, plan_path, sample_reserve
 from skywright.planning.motion.space import (
@@ -38,7 +41,9 @@ SLICES = 24
 STEP = 0.01  # m of cost (6), between the samples of the reported clearance
 STILL = 1e-6  # rad, below which a joint does not move
 CORNER = 0.8
-EXCUSED = -1e3  # m, margin of a pair that is not checked
+UNCHECKED = -1e3  # m, margin of a pair that is not checked
+SLACK = 1e-3  # m, by which parts that are close at an end may come closer on the path
+TOUCH_Q = 0.01  # rad, sum over the joints, between the postures checked for contact of parts
 
 
 class Configuration(NamedTuple):
@@ -78,6 +83,7 @@ def plan_transit(
     """Plan from `start` to `goal`, `margin` (m) from world and ground, no lower than `low_z` (m).
 
     `key` names the input that sets the margin; the robot's parts keep `margin_self` (m) apart.
+    Parts that are closer than that at an end do not come closer on the path, and do not touch.
 
     If possible, the path keeps `wanted` (m) or half of it, except at corners: a corner is removed
     if the rest keeps `CORNER` of it, because a flight slows down at each corner. `passive` names a
@@ -89,30 +95,45 @@ def plan_transit(
     goal = goal._replace(yaw=start.yaw + turn)
     driven = [j for j, name in enumerate(scene.joints) if name != passive]
     moving = [j for j in driven if abs(goal.q[j] - start.q[j]) > STILL]
+    joints = len(scene.joints)
+
+    def refuse(why: str) -> Transit:
+        none = np.zeros((0, 3 + joints))
+        return Transit(
+            none[:, :3], none[:, 0], none[:, 3:], math.inf, math.nan, why,
+            time.perf_counter() - began,
+        )  # fmt: skip
+
     for keep in sorted({max(wanted, margin), max(wanted / 2, margin), margin}, reverse=True):
         space, ends = _build_blend(scene, start, goal, moving, keep, margin_self, passive, low_z)
+        for name, end in zip(("start", "goal"), ends, strict=True):
+            touch = _find_touch(scene, space, end[None], margin_self)
+            if touch:
+                return refuse(f"{name}: {touch} of the robot touch")
         path = plan_path(space, ends[0], ends[1], rng, slices=slices)
         if len(path.rows):
             break
-    if path.blocked < 0 and not len(path.rows) and driven:
+    touch = _find_touch(scene, space, path.rows, margin_self)
+    if path.blocked < 0 and (touch or not len(path.rows)) and driven:
         keep = margin
         space, ends = _build_free(scene, start, goal, driven, margin, margin_self, passive, low_z)
         path = plan_path(space, ends[0], ends[1], rng, slices=slices)
-    blocked_by: str | None = None
     if path.blocked >= 0:
         k = int(check_state(space, ends[0], build_scratch(space)))  # the blocked end
-        blocked_by = f"{('start', 'goal')[k]}: {describe_pair(space, scene, path.blocked, key)}"
+        why = f"{('start', 'goal')[k]}: {describe_pair(space, scene, path.blocked, key)}"
         near = _finish(space, path._replace(rows=ends[[k, k]]), margin)[2]
-        if near < margin:
-            blocked_by += f", {near:.3f} m"
-    elif not len(path.rows):
+        return refuse(f"{why}, {near:.3f} m" if near < margin else why)
+    if not len(path.rows):
         often = describe_pair(space, scene, int(np.argmax(path.hits)), key)
-        blocked_by = f"no path found; most frequent obstacle: {often}"
+        return refuse(f"no path found; most frequent obstacle: {often}")
     rows, cost, clearance = _finish(space, path, max(margin, CORNER * keep))
+    touch = _find_touch(scene, space, rows, margin_self)
+    if touch:
+        return refuse(f"no path found; most frequent obstacle: {touch} of the robot touch")
     u = space[0]["offset"] + rows @ space[0]["map"][:, : rows.shape[1]].T
     return Transit(
-        u[:, :3], u[:, YAW], u[:, JOINT0 : JOINT0 + len(scene.joints)], cost, clearance,
-        blocked_by, time.perf_counter() - began,
+        u[:, :3], u[:, YAW], u[:, JOINT0 : JOINT0 + joints], cost, clearance, None,
+        time.perf_counter() - began,
     )  # fmt: skip
 
 
@@ -126,8 +147,8 @@ def _finish(space: Space, path: Path, margin: float) -> tuple[Array, float, floa
     looser, bare = space.copy(), space.copy()
     kept = space[0]["margin"]
     own = space[0]["pairs"][:, 2] == PAIR_SELF
-    looser[0]["margin"] = np.where(own | (kept == EXCUSED), kept, np.minimum(kept, margin))
-    bare[0]["margin"] = np.where(own, EXCUSED, 0.0)
+    looser[0]["margin"] = np.where(own, kept, np.minimum(kept, margin))
+    bare[0]["margin"] = np.where(own, UNCHECKED, 0.0)
     rows, cost, scratch = path.rows.copy(), path.cost, build_scratch(space)
     if len(rows) > 2:
         count, cost = _drop(looser, scratch, rows)
@@ -192,29 +213,52 @@ def _excuse_ends(
     scene: PlanningScene, coordinates: list[Coordinate], fixed: dict[str, float], ends: Array,
     margin: float, margin_self: float, passive: str | None,
 ) -> tuple[Space, Array]:  # fmt: skip
-    """Build the space; parts of the robot that are close at an end may be close on the path.
+    """Build the space; parts of the robot that are close at an end may be as close on the path.
 
-    The platform is one box here, and a folded arm may lie inside it.
+    Shapes are coarse: the platform is one box, and a folded arm may lie inside it. Where the axis
+    of a link is inside the box, its distance is constant; `_find_touch` then checks the path.
     """
     space = build_space(
         scene, coordinates, fixed, margin=margin, margin_self=margin_self, passive=passive
     )
     for end in ends:
-        close = _find_close(space, build_scratch(space), end)
-        space[0]["margin"][np.flatnonzero(close)] = EXCUSED
+        _lower_margins(space, build_scratch(space), end)
     return space, ends
 
 
 @njit(cache=True, error_model="numpy")
-def _find_close(spaces: Space, scratch: Scratch, c: Array) -> Array:
+def _lower_margins(spaces: Space, scratch: Scratch, c: Array) -> None:
+    """Lower the margins of the robot's parts that are closer at c, to `SLACK` below that."""
     space, k = spaces[0], scratch[0]
     k.d[:] = 0.0
     place_shapes(space, c, k.d, k)
-    out = np.zeros(space.n_pairs)
     for i in range(space.n_pairs):
-        if space.pairs[i, 2] == PAIR_SELF and pair_distance(space, k, i) < space.margin[i]:
-            out[i] = 1.0
-    return out
+        if space.pairs[i, 2] == PAIR_SELF:
+            distance = pair_distance(space, k, i)
+            if distance < space.margin[i]:
+                space.margin[i] = distance - SLACK
+
+
+def _find_touch(scene: PlanningScene, space: Space, rows: Array, margin_self: float) -> str:
+    """Return the names of two parts of the robot that touch on a path (m, n); "" if none do.
+
+    Parts that keep `margin_self` (m) cannot touch. Others are checked in the simulated scene, whose
+    shapes are exact, in postures `TOUCH_Q` apart.
+    """
+    count = int(space[0]["n_pairs"])
+    own = space[0]["pairs"][:count, 2] == PAIR_SELF
+    if not len(rows) or np.all(space[0]["margin"][:count][own] >= margin_self):
+        return ""
+    joints = space[0]["map"][JOINT0:, : rows.shape[1]]
+    samples = [rows[:1]]
+    for a, b in itertools.pairwise(rows):
+        turn = float(np.sum(np.abs(joints @ (b - a))))
+        steps = np.arange(1, max(math.ceil(turn / TOUCH_Q), 1) + 1)[:, None]
+        samples.append(a + steps / len(steps) * (b - a))
+    c = np.vstack(samples)
+    u = np.zeros((len(c), int(space[0]["nu"])))
+    fill_motion(space, build_scratch(space), c, np.zeros_like(c), u, np.zeros_like(u))
+    return find_self_contact(scene.contacts, u[:, JOINT0:])
 
 
 def describe_pair(space: Space, scene: PlanningScene, pair: int, key: str) -> str:

@@ -56,17 +56,19 @@ def build_transport(
 ) -> TransportProblem:
     """Build the planar problem of carrying a bar through a world's structures.
 
-    Raises InputError if the robot lacks the joints or limits cross.
+    A world without an area leaves 5 m beside start and goal and 10 m above them. Raises InputError
+    if the robot lacks the joints, an end is beyond a joint's range, or limits cross.
     """
     t, arm = transport or Transport(), robot.arm
-    if arm is None or arm.sides != 2 or robot.pendulum is None:
+    moving = {} if arm is None else {n: x for n, x in arm.links.items() if x.joint != "fixed"}
+    if arm is None or arm.sides != 2 or robot.pendulum is None or len(moving) != 2:
         raise InputError(
             f"robot {robot.name!r} cannot carry a bar: it requires a pendulum and two arms "
-            "(sides = 2)"
+            "(sides = 2) of two joints"
         )
     scene = build_planning_scene(build_scene(robot, world), robot)
     area = get_structures(world).area
-    limits = np.array([[-50.0, 50.0], [-50.0, 50.0], [0.0, 50.0]])
+    limits = np.array([[-math.inf, math.inf], [-math.inf, math.inf], [0.0, math.inf]])
     if area is not None:
         limits = np.array(
             [[area.x_min_m, area.x_max_m], [area.y_min_m, area.y_max_m], [0.0, area.z_max_m]]
@@ -77,10 +79,17 @@ def build_transport(
         Coordinate("x", ("x",), max(limits[0, 0], near - 5.0), min(limits[0, 1], far + 5.0)),
         Coordinate("z", ("z",), 0.0, min(limits[2, 1], top + 10.0)),
     ]
-    for name in (n for n, link in arm.links.items() if link.joint != "fixed"):
+    for name, link in moving.items():
         drives = tuple(f"{side}_{name}" for side in SIDES)
         joint = scene.joints.index(drives[0])
         low, high = float(scene.q_min[joint]), float(scene.q_max[joint])
+        for end, c in (("start", t.start), ("goal", t.goal)):
+            at = c[len(coordinates)]
+            if not low - 1e-9 <= at <= high + 1e-9:
+                raise InputError(
+                    f"{end}: joint {drives[0]} at {link.describe(round(at, 4))}; valid: "
+                    f"{link.describe(low)} to {link.describe(high)}"
+                )
         coordinates.append(Coordinate(name, drives, low, high))
     carried = Carried(HANDS, t.bar_length, t.bar_radius, t.bar_mass) if t.bar_length > 0 else None
     space = build_space(

@@ -5,25 +5,27 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skywright.core.arrays import Array
 from skywright.core.streams import build_stream
-from skywright.core.user_code import njit
+from skywright.description.robot.limbs import list_servos
 from skywright.description.robot.spec import Robot
 from skywright.errors import InfeasibleError, InputError
+from skywright.models.kinematic_tree import PlanningScene
 from skywright.models.planar import PlanarLrm, build_planar_lrm
 from skywright.models.scene import build_scene
 from skywright.planning.motion.bound import choose_slices, compute_lower_bound
-from skywright.planning.motion.kinematics import compute_pose
+from skywright.planning.motion.kinematics import fill_motion
 from skywright.planning.motion.passages import list_passages
 from skywright.planning.motion.plan_file import PlanFile
 from skywright.planning.motion.planner import Path, plan_path, sample_reserve
-from skywright.planning.motion.space import JOINT0, Scratch, Space, build_scratch
+from skywright.planning.motion.space import JOINT0, build_scratch
 from skywright.planning.motion.swing import add_bar, build_swing, compute_period
 from skywright.planning.motion.timing import Timed, TimeLimits, assign_times
 from skywright.planning.motion.transit import describe_pair
-from skywright.planning.motion.transport import TransportProblem
+from skywright.planning.motion.transport import HANDS, TransportProblem
 
 MARGIN_KEY = "mission.task.margin_m"
+SERVO_SHARE = 0.8
+"""Fraction of a servo's speed without load that a plan uses; the rest is for load and control."""
 
 RESOLUTION = 1e-3  # spacing in cost (6) of the samples of the reported clearance
 
@@ -42,21 +44,33 @@ def build_swing_model(robot: Robot, problem: TransportProblem) -> PlanarLrm:
     """Return the planar model with the bar in its hands."""
     model = build_planar_lrm(build_scene(robot, problem.world), robot)
     t = problem.transport
-    return add_bar(model, t.bar_mass if t.bar_length > 0 else 0.0)
+    return add_bar(model, t.bar_mass if t.bar_length > 0 else 0.0, find_hand(problem.scene))
+
+
+def find_hand(scene: PlanningScene) -> float:
+    """Return the distance (m) of a hand from its elbow, along z of the forearm."""
+    tree, distance = scene.tree, 0.0
+    body = scene.bodies.index(HANDS[0])
+    while tree.joint[body] < 0:
+        distance -= float(tree.pos[body, 2])
+        body = int(tree.parent[body])
+    return distance
 
 
 def build_time_limits(robot: Robot, problem: TransportProblem) -> TimeLimits:
     """Return the limits of a robot file, with the load on board.
 
-    The motion is averaged over the period of the passive joint at the start, so that no residual
-    swing remains.
+    A joint moves at most at `SERVO_SHARE` of the speed of its servo without load. The motion is
+    averaged over the period of the passive joint at the start, so that no residual swing remains.
     """
     c, rotors = robot.control, robot.rotors
     space = problem.space[0]
     mass = float(np.sum(space["mass"][: int(space["nb"])]))
     # the thrust of each rotor is bounded; all share a lifting force equally
     thrust = len(rotors.azimuth_deg) * rotors.thrust_max_n * rotors.thrust_fraction
+    servos = [SERVO_SHARE * servo.no_load_speed_rad_s for _, servo in list_servos(robot)]
     return TimeLimits(
+        joint_rate=min(TimeLimits().joint_rate, *servos),
         speed=c.speed_max_mps, acceleration=c.acceleration_max_mps2,
         tilt=math.radians(c.tilt_max_deg), thrust=thrust, mass=mass,
         gravity=problem.world.gravity_mps2,
@@ -128,20 +142,13 @@ def build_plan_file(
     """Expand coordinates to platform and joints, with the passive joint in equilibrium."""
     nj = len(problem.scene.joints)
     u, du = np.zeros((len(timed.t), JOINT0 + nj)), np.zeros((len(timed.t), JOINT0 + nj))
-    _expand(problem.space, build_scratch(problem.space), timed.c, timed.cd, u, du)
+    fill_motion(problem.space, build_scratch(problem.space), timed.c, timed.cd, u, du)
     acceleration = timed.cdd @ problem.space[0]["map"][:JOINT0, : timed.c.shape[1]].T
     return PlanFile(
         robot, problem.world.name, seed, problem.scene.joints, timed.t, u[:, :4], du[:, :4],
-        acceleration, u[:, 4:], du[:, 4:], metrics,
+        acceleration, u[:, 4:], du[:, 4:], metrics, problem.world.scenario_seed,
+        problem.world.difficulty,
     )  # fmt: skip
-
-
-@njit(cache=True, error_model="numpy")
-def _expand(space: Space, scratch: Scratch, c: Array, cd: Array, u: Array, du: Array) -> None:
-    for i in range(c.shape[0]):
-        compute_pose(space[0], c[i], cd[i], scratch[0])
-        for j in range(u.shape[1]):
-            u[i, j], du[i, j] = scratch[0].u[j], scratch[0].du[j]
 
 
 def _name_end(problem: TransportProblem) -> str:
