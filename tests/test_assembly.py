@@ -28,7 +28,7 @@ from skywright.vehicle.component import (
 )
 from skywright.vehicle.follower import Press, check_field
 from skywright.vehicle.native import read_error
-from skywright.vehicle.schedule import end_control, run_rows
+from skywright.vehicle.schedule import end_control, is_due, run_rows
 
 
 class Count(Output):
@@ -135,7 +135,7 @@ def run(a: Assembly, ticks: int, python: bool = False) -> list[float]:
         if python:
             for i in range(a.n_control):
                 row = a.rows[i]
-                if clock["tick"] % row["every"] == row["phase"]:
+                if is_due(clock["tick"], row["every"], row["calls"], row["phase"]):
                     a.run_python(i)
         elif run_rows(a.rows.ctypes.data, 0, a.n_control, a.address(Clock)):
             break

@@ -16,6 +16,7 @@ from skywright.description.loader import load_description
 from skywright.description.robot.loader import load_robot
 from skywright.description.world.gnss import FIXES, Gnss
 from skywright.errors import InputError
+from skywright.run.backends import build_vehicle
 from skywright.run.parts import build_estimator
 from skywright.run.planning import plan_mission
 from skywright.run.run import fly_and_evaluate
@@ -173,3 +174,15 @@ def test_the_bar_is_carried_by_rtk():
     # the estimate is as far from the truth as the fixes' slow errors are, not better
     rms = 1e-3 * result.metrics["estimate.position_rms_mm"]
     assert 0.002 < rms < 3.0 * result.description.world.gnss.position_error_m
+
+
+@pytest.mark.parametrize("latency", [0.05, 0.11, 0.2])
+def test_every_fix_is_fused_at_every_latency(latency):
+    d = load_description(
+        "waypoints", sets={"world.localisation": "gnss", "world.gnss.latency_s": latency}
+    )
+    v = build_vehicle(d)
+    for _ in range(300):
+        v.tick()
+    me = v.get_memory(next(c.name for c in v.assembly.components if isinstance(c, Filter)))
+    assert me.late == 0 and me.fused >= d.world.gnss.rate_hz * (6.0 - latency) - 4

@@ -18,7 +18,7 @@ from identify_log import (
     make_log,
     truth,
 )
-from skywright.analysis.identify.fit import INERTIA_AXES, Fit
+from skywright.analysis.identify.fit import INERTIA_AXES, Fit, choose_held_out
 from skywright.analysis.identify.identify import identify
 from skywright.analysis.identify.lag import fit_lag
 from skywright.analysis.identify.overrides import build_overrides
@@ -128,8 +128,18 @@ def test_lag_of_a_first_order_response() -> None:
     assert lag.identified and lag.gain == pytest.approx(gain, abs=0.01)
     assert lag.lag == pytest.approx(tau + 0.005, abs=0.003)  # the hold of a step adds half of it
     assert lag.offset == pytest.approx(0.02, abs=0.002) and lag.r_squared > 0.999
+    u[1000:1100] = math.nan  # a servo without a command
+    part = fit_lag("servo", "rad/s", t, u, y, np.ones(len(t), dtype=bool))
+    assert part.identified and part.lag == pytest.approx(lag.lag, abs=0.003)
+    u[1000:1100] = 0.0
     still = fit_lag("servo", "rad/s", t, 0 * u, 0 * y, np.ones(len(t), dtype=bool))
     assert not still.identified and "never commanded" in still.reason
+
+
+@pytest.mark.parametrize("duration", [12.0, 15.5, 16.0, 18.0, 20.0, 36.0, 60.0])
+def test_about_a_quarter_is_held_out(duration: float) -> None:
+    share = float(np.mean(choose_held_out(np.arange(0.0, duration, 0.05))))
+    assert 0.13 <= share <= 0.35
 
 
 # --- the excitation itself ---

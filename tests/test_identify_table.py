@@ -162,3 +162,14 @@ def test_the_example_reads_a_log_and_finds_the_model_that_made_it(tmp_path: Path
     assert "R² 1.00, lag 80 ms" in said[1] and "inertia 1.5e-05" in said[1]
     assert "R² 1.00, lag 80 ms" in said[2] and "inertia 1.5e-05" in said[2]
     assert "alone: R² 1.00, lag 80 ms" in said[3]
+
+
+def test_gaps_of_a_table_are_not_flown(tmp_path: Path) -> None:
+    table, _ = build()
+    t = table["t_s"] - 100.0
+    keep = ~((t > 3.0) & (t < 4.5)) & ~((t > 6.0) & (t < 6.05))
+    cut = {name: x[keep] for name, x in table.items()}
+    log = load_table(write(tmp_path / "gap.csv", cut), ROBOT)
+    assert any("1.5 s of flight lie in gaps" in note for note in log.notes)
+    assert not log.free[(log.t > 3.01) & (log.t < 4.49)].any()
+    assert log.free[(log.t < 2.99) | (log.t > 4.51)].all()  # 50 ms are interpolated

@@ -364,3 +364,16 @@ def test_flights_add_up(made: FlightLog, tmp_path: Path) -> None:
     found = {e.parameter.name: e for e in identify(parts, ROBOT, MASS).fit.estimates}
     assert len({n.split(".")[0] for n in found if n.startswith("pose_")}) == 1
     assert found["pose_1.inertia_zz_kgm2"].value == pytest.approx(INERTIA[2], rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["vehicle_attitude", "esc_status", "vehicle_local_position"])
+def test_gaps_of_a_topic_are_not_flown(name: str, made: FlightLog, tmp_path: Path) -> None:
+    topics = ulog_topics(made)
+    t = topics[name]["timestamp"] - topics[name]["timestamp"][0]
+    keep = (t < 10.0) | (t > 12.0)
+    topics[name] = {key: x[keep] for key, x in topics[name].items()}
+    path = write_ulog(tmp_path / "gap.ulg", topics, rotor_parameters(list(range(6))))
+    log = load_log(path, ROBOT)
+    assert any("s of flight lie in gaps" in note for note in log.notes)
+    assert not log.free[(log.t > 10.1) & (log.t < 11.9)].any()
+    assert log.free[(log.t > 5.0) & (log.t < 9.9)].all() and log.free[log.t > 12.1].any()

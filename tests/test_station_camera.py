@@ -13,12 +13,15 @@ from skywright import load, run
 from skywright.core.record import View
 from skywright.core.types import IMU_HISTORY
 from skywright.description.loader import load_description
+from skywright.description.world.localisation import TotalStation
 from skywright.errors import InputError
 from skywright.run.backends import build_vehicle
+from skywright.vehicle.estimates import EstimatorState
 from skywright.vehicle.estimators import _fusion as fusion
+from skywright.vehicle.estimators import station_camera
 from skywright.vehicle.estimators._fusion import N_FUSION
 from skywright.vehicle.estimators._kalman import correct
-from skywright.vehicle.estimators.station_camera import StationCamera
+from skywright.vehicle.estimators.station_camera import StationCamera, compute_lag
 from skywright.vehicle.sensors import station
 
 STATION = "world.localisation='total-station'"
@@ -198,8 +201,9 @@ def test_both_ways_of_running_are_bit_identical():
         assert np.array_equal(fast[name][:n], slow[name][:n]), name
 
 
-def test_without_a_place_it_does_not_take_off():
+def test_without_a_place_it_does_not_take_off(monkeypatch):
     """The station's samples come later than the filter remembers, so it never begins."""
+    monkeypatch.setattr(station_camera, "compute_lag", lambda *_: 0.25)  # which refuses them
     sets = ["world.total_station.latency_min_s=1", "world.total_station.latency_mean_s=1"]
     result = run(load("waypoints", robot="f550-bridge", sets=[STATION, *sets]), report=False)
     assert result.outcome == "aborted" and "no take-off" in result.reason
@@ -224,6 +228,11 @@ def test_without_a_place_it_does_not_take_off():
         ),
         ("f550-bridge", ["world.total_station.rate_mean_hz=30"], ["exceeds rate_max_hz 20"]),
         ("f550-bridge", ["world.total_station.latency_mean_s=0.01"], ["below latency_min_s"]),
+        (
+            "f550-bridge",
+            ["world.total_station.latency_mean_s=0.8"],
+            ["world.total_station.latency_mean_s = 0.8", "at most 0.45 is valid"],
+        ),
         ("f550-bridge", ["robot.range_finder.range_min_m=200"], ["must be below range_max_m"]),
         (
             "f550-bridge",
@@ -244,3 +253,14 @@ def test_a_calibration_whose_last_step_moves_a_sample_off_the_cameras_end_is_one
     d = load_description("bridge-contact", sets=KNOWN, seed=238506084143718)
     found = build_vehicle(d).find(station.StationCamera).calibration
     assert np.all(np.isfinite(found.paper.matrix)) and found.rms < 0.2
+
+
+def test_the_horizon_waits_for_the_stations_latency() -> None:
+    assert compute_lag(TotalStation(), 200.0, 1e-3) == 0.25
+    slow = ["world.total_station.latency_min_s=0.3", "world.total_station.latency_mean_s=0.35"]
+    v = build_vehicle(load("waypoints", robot="f550-bridge", sets=[STATION, *slow]))
+    for _ in range(400):
+        v.tick()
+    me = v.get_memory(next(c.name for c in v.assembly.components if isinstance(c, StationCamera)))
+    assert me.fixes > 0.9 * (me.fix_n - 6) and me.fix_n > 40
+    assert float(v.look(EstimatorState).fix_age) < 1.0

@@ -117,3 +117,18 @@ def test_places_that_do_not_fix_the_frame_are_refused():
     assert estimate_station_pose(NAMES, line, line).chi2 < 1e-9  # levelled, a line is enough
     with pytest.raises(InputError, match="2 common points"):
         estimate_station_pose(NAMES[:2], TERRAIN[:2], TERRAIN[:2])
+
+
+def test_the_detectable_offset_is_found_in_80_of_100_cases():
+    """In random directions, at five points."""
+    rng = np.random.default_rng(5)
+    exact, _, _ = measure(rng, 0.0, TERRAIN[:5])
+    size = estimate_station_pose(NAMES[:5], TERRAIN[:5], exact).points[0].detectable
+    found = 0
+    for _ in range(500):
+        aside = rng.normal(size=3)
+        measured = exact + STD * rng.normal(size=exact.shape)
+        measured[0] += size * aside / np.linalg.norm(aside)
+        pose = estimate_station_pose(NAMES[:5], TERRAIN[:5], measured)
+        found += not pose.points[0].used
+    assert found / 500 == pytest.approx(0.8, abs=0.06)

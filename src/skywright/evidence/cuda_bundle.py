@@ -189,7 +189,8 @@ def write_rows(folder: Path, assembly: Assembly) -> list[dict[str, Any]]:
     most, out = int(assembly.rows["every"].max()), []
     for r, step in enumerate(assembly.steps):
         row, ports = assembly.rows[r], list[int | None]()
-        if row["phase"] or row["every"] not in (1, 1 if row["fast"] else most):
+        periods = (1, 1 if row["fast"] else most)
+        if row["phase"] or row["calls"] != 1 or row["every"] not in periods:
             raise InputError(
                 f"{step.label} runs every {row['every']} ticks; on a GPU valid: 1 or, for a "
                 f"control row, {most}"

@@ -71,7 +71,7 @@ def step_range_finder(rf: Any, t: float, distance: float) -> None:
     rf.fresh = 0.0
     if t < rf.next_t - 1e-9:
         return
-    rf.next_t = t + rf.period
+    rf.next_t += rf.period
     rf.fresh, rf.stamp = 1.0, t
     rf.valid = 1.0 if rf.range_min <= distance <= rf.range_max else 0.0
     if rf.valid == 0.0:

@@ -27,7 +27,7 @@ from skywright.vehicle.link_ends import NEAR, name_far, name_near
 from skywright.vehicle.native import check_calls, compile_step, shorten_error
 from skywright.vehicle.ordering import order_steps
 from skywright.vehicle.ports import FILL, Port, Step, list_records, list_steps
-from skywright.vehicle.schedule import ROW
+from skywright.vehicle.schedule import ROW, count_calls
 from skywright.vehicle.sensor_tables import get_table
 
 BLOCK = 1000
@@ -250,7 +250,7 @@ class Assembly:
             given = limited if step.component.side == "robot" else context
             with blame(type(step.component), f"component {step.component.name!r}: get_period"):
                 period = step.component.get_period(step.name, given)
-            row["every"] = max(round(period / context.dt), 1) if period else 1
+            row["every"], row["calls"] = count_calls(period, context.dt)
             row["fast"], row["n"] = step.slot == "fast", len(step.ports)
             types = [self._fill_port(i, k, step, port) for k, port in enumerate(step.ports)]
             if step.component.compiled:

@@ -6,9 +6,12 @@ moving address: the base plus the clock's row of the block times a stride.
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import numpy as np
 from numba import carray
 
+from skywright.core.compiled import helper
 from skywright.core.pointers import as_pointer
 from skywright.core.user_code import njit
 from skywright.vehicle.bus import Clock
@@ -24,13 +27,30 @@ ROW = np.dtype(
         ("draw_port", np.int64, MAX_PORTS),
         ("draw_base", np.int64, MAX_PORTS),  # address of the block
         ("draw_stride", np.int64, MAX_PORTS),  # bytes per row of the block
-        ("every", np.int64),  # control ticks between calls
-        ("phase", np.int64),  # tick modulo `every` at which it is called
+        ("every", np.int64),  # control ticks in which it is called `calls` times, evenly
+        ("calls", np.int64),
+        ("phase", np.int64),  # of the calls: see `is_due`
         ("fast", np.int64),  # 1: called after each physics step
     ]
 )
+MOST_CALLS = 1000
+"""Largest `calls` of a row: bounds the error of its mean interval."""
 CLOCK = Clock.dtype
 _SIZE, _PORTS = ROW.itemsize, ROW.fields["ports"][1]  # type: ignore[index]
+
+
+def count_calls(period: float, dt: float) -> tuple[int, int]:
+    """Return (every, calls): `calls` in `every` control ticks of `dt` s have a mean interval of
+    `period` s; each tick if the period is not longer."""
+    found = Fraction(max(period / dt, 1.0)).limit_denominator(MOST_CALLS)
+    return found.numerator, found.denominator
+
+
+@helper
+def is_due(tick: int, every: int, calls: int, phase: int) -> bool:
+    """Return whether a row is called in a control tick: the first at or after each multiple of its
+    period."""
+    return phase <= tick * calls % every < phase + calls
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -42,7 +62,7 @@ def run_rows(at: int, first: int, last: int, clock_at: int) -> bool:
     rows, clock = carray(as_pointer(at), last, ROW), carray(as_pointer(clock_at), 1, CLOCK)[0]
     for r in range(first, last):
         row = rows[r]
-        if row.every != 1 and clock.tick % row.every != row.phase:
+        if row.every != 1 and not is_due(clock.tick, row.every, row.calls, row.phase):
             continue
         clock.running = r
         index = clock.fast if row.fast else clock.block

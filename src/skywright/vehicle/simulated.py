@@ -48,7 +48,7 @@ from skywright.vehicle.set_up import build_home_row, check_rate, fill_bus, list_
 from skywright.vehicle.setpoints import Actuators
 from skywright.vehicle.simulation import Simulation
 from skywright.vehicle.streams import StreamRecorder
-from skywright.vehicle.ticker import StepFailed, Ticker
+from skywright.vehicle.ticker import StepFailed, TickCount, Ticker
 from skywright.vehicle.topics import list_topics
 
 Array = NDArray[np.float64]
@@ -78,6 +78,7 @@ class SimulatedVehicle(NoPilotSwitch):
 
     offers: frozenset[str]
     refuses = ""
+    n_ticks = TickCount()
 
     def __init__(
         self,
@@ -112,7 +113,7 @@ class SimulatedVehicle(NoPilotSwitch):
         true = nominal if world == self.world else Nominal(robot, world)
         self.interactive = interactive
         self.n_steps, self.dt = check_rate(robot, timestep)
-        self.n_ticks = max(round(MISSION_TICK / self.dt), 1)
+        self.n_ticks = max(MISSION_TICK / self.dt, 1.0)
 
         def extend(spec: Any) -> None:
             for part in parts:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import time
 import traceback
-from typing import Protocol
+from fractions import Fraction
+from typing import Any, Protocol
 
 from skywright.errors import SimulationError
 from skywright.vehicle.assembly import Assembly
 from skywright.vehicle.bus import Clock
 from skywright.vehicle.component import Component
 from skywright.vehicle.native import read_error
-from skywright.vehicle.schedule import end_control, run_rows, run_ticks
+from skywright.vehicle.schedule import MOST_CALLS, end_control, is_due, run_rows, run_ticks
 
 Stretch = tuple[int, int]
 """Rows first to last - 1, which run in one call; last is -1 for a row in plain Python."""
@@ -24,6 +26,25 @@ class StepFailed(SimulationError):
         """`component` is the one that failed; None: the control law."""
         super().__init__(says)
         self.component = component
+
+
+class TickCount:
+    """Control ticks of a vehicle's next mission tick.
+
+    The value that is set may be a fraction, such as 2.5 for 20 ms at 125 Hz. The number then varies
+    between the integers beside it, so that its mean is the fraction.
+    """
+
+    def __set__(self, vehicle: Any, value: float) -> None:
+        vehicle.__dict__["_per_tick"] = Fraction(value).limit_denominator(MOST_CALLS)
+
+    def __get__(self, vehicle: Any, owner: type | None = None) -> int:
+        per: Fraction = vehicle.__dict__["_per_tick"]
+        if per.denominator == 1:
+            return per.numerator
+        now = int(vehicle.assembly.get(Clock)["tick"])
+        end = math.ceil((now // per + 1) * per)
+        return max(end - now, math.floor(per))
 
 
 class Physics(Protocol):
@@ -101,7 +122,7 @@ class Ticker:
                     return True
                 continue
             row = self.assembly.rows[first]
-            if self._tick[0] % row["every"] != row["phase"]:
+            if not is_due(self._tick[0], row["every"], row["calls"], row["phase"]):
                 continue
             self._python_row = first
             try:

@@ -22,6 +22,7 @@ CONFIDENCE = 0.95
 BLOCK = 2.0  # s, duration within which residuals may be correlated
 HELD_OUT = 4  # one of this many blocks of HELD_OUT_S is held out for the test
 HELD_OUT_S = 5.0  # s
+LEAST_HELD_OUT, MOST_HELD_OUT = 0.15, 0.5  # of the samples
 ROUNDS = 4  # of weighting
 STEPS = 15  # of Gauss-Newton
 FIRST_NOISE = np.array([0.1, 0.1, 0.1, 0.5, 0.5, 0.5])  # m/s^2, rad/s^2: initial weighting
@@ -180,9 +181,15 @@ def _eliminate(
 
 
 def choose_held_out(t: Array) -> Mask:
-    """Return the mask of the samples at t (k,) s that the fit does not use."""
+    """Return the mask of the samples at t (k,) s that the fit does not use.
+
+    These are a quarter of the time in parts of HELD_OUT_S, or the last quarter if a short log
+    would hold out less than LEAST_HELD_OUT or more than MOST_HELD_OUT.
+    """
     out = (np.floor(t / HELD_OUT_S).astype(int) % HELD_OUT) == HELD_OUT - 1
-    return out if out.any() and not out.all() else np.arange(len(t)) >= 0.75 * len(t)
+    if LEAST_HELD_OUT <= np.mean(out) <= MOST_HELD_OUT:
+        return np.asarray(out)
+    return np.arange(len(t)) >= 0.75 * len(t)
 
 
 def keep_rows(columns: Columns, use: Mask) -> Columns:

@@ -10,6 +10,7 @@ import numpy as np
 
 from skywright.core.arrays import Array, Mask
 from skywright.description.robot.spec import Robot
+from skywright.models.localisation.trajectory import find_covered, find_gap_limit
 from skywright.models.rigid_body import build_body_model, compute_body, posture
 
 FASTEST = 250.0  # Hz, maximum rate of the common time axis
@@ -17,6 +18,8 @@ GRAVITY = 9.80665
 AIRBORNE = 0.35  # of the maximum sum of rotor speeds: idling is at 0.2 or less; a robot that
 # lifts itself hovers at this if its maximum thrust is 8 times its weight
 SHORTEST_GROUND = 0.5  # s: no robot lands and takes off again within less; its rotors were cut
+LEAST_GAP = 0.1
+"""s: a shorter pause of a signal is interpolated. It is half a cycle of the filter's cut-off."""
 HIT = 1.5  # of the specific force of all rotors at full thrust: more is a collision
 
 
@@ -61,6 +64,23 @@ def find_airborne(speed: Array, t: Array, force: Array | None, robot: Robot) -> 
         most = HIT * speed.shape[1] * robot.rotors.thrust_max_n / mass
         out &= np.linalg.norm(force, axis=1) < most
     return out
+
+
+def find_sampled(samples: Array, t: Array) -> Mask:
+    """Return the mask (n,) of the times `t` s that are not in a gap of a signal.
+
+    `samples` (k,) s are the times of the signal. A gap exceeds three usual intervals and LEAST_GAP.
+    """
+    return find_covered(samples, t, find_gap_limit(samples, LEAST_GAP))
+
+
+def leave_out_gaps(free: Mask, sampled: Mask, t: Array, notes: list[str]) -> Mask:
+    """Return the mask (n,) of flight without gaps of a signal; append a note on the lost time."""
+    lost = free & ~sampled
+    if lost.any():
+        seconds = float(np.count_nonzero(lost)) * float(np.median(np.diff(t)))
+        notes.append(f"{seconds:.1f} s of flight lie in gaps of the log: not used")
+    return free & sampled
 
 
 def align_signs(q: Array) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import stats
 from scipy.signal import butter, sosfiltfilt
 
-from skywright.analysis.identify.fit import BLOCK, CONFIDENCE, HELD_OUT, HELD_OUT_S
+from skywright.analysis.identify.fit import BLOCK, CONFIDENCE, choose_held_out
 from skywright.analysis.identify.flight_log import FlightLog
 from skywright.core.arrays import Array, Mask
 
@@ -38,7 +38,7 @@ class Lag(NamedTuple):
 
 
 def fit_lag(name: str, unit: str, t: Array, command: Array, response: Array, use: Mask) -> Lag:
-    """Fit a response (k,) to its command (k,) where `use` holds."""
+    """Fit a response (k,) to its command (k,) where `use` holds and both are numbers."""
 
     def give_up(reason: str) -> Lag:
         nan = float("nan")
@@ -46,7 +46,13 @@ def fit_lag(name: str, unit: str, t: Array, command: Array, response: Array, use
 
     period = float(np.median(np.diff(t)))
     sos = butter(4, min(CUTOFF, 0.35 / period) * 2 * period, output="sos")
-    u, y = (np.asarray(sosfiltfilt(sos, x)) for x in (command, response))
+    known = np.isfinite(command) & np.isfinite(response)
+    if not known.any():
+        return give_up("too little of it in the log")
+    use = use & known
+    # the filter needs numbers everywhere; samples near interpolated ones are not used
+    u, y = (np.asarray(sosfiltfilt(sos, np.interp(t, t[known], x[known])))
+            for x in (command, response))  # fmt: skip
     rate = np.gradient(y, period)
     edge = round(0.5 / period)
     keep = use.copy()
@@ -60,9 +66,7 @@ def fit_lag(name: str, unit: str, t: Array, command: Array, response: Array, use
     if np.std(u) < 1e-9:
         return give_up("it was never commanded to move")
     X = np.column_stack([u, -rate, np.ones(len(u))])
-    held_out = np.floor(t / HELD_OUT_S).astype(int) % HELD_OUT == HELD_OUT - 1
-    if not held_out.any() or held_out.all():
-        held_out = np.arange(len(t)) >= 0.75 * len(t)
+    held_out = choose_held_out(t)
     A, b = X[~held_out], y[~held_out]
     scale = np.maximum(A.std(axis=0), 1e-12)
     scale[2] = 1.0

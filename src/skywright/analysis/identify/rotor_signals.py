@@ -33,13 +33,15 @@ class _Signal(NamedTuple):
     rate: float  # Hz
     values: Array  # (n, rotors) rad/s, or commands of 0 to 1
     measured: bool
+    data: Any  # of the topic
 
 
 def read_rotors(
     path: Path, topics: Iterable[Any], parameters: dict[str, float], robot: Robot,
     order: list[int], at: Any, notes: list[str],
-) -> tuple[Array | None, Array | None]:  # fmt: skip
-    """Return measured speeds (n, rotors) rad/s, or commanded thrusts (N) without measurements.
+) -> tuple[Array | None, Array | None, Any]:  # fmt: skip
+    """Return measured speeds (n, rotors) rad/s, or commanded thrusts (N) without measurements, and
+    the data of the topic that gives them.
 
     `order` holds each rotor's index in the log. Raises InputError if no topic has the signals.
     """
@@ -58,7 +60,7 @@ def read_rotors(
         else:
             span = float(data["timestamp"][-1] - data["timestamp"][0]) * 1e-6
             rate = (len(data["timestamp"]) - 1) / max(span, 1e-9)
-            found.append(_Signal(topic.name, rate, values, _is_speed(topic)))
+            found.append(_Signal(topic.name, rate, values, _is_speed(topic), data))
     if not found:
         why = "; ".join(silent) or "the log contains none of them"
         raise InputError(
@@ -73,7 +75,7 @@ def read_rotors(
             notes.append(f"{best.name} comes at {best.rate:.0f} Hz only: {other.name} is taken")
             best = other
     if best.measured:
-        return best.values, None
+        return best.values, None, best.data
     notes += [f"{s}: not taken" for s in silent if s.startswith(("esc", "in esc"))]
     u = np.clip(best.values, 0.0, 1.0)
     f = float(parameters.get("THR_MDL_FAC", 0.0))
@@ -81,7 +83,7 @@ def read_rotors(
         f"no rotor speeds in the log: thrust from {best.name} ({best.rate:.0f} Hz), by PX4's "
         f"thrust model with THR_MDL_FAC {f:g} and the robot file's largest thrust"
     )
-    return None, rotors.thrust_max * (f * u**2 + (1.0 - f) * u)
+    return None, rotors.thrust_max * (f * u**2 + (1.0 - f) * u), best.data
 
 
 def _is_speed(topic: Any) -> bool:

@@ -16,6 +16,8 @@ from skywright.analysis.identify.flight_log import (
     align_signs,
     find_airborne,
     find_rotations,
+    find_sampled,
+    leave_out_gaps,
     move_to_origin,
 )
 from skywright.core.arrays import Array
@@ -95,8 +97,10 @@ def load_table(path: Path, robot: Robot | None) -> FlightLog:
     if names:
         notes.append("the arm is not in the table: taken as folded")
     still = np.zeros((len(t), len(names)))
+    free = find_airborne(signal, t, force, robot)
+    free = leave_out_gaps(free, find_sampled(stamps - stamps[0], t), t, notes)
     return FlightLog(
-        name=path.name, robot=robot, t=t, free=find_airborne(signal, t, force, robot),
+        name=path.name, robot=robot, t=t, free=free,
         v_WB=take(SPEED) if has_velocity else None, R_WB=R, w_WB_B=w,
         specific_force_B=force, rotor_speed=signal if known else None,
         rotor_command=None if known else signal, command_is_thrust=False, joints=names,

@@ -18,6 +18,8 @@ from skywright.analysis.identify.flight_log import (
     align_signs,
     find_airborne,
     find_rotations,
+    find_sampled,
+    leave_out_gaps,
     move_to_origin,
 )
 from skywright.analysis.identify.rotor_signals import read_rotors
@@ -48,7 +50,8 @@ def load_ulog(path: Path, robot: Robot | None) -> FlightLog:
     name, field = next((r for r in RATES if r[0] in topics), RATES[0])
     rates = _need(path, topics, name, "the body rates")
     attitude = _need(path, topics, "vehicle_attitude", "the attitude")
-    t, at = _build_time(path, name, rates)
+    at = _Axis(path, name, rates)
+    t = at.t
     w = _vector(rates, field, at) * FLU
     if name != RATES[0][0]:
         notes.append(f"no {RATES[0][0]} in the log: body rates from {name}")
@@ -70,11 +73,14 @@ def load_ulog(path: Path, robot: Robot | None) -> FlightLog:
         force = _vector(topics[found[0]], found[1], at) * FLU
         force = move_to_origin(force, w, t, robot)
     order = _match_rotors(path, log.initial_parameters, robot, notes)
-    speed, command = read_rotors(
+    speed, command, motors = read_rotors(
         path, log.data_list, log.initial_parameters, robot, order, at, notes
     )
     turning = np.sqrt(np.maximum(command, 0.0)) if command is not None else speed
     assert turning is not None
+    used = [rates, attitude, motors, position, None if found is None else topics[found[0]]]
+    free = _find_free(topics, turning, force, t, at, robot)
+    free = leave_out_gaps(free, at.find_sampled(used), t, notes)
     names = tuple(joint_names(robot))
     q = posture(robot, "folded")
     if names:
@@ -83,7 +89,7 @@ def load_ulog(path: Path, robot: Robot | None) -> FlightLog:
         name=path.name,
         robot=robot,
         t=t,
-        free=_find_free(topics, turning, force, t, at, robot),
+        free=free,
         v_WB=v,
         R_WB=R,
         w_WB_B=w,
@@ -124,30 +130,44 @@ def _need(path: Path, topics: dict[str, Any], name: str, what: str) -> Any:
     return topics[name]
 
 
-def _build_time(path: Path, name: str, rates: Any) -> tuple[Array, Any]:
-    """Return the common time axis from 0 (s), and a function that resamples a signal to it."""
-    stamps = rates["timestamp"].astype(np.float64) * 1e-6
-    steps = np.diff(stamps)
-    if np.any(steps < 0):
-        raise InputError(f"{path}: time runs backwards in {name}")
-    period = max(float(np.median(steps)), 1.0 / FASTEST)
-    if not 0.0 < period < 0.1:
-        raise InputError(
-            f"{path}: {name} comes at {1.0 / max(period, 1e-9):.0f} Hz; at least 10 Hz are needed"
-        )
-    t = np.arange(0.0, stamps[-1] - stamps[0], period)
+class _Axis:
+    """The common time axis `t` (n,) s from 0; a call resamples a field of a topic to it."""
 
-    def at(topic: Any, name: str) -> Array:
+    def __init__(self, path: Path, name: str, rates: Any) -> None:
+        self.path = path
+        stamps = rates["timestamp"].astype(np.float64) * 1e-6
+        self.start = stamps[0]
+        steps = np.diff(stamps)
+        if np.any(steps < 0):
+            raise InputError(f"{path}: time runs backwards in {name}")
+        period = max(float(np.median(steps)), 1.0 / FASTEST)
+        if not 0.0 < period < 0.1:
+            raise InputError(
+                f"{path}: {name} comes at {1.0 / max(period, 1e-9):.0f} Hz; at least 10 Hz are "
+                "needed"
+            )
+        self.t = np.arange(0.0, stamps[-1] - stamps[0], period)
+
+    def find_times(self, topic: Any) -> Array:
+        """Return the times (k,) s of the samples of a topic."""
+        return np.asarray(topic["timestamp"].astype(np.float64) * 1e-6 - self.start)
+
+    def __call__(self, topic: Any, name: str) -> Array:
         if name not in topic:
-            raise InputError(f"{path}: lacks the field {name!r} in a topic; log it in full")
+            raise InputError(f"{self.path}: lacks the field {name!r} in a topic; log it in full")
         x = np.asarray(topic[name], dtype=np.float64)
-        own = topic["timestamp"].astype(np.float64) * 1e-6 - stamps[0]
         good = np.isfinite(x)
         if good.sum() < 2:
-            return np.full(len(t), np.nan)
-        return np.asarray(np.interp(t, own[good], x[good]))
+            return np.full(len(self.t), np.nan)
+        return np.asarray(np.interp(self.t, self.find_times(topic)[good], x[good]))
 
-    return t, at
+    def find_sampled(self, topics: list[Any]) -> Mask:
+        """Return the mask (n,) of the times that are in no gap of these topics; None is none."""
+        out = np.ones(len(self.t), dtype=bool)
+        for topic in topics:
+            if topic is not None:
+                out &= find_sampled(self.find_times(topic), self.t)
+        return out
 
 
 def _vector(topic: Any, name: str, at: Any) -> Array:

@@ -8,6 +8,7 @@ import numpy as np
 from skywright.analysis.locate.blind import scale_drift
 from skywright.analysis.locate.paper_filter import run_paper_filter
 from skywright.core.arrays import Array, Ints
+from skywright.errors import InputError
 from skywright.models.localisation.calibration import Calibration
 from skywright.models.localisation.drift_filter import (
     CAMERA,
@@ -19,10 +20,15 @@ from skywright.models.localisation.drift_filter import (
 from skywright.models.localisation.trajectory import (
     Trajectory,
     compute_velocity,
+    drop_repeats,
     find_gap_limit,
     interpolate_rotation,
 )
 
+MOST_JUMPS = 0.05
+"""Share of the camera's samples that count as jumps above which the filter's noise is doubtful."""
+SLOWEST = 1.0
+"""Longest usual interval (s) of a tracking camera."""
 OUTAGE = 1.0
 """Minimum duration (s) without the station that counts as an outage."""
 
@@ -40,6 +46,43 @@ class Events(NamedTuple):
     z_paper: Array  # (n, 3) m, the same, the camera's by the paper's twelve numbers
     velocity: Array  # (n, 3) m/s by the paper's twelve numbers, NaN for the station
     lever: Array  # (n, 3) m, from the camera to the prism
+
+
+def prepare_camera(camera: Trajectory, notes: list[str]) -> Trajectory:
+    """Return the camera's measurements: its samples without repeated ones, with a note.
+
+    Raises InputError if it measured fewer than two poses, or less often than once in SLOWEST.
+    """
+    usual = float(np.median(np.diff(camera.t)))
+    if usual > SLOWEST:
+        raise InputError(
+            f"{camera.name}: the usual interval of the camera is {usual:.3g} s; at most "
+            f"{SLOWEST:g} s is valid; if the times are not in s, name their column t_ms, t_us or "
+            "t_ns"
+        )
+    new = drop_repeats(camera)
+    lost = len(camera.t) - len(new.t)
+    if len(new.t) < 2:
+        raise InputError(
+            f"{camera.name}: all {len(camera.t)} samples have the same position; the camera's file "
+            "must hold at least two different ones"
+        )
+    if lost:
+        notes.append(
+            f"{camera.name}: {lost} of {len(camera.t)} samples repeat the previous one: dropped"
+        )
+    return new
+
+
+def describe_jumps(fused: Fused) -> list[str]:
+    """Return a note if the filter takes an implausible share of the camera's samples as jumps."""
+    share = float(np.mean(~fused.accepted[fused.kind == CAMERA]))
+    if share <= MOST_JUMPS:
+        return []
+    return [
+        f"the filter takes {100.0 * share:.0f} % of the camera's samples as jumps: the camera does "
+        "not follow its noise model, and the stated standard deviations are too small"
+    ]
 
 
 def collect_events(station: Trajectory, camera: Trajectory, c: Calibration) -> Events:
@@ -82,7 +125,7 @@ def build_model(camera: Trajectory, c: Calibration) -> DriftModel:
         station=c.noise.station, camera=min(max(rough, 1e-4), 0.02),
         walk_per_sqrt_s=max(c.noise.per_sqrt_s, 1e-4), walk_per_sqrt_m=c.noise.per_sqrt_m,
         acceleration=min(max(change, 0.1), 5.0),
-        rotation_0=min(max(2.0 * c.rotation_std, math.radians(1.0)), 0.5),
+        rotation_0=min(max(2.0 * c.fitted_std, math.radians(1.0)), 0.5),
         scale_0=min(max(2.0 * c.scale_std, 0.01), 0.5),
     )  # fmt: skip
 
@@ -94,7 +137,36 @@ def fuse(
     events, model = collect_events(station, camera, c), build_model(camera, c)
     outages = find_outages(station, float(station.t[0]), float(events.t[-1]))
     model = scale_drift(events.t, events.kind, events.z, outages, model)
-    return events, run_drift_filter(events.t, events.kind, events.z, model), model
+    fused = run_drift_filter(events.t, events.kind, events.z, model)
+    unknown = compute_unknown_turn(events, fused, c.geometry.open_axes)
+    return events, fused._replace(p_std=np.sqrt(fused.p_std**2 + unknown)), model
+
+
+def compute_unknown_turn(events: Events, fused: Fused, axes: Array) -> Array:
+    """Return the variance (n, 3) m^2 of the position by a rotation that the calibration leaves
+    open.
+
+    `axes` (k, 3): unit vectors in W about which the angle is unknown, none if k = 0. The camera
+    measures the displacement d since the last accepted measurement of the station in an unknown
+    direction. For an angle uniform over a full turn about one axis a, the error (R - 1) d has the
+    mean square 3/2 along the part of d across a, and 1/2 across both. If the whole rotation is
+    unknown, R d is uniform on a sphere. The filter cannot compute this: it is linear in the
+    rotation.
+    """
+    if not len(axes):
+        return np.zeros_like(events.z)
+    camera = events.kind == CAMERA
+    seen = np.stack(
+        [np.interp(events.t, events.t[camera], events.z[camera, i]) for i in range(3)], axis=1
+    )
+    known = (events.kind == STATION) & fused.accepted
+    last = np.maximum.accumulate(np.where(known, np.arange(len(known)), 0))
+    d = seen - seen[last]
+    if len(axes) > 1:
+        return np.asarray(d**2 + np.sum(d**2, axis=1, keepdims=True) / 3.0)
+    a = axes[0]
+    d -= (d @ a)[:, None] * a
+    return np.asarray(1.5 * d**2 + 0.5 * np.cross(a, d) ** 2)
 
 
 def fuse_as_printed(events: Events) -> Array:

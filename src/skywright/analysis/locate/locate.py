@@ -9,9 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from skywright.analysis.locate.fusion import (
     Events,
+    describe_jumps,
     find_outages,
     fuse,
     fuse_as_printed,
+    prepare_camera,
 )
 from skywright.analysis.locate.point_file import pair_points
 from skywright.analysis.locate.roles import assign_roles
@@ -282,6 +284,7 @@ def bring_together(
     if pose is not None:
         station = station._replace(p=pose.apply(station.p))
         notes += list(pose.notes)
+    camera = prepare_camera(camera, notes)
     time = None
     if time_offset is None:
         time = estimate_offset(station, camera)
@@ -306,6 +309,7 @@ def bring_together(
             f"without the station, the camera's drift is {grown:.2g} times that of the "
             "calibration; the stated standard deviations include this factor"
         )
+    notes += describe_jumps(fused)
     paper = fuse_as_printed(events)
     lost = np.count_nonzero(~fused.accepted & (fused.kind == STATION))
     if lost:

@@ -11,7 +11,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.optimize import brentq
+from scipy.stats import chi2, ncx2
 
 from skywright.core.arrays import Array, Mask
 from skywright.errors import InputError
@@ -19,6 +20,8 @@ from skywright.models.localisation.frame_alignment import estimate_level, estima
 
 SIGNIFICANCE = 0.001
 """Probability that a good point is rejected (Baarda's usual choice)."""
+POWER = 0.8
+"""Probability that the smallest detectable offset is found (Baarda's usual choice)."""
 LEAST_POINTS = 3
 POINT_STD = 2e-3
 """m per axis: measurement of a fixed point by a total station, and centring on the point."""
@@ -128,7 +131,7 @@ def estimate_station_pose(
     points = tuple(
         StationPoint(
             names[i], r[i], float(statistic[i]), float(share[i]),
-            _detectable(float(share[i]), std, significance), bool(used[i]),
+            _detectable(float(share[i]), std, critical), bool(used[i]),
         )
         for i in range(n)
     )  # fmt: skip
@@ -182,11 +185,16 @@ def _test_points(r: Array, arm: Array, cov: Array, std: float, used: Mask
     return statistic, share
 
 
-def _detectable(redundancy: float, std: float, significance: float) -> float:
-    """Return the minimal detectable offset (Baarda, power 0.8) at this mean redundancy."""
+def _detectable(redundancy: float, std: float, critical: float) -> float:
+    """Return the offset (m) that the test finds with probability POWER at this mean redundancy.
+
+    The statistic of a point with an offset has a noncentral chi-squared distribution of three
+    degrees of freedom; the test compares it with `critical`.
+    """
     if redundancy < 1e-3:
         return math.inf
-    from scipy.stats import norm
 
-    shift = float(norm.isf(significance / 2.0) + norm.isf(0.2))
-    return shift * std / math.sqrt(redundancy)
+    def miss(shift: float) -> float:
+        return float(ncx2.sf(critical, 3, shift**2)) - POWER
+
+    return float(brentq(miss, 1e-3, math.sqrt(critical) + 10.0)) * std / math.sqrt(redundancy)

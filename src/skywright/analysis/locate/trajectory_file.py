@@ -43,6 +43,7 @@ class Columns(NamedTuple):
     place: dict[str, int]  # t, x, y, z, perhaps qw, qx, qy, qz
     factor: dict[str, float]
     timed: bool  # the unit of time is given
+    named: bool  # the columns have names
     width: int
     notes: tuple[str, ...]
 
@@ -205,7 +206,7 @@ def read_header(path: Path, cells: list[str], line: int) -> Columns:
     if bare:
         notes.append("positions without a unit read as metres")
     _check_quaternion(index, notes)
-    return Columns(index, factor, timed, len(cells), tuple(notes))
+    return Columns(index, factor, timed, True, len(cells), tuple(notes))
 
 
 def _check_quaternion(index: dict[str, int], notes: list[str]) -> None:
@@ -245,7 +246,7 @@ def _guess_columns(path: Path, row: tuple[int, str], cells: list[str]) -> Column
     elif n == 8 and "," in row[1]:
         notes.append("8 columns without names: read in TUM's order, t x y z qx qy qz qw")
     index = {name: i for i, name in enumerate(order[n])}
-    return Columns(index, dict.fromkeys(index, 1.0), False, n, tuple(notes))
+    return Columns(index, dict.fromkeys(index, 1.0), False, False, n, tuple(notes))
 
 
 def _read_rows(
@@ -287,6 +288,8 @@ def _build(
         q = table[:, [c.place[n] for n in ("qw", "qx", "qy", "qz")]]
     if not c.timed:
         t, note = guess_time_unit(t)
+        if not note and c.named:
+            note = "times without a unit read as s"
         notes += [note] if note else []
     return clean(path, t, p, q, notes, [number for number, _ in rows])
 

@@ -44,7 +44,7 @@ def measure_vehicle(name: str, vehicle: SimulatedVehicle, ticks: int, rounds: in
     out = [build_row(f"{name}.bare_tick_us", bare, "us", note=note)]
     for i, (label, spent) in enumerate(times.items()):
         row = assembly.rows[i]
-        calls = vehicle.n_steps if row["fast"] else 1.0 / float(row["every"])
+        calls = vehicle.n_steps if row["fast"] else row["calls"] / row["every"]
         a_tick = [1e6 * calls * t / (CALLS * STRETCHES) for t in spent]
         slot = assembly.steps[i].slot
         key = f"{name}.{label.replace(' ', '_')}"

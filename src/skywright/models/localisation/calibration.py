@@ -19,11 +19,13 @@ from skywright.models.localisation.drift_noise import (
     GATE,
     DriftNoise,
     compute_walk,
+    compute_weight,
     estimate_noise,
     find_outliers,
     whiten,
 )
 from skywright.models.localisation.frame_alignment import (
+    UNKNOWN_ROTATION,
     FrameAlignment,
     Geometry,
     diagnose_geometry,
@@ -38,6 +40,8 @@ from skywright.models.localisation.trajectory import (
 )
 
 LEAST_PAIRS = 12
+LARGE_RMS = 0.2
+"""Residual over the extent of the motion above which the recordings hardly agree."""
 LEVER_STD = 0.3
 """m, one sigma of the prior of the distance between prism and camera."""
 SKEW_TIME = 60.0
@@ -64,6 +68,7 @@ class Calibration(NamedTuple):
     noise: DriftNoise
     geometry: Geometry
     rotation_std: float  # rad, largest over the axes
+    fitted_std: float  # rad, the same without the axes that the geometry does not determine
     scale_std: float
     offset_std: float  # s, of the clocks
     rms: float  # m, residual of the frame alignment alone, without outliers
@@ -170,15 +175,40 @@ def calibrate(
         r = frame.apply(x) - y
     centred = r[good] if method == "affine" else r[good] - r[good].mean(axis=0)
     geometry = diagnose_geometry(y[good], noise.station, method)
+    rms = float(np.sqrt(np.mean(np.sum(centred**2, axis=1))))
+    notes += _check_agreement(camera.name, x[good], y[good], geometry, rms)
     notes += [geometry.note] if geometry.note else []
-    rotation_std = max((v for k, v in std.items() if k.startswith("turn")), default=0.0)
+    fitted_std = max((v for k, v in std.items() if k.startswith("turn")), default=0.0)
+    # noise across a line makes the fit look certain
+    rotation_std = UNKNOWN_ROTATION if len(geometry.open_axes) else fitted_std
     notes += _doubt(std, used, geometry, rotation_std, free)
     return Calibration(
         frame, state.delay, state.skew, epoch, state.lever, noise, geometry, float(rotation_std),
-        float(std.get("scale", 0.0)), float(std.get("delay", 0.0)),
-        float(np.sqrt(np.mean(np.sum(centred**2, axis=1)))), int(good.sum()),
+        float(fitted_std), float(std.get("scale", 0.0)), float(std.get("delay", 0.0)),
+        rms, int(good.sum()),
         int(np.count_nonzero(~good)), (float(used.t[0]), float(used.t[-1])), paper, tuple(notes),
     )  # fmt: skip
+
+
+def _check_agreement(name: str, x: Array, y: Array, geometry: Geometry, rms: float) -> list[str]:
+    """Return a note if points x of the camera and y of the station (n, 3) m hardly agree.
+
+    `rms` (m) is the residual of their alignment. Raises InputError if x is a mirror image of y.
+    """
+    extent = float(np.linalg.norm(geometry.extent))
+    if geometry.kind == "point" or rms < LARGE_RMS * extent:
+        return []
+    affine = estimate_affine(x, y)
+    off = float(np.sqrt(np.mean(np.sum((y - affine.apply(x)) ** 2, axis=1))))
+    if geometry.kind == "full" and np.linalg.det(affine.matrix) < 0.0 and off < 0.5 * rms:
+        raise InputError(
+            f"{name}: the camera's frame is left-handed: its positions are a mirror image of the "
+            "station's; valid: a right-handed frame; change the sign of one axis"
+        )
+    return [
+        f"the aligned recordings differ by {rms:.2f} m rms, and the motion extends over "
+        f"{extent:.2f} m: check units, axes and the order of the quaternion in {name}"
+    ]
 
 
 def _align_robustly(method: str, x: Array, y: Array) -> FrameAlignment:
@@ -321,8 +351,8 @@ def _count_drift(noise: DriftNoise, walk: Array, outlier: Array) -> float:
     and least squares would overestimate the camera's scale by it over H, about half a per cent. A
     drift rotated by 90 degrees is in neither product, so rotations have no such bias.
     """
-    whitened = whiten(np.eye(len(walk)), noise.station, walk, outlier)
-    return float(np.count_nonzero(outlier == 0.0) - noise.station**2 * np.sum(whitened**2))
+    weight = compute_weight(noise.station, walk, outlier)
+    return float(np.count_nonzero(outlier == 0.0) - noise.station**2 * weight)
 
 
 def _apply(s: _Unknowns, step: Array, names: list[str]) -> _Unknowns:

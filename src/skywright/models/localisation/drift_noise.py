@@ -92,6 +92,33 @@ def whiten(m: Array, white: float, walk: Array, outlier: Array) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
+def compute_weight(white: float, walk: Array, outlier: Array) -> float:
+    """Return trace(S^-1) (1/m^2) of the covariance S of white noise and walk, without outliers.
+
+    The disturbance smoother of the local-level model yields the diagonal of S^-1 in one backward
+    pass (Durbin and Koopman, Time Series Analysis by State Space Methods, 2012, section 2.5.3).
+    `white` (m), `walk` (n,) m^2 and `outlier` (n,) as in `whiten`.
+    """
+    n = len(walk)
+    size, gain = np.zeros(n), np.zeros(n)
+    p = 0.0
+    for k in range(n):
+        p += walk[k]
+        if outlier[k] > 0.0:
+            continue
+        size[k] = p + white * white
+        gain[k] = p / size[k]
+        p *= 1.0 - gain[k]
+    total = later = 0.0
+    for k in range(n - 1, -1, -1):
+        if outlier[k] > 0.0:
+            continue
+        total += 1.0 / size[k] + gain[k] ** 2 * later
+        later = 1.0 / size[k] + (1.0 - gain[k]) ** 2 * later
+    return total
+
+
+@njit(cache=True, error_model="numpy")
 def _cost(r: Array, white: float, walk: Array, outlier: Array) -> float:
     """Twice the negative log likelihood of residuals (n, 3), innovations clipped at four sigma."""
     level, p, cost = r[0].copy(), white * white, 0.0

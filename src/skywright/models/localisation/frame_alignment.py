@@ -21,6 +21,11 @@ METHODS: tuple[Method, ...] = ("similarity", "rigid", "level", "affine")
 LEAST_POINTS = 4
 """Least number of point pairs: the affine matrix has 12 unknowns."""
 
+UNKNOWN_ROTATION = math.pi / math.sqrt(3.0)
+"""rad, standard deviation of an angle that is not determined: uniform over a full turn."""
+VERTICAL = 0.95
+"""Least z component of a direction that counts as vertical."""
+
 FLAT = 0.1
 """Ratio of smallest to largest extent below which the points count as a plane, or a line."""
 
@@ -132,6 +137,7 @@ class Geometry(NamedTuple):
     kind: Literal["full", "planar", "linear", "point"]
     extent: Array  # (3,) m, standard deviation along the principal directions, largest first
     directions: Array  # (3, 3), principal directions as rows
+    open_axes: Array  # (k, 3), unit vectors in W about which the rotation is not determined
     note: str  # empty if all are determined
 
 
@@ -147,26 +153,36 @@ def diagnose_geometry(y: Array, noise: float, method: str = "similarity") -> Geo
     if len(extent) < 3:
         extent = np.pad(extent, (0, 3 - len(extent)))
     large, middle, small = extent
+    vertical = abs(float(directions[0, 2])) > VERTICAL
+    every = np.eye(3)
+    open_axes = np.zeros((0, 3))
     if large < 3.0 * noise:
         kind: Literal["full", "planar", "linear", "point"] = "point"
+        open_axes = every[2:] if method == "level" else every
         note = (
             f"no motion in the calibration: its points spread by {1000.0 * large:.0f} mm, "
             f"their noise is {1000.0 * noise:.0f} mm; rotation and scale are not determined"
         )
     elif middle < max(FLAT * large, 3.0 * noise):
         kind = "linear"
-        note = (
-            f"the calibration is nearly a straight line (spread {large:.2f} m along, "
-            f"{middle:.2f} m across): the rotation about it is not determined; move in a second "
-            "direction, or use --align level where both frames have a vertical z axis"
-        )
-        if method == "level":
-            vertical = abs(float(directions[0, 2])) > 0.95
+        if method != "level":
+            open_axes = directions[:1]
+        elif vertical:
+            open_axes = every[2:]
+        shape = f"(spread {large:.2f} m along, {middle:.2f} m across)"
+        if not len(open_axes):
+            note = ""
+        elif vertical:
             note = (
-                "the calibration is nearly a vertical line: the heading is not determined; move "
-                "sideways too"
+                f"the calibration is nearly a vertical line {shape}: the heading is not "
+                "determined; move sideways too"
             )
-            note = note if vertical else ""
+        else:
+            note = (
+                f"the calibration is nearly a straight line {shape}: the rotation about it is not "
+                "determined; move in a second direction, or use --align level where both frames "
+                "have a vertical z axis"
+            )
     elif small < max(FLAT * large, 3.0 * noise):
         kind = "planar"
         note = ""
@@ -179,4 +195,4 @@ def diagnose_geometry(y: Array, noise: float, method: str = "similarity") -> Geo
             )
     else:
         kind, note = "full", ""
-    return Geometry(kind, np.asarray(extent), np.asarray(directions), note)
+    return Geometry(kind, np.asarray(extent), np.asarray(directions), open_axes, note)

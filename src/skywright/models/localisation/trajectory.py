@@ -86,6 +86,21 @@ def interpolate_rotation(traj: Trajectory, t: Array) -> Array | None:
     return np.asarray(Rotation.from_quat(np.roll(traj.q[near], -1, axis=1)).as_matrix())
 
 
+def drop_repeats(traj: Trajectory) -> Trajectory:
+    """Return the trajectory without samples whose position and orientation equal the previous
+    ones.
+
+    A program that writes faster than the sensor measures repeats the last sample. A repeated sample
+    is no measurement at its time.
+    """
+    new = np.any(np.diff(traj.p, axis=0) != 0.0, axis=1)
+    if traj.q is not None:
+        new |= np.any(np.diff(traj.q, axis=0) != 0.0, axis=1)
+    keep = np.concatenate([[True], new])
+    q = None if traj.q is None else traj.q[keep]
+    return traj._replace(t=traj.t[keep], p=traj.p[keep], q=q)
+
+
 def compute_velocity(traj: Trajectory, window: float, max_gap: float) -> tuple[Array, Array]:
     """Return times (m,) and velocities (m, 3) from displacements over about `window` seconds.
 

@@ -62,6 +62,7 @@ GATE = 22.46  # chi-square of 6 degrees of freedom at 99.9 %
 RESTART_AFTER = 10  # rejected samples in a row that agree with each other
 AGREE_P, AGREE_R = 0.1, 0.2  # m, rad: largest difference of two samples that agree
 AGREE_SIGMAS = 4.0  # of the noise of fixes, in addition
+LATE = 16  # inertial samples by which a fix may arrive later than its latency
 KNOWN_AFTER = 400  # samples for noise within 2 %: the error of a variance is sqrt(2 / 3n)
 SHEET_WORTH = 5.0  # samples that correspond to a data sheet, whose noise is 20 % off
 LEAST_NOISE = 1e-10  # m^2 and rad^2: keeps the innovation covariance of a perfect sensor regular
@@ -82,6 +83,8 @@ class Filter(Estimator):
         fused: int
         rejected: int
         rejected_row: int
+        late: int  # fixes that arrived after the horizon had passed their time
+        keep: int  # inertial samples that stay behind the present if no fix arrives
         refused: int  # samples in a row that the gate rejected
         restarts: int
         last_p: Vec3
@@ -103,6 +106,11 @@ class Filter(Estimator):
         if context.world.localisation != "gnss":
             me.p_slow = 0.0
         me.p_BF = [s.antenna_x_m, s.antenna_y_m, s.antenna_z_m]
+        delay = context.world.gnss.latency_s
+        if context.world.localisation != "gnss":
+            delay = m.latency_s
+        # a fix that is under way must not find the horizon beyond its time
+        me.keep = max(IMU_HISTORY // 4, math.ceil(delay / me.h) + LATE)
         noise = [fix.noise_level_m, fix.noise_level_m, fix.noise_up_m]
         me.r_fix = np.maximum(noise, 1e-5) ** 2
         me.r_heading = max(math.radians(fix.heading_noise_deg), 1e-5) ** 2
@@ -138,7 +146,7 @@ class Filter(Estimator):
         if me.ready < 2.0:
             return
         if me.n - me.n_f > IMU_HISTORY // 2:  # no sample for long: stay within the ring buffer
-            advance(me, me.n - IMU_HISTORY // 4, body.gravity)
+            advance(me, me.n - me.keep, body.gravity)
             changed = True
         predict_now(me, imu, body, allocated, est, rotor, clock.t, before, changed)
         state.rejected, state.restarts = float(me.refused), float(me.restarts)
@@ -251,6 +259,7 @@ def use_mocap(me: Any, mocap: Any, t: float, gravity: float) -> bool:
         me.ready = max(me.ready, 1.0)
         return me.ready == 2.0
     if n < me.n_f:
+        me.late += 1
         return False
     advance(me, n, gravity)
     if fuse(me, mocap):
@@ -272,6 +281,8 @@ def use_mocap(me: Any, mocap: Any, t: float, gravity: float) -> bool:
 def use_fix(me: Any, fix: Any, t: float, gravity: float) -> bool:
     """Advance the horizon to the time of a fix and fuse it; returns False if nothing changed."""
     n = me.n - int((t - fix.t) / me.h + 0.5)
+    if me.ready == 2.0 and n < me.n_f:
+        me.late += 1
     if n > me.n or n < me.n_f or n <= me.n - IMU_HISTORY:
         return False
     far = spread = 0.0

@@ -25,6 +25,7 @@ from skywright.core.record import Array, Mat3, Vec3, Vec4
 from skywright.core.rotations import mat_vec
 from skywright.core.scratch import local
 from skywright.core.types import IMU_HISTORY
+from skywright.errors import InputError
 from skywright.models.localisation.drift_filter import DriftModel
 from skywright.vehicle.bus import Allocated, Body, Clock, Estimate
 from skywright.vehicle.component import Estimator, Out, helper
@@ -69,8 +70,9 @@ PENDING = 128
 DRIFT_START = 1.0  # m
 RATE_TIME = 60.0  # s in which the heading drift's rate walks by its initial sigma: assumed
 FUSE_EVERY = 0.02  # s, between moves of the horizon; each integrates the state again from there
-LAG = 0.25
-"""s, of the horizon: 98 % of the station's samples arrive sooner."""
+LAG = 4.0
+"""Lag of the horizon, less the station's shortest latency, over the mean excess of the latency: 98
+% of the station's samples arrive sooner."""
 # changes since the calibration, 1 sigma
 TILT_SINCE, HEADING_SINCE = math.radians(0.2), math.radians(1.0)
 SCALE_SINCE, CLOCK_SINCE = 0.005, 2e-3
@@ -139,6 +141,7 @@ class StationCamera(Estimator):
         fill_strapdown(me, context)
         prism, camera = context.robot.prism, context.robot.tracking_camera
         me.p_BP = [prism.x_m, prism.y_m, prism.z_m]
+        me.lag = compute_lag(context.world.total_station, camera.rate_hz, me.h)
         me.r_odo = max(camera.noise_m, 1e-5) ** 2
         me.r_odo_R = max(camera.attitude_noise_rad, 1e-5) ** 2
         drift = DriftModel(0.0, 0.0, 0.0, 0.0)
@@ -153,10 +156,10 @@ class StationCamera(Estimator):
     def before_tick(self, t: float, n_ticks: int) -> None:
         """Before the first tick: read the result of the calibration."""
         me = self._me
-        if me.lag > 0.0:
+        if me.scale > 0.0:
             return
         found = self._records[Station.Aligned, ""][0]
-        me.lag, me.R_WC, me.scale = LAG, found["R_WC"], found["scale"]
+        me.R_WC, me.scale = found["R_WC"], found["scale"]
         me.clock = found["clock"]
         me.r_fix = max(float(found["station_noise"]), 1e-4) ** 2
         me.q_walk_m = max(float(found["per_sqrt_m"]), 1e-3) ** 2
@@ -210,7 +213,8 @@ class StationCamera(Estimator):
         if me.h * (me.n - me.n_f) > me.lag + FUSE_EVERY:
             changed = use_pending(me, body.gravity) or changed
         if me.n - me.n_f > IMU_HISTORY - 2 * COVARIANCE_STEP:  # no sample to fuse for long
-            advance(me, me.n - IMU_HISTORY // 2, body.gravity)
+            keep = max(IMU_HISTORY // 2, math.ceil(me.lag / me.h))
+            advance(me, me.n - keep, body.gravity)
             changed = True
         if changed:
             for i in range(N_STATE):
@@ -220,6 +224,24 @@ class StationCamera(Estimator):
         state.rejected, state.restarts = float(me.rejected_row), float(me.restarts)
         state.fix_age = clock.t - me.last_fix
         fill_deviation(me, me.P_full, body.gravity, state)
+
+
+def compute_lag(station: Any, camera_rate: float, h: float) -> float:
+    """Return the lag (s) of the horizon for the latency of a `station` (its table).
+
+    The stored inertial samples, of period `h` (s), and camera samples limit it. Raises InputError
+    if the mean latency exceeds the limit.
+    """
+    stored = min((IMU_HISTORY - 2 * COVARIANCE_STEP) * h, PENDING / camera_rate)
+    most = stored - 2.0 * FUSE_EVERY
+    low, mean = station.latency_min_s, station.latency_mean_s
+    if mean > most:
+        raise InputError(
+            f"world.total_station.latency_mean_s = {mean:g}; this robot's estimator stores the "
+            f"samples of the inertial unit and the camera for {stored:.2f} s, so at most "
+            f"{most:.2f} is valid; give a shorter latency"
+        )
+    return float(min(low + LAG * (mean - low), most))
 
 
 @helper

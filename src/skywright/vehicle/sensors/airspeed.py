@@ -38,9 +38,13 @@ class Airspeed(Sensor):
     columns = (Recorded("airspeed", Reading, "v", "m/s", "of the air against the robot, along x"),)
 
     def build(self, me: Any, table: Any, context: Any) -> None:
-        """Compute the gain of the lag; it is exact for a speed that is constant over a sample."""
+        """Compute the gain of the lag; it is exact for a speed that is constant over a sample.
+
+        A rate above the control rate yields a sample a control tick.
+        """
         me.sigma = table.noise_mps
-        me.gain = 1.0 - math.exp(-1.0 / (table.rate_hz * table.lag_s))
+        period = max(1.0 / table.rate_hz, context.dt)
+        me.gain = 1.0 - math.exp(-period / table.lag_s)
 
     @staticmethod
     def step(
