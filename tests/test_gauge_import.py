@@ -255,6 +255,30 @@ def test_a_pipe_is_no_table(tmp_path: Path) -> None:
         load_readings(tmp_path / "ff", START)
 
 
+def test_a_wrong_target_is_refused_before_anything_is_stored(tmp_path: Path) -> None:
+    db = tmp_path / "h.db"
+    table = write(tmp_path / "g.csv", "spot,thickness_mm,u95_mm", "1,9.0,0.1")
+    for option in ("--parquet", "--local", "--dicom", "--report", "--csv"):
+        code, out = add(db, table, option, tmp_path / "x.docx")
+        assert code == 2 and "x.docx" in out, out
+    assert not db.exists()
+    assert add(db, table)[0] == 0
+
+
+def test_a_report_of_several_flights_names_them(tmp_path: Path) -> None:
+    db = tmp_path / "h.db"
+    table = write(
+        tmp_path / "g.csv", "t,spot,thickness_mm,u95_mm", "2015-03-01,1,9.0,0.1",
+        "2020-03-01,1,8.0,0.1",
+    )  # fmt: skip
+    code, out = add(db, table, "--report", tmp_path / "r.html")
+    flights = [f.id for f in list_flights(db)]
+    assert code == 2 and len(flights) == 2
+    assert f"is stored as {', '.join(flights)}: give one of them as --flight" in out
+    code, out = call(db, "--flight", flights[0], "--report", tmp_path / "r.html")
+    assert code == 0 and (tmp_path / "r.html").exists(), out
+
+
 def test_an_option_without_effect_is_refused(tmp_path: Path) -> None:
     db = tmp_path / "h.db"
     table = write(tmp_path / "g.csv", "spot,thickness_mm,u95_mm", "1,9.0,0.1", "2,8.0,0.1")

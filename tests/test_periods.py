@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,10 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plant_parts import build_context, build_plant
-from skywright.core.record import View
+from skywright.core.record import Record, View
 from skywright.description.loader import load_description
 from skywright.models.range_finder import RangePrecision, build_range_finder, step_range_finder
+from skywright.recordings.period import compute_period
 from skywright.run.backends import build_vehicle
+from skywright.vehicle.component import Component
 from skywright.vehicle.readings import Telemetry
 from skywright.vehicle.schedule import count_calls, is_due
 from skywright.vehicle.sensors.airspeed import Airspeed
@@ -70,3 +73,40 @@ def test_a_range_finder_keeps_its_rate_between_ticks():
         step_range_finder(rf, 0.005 * k, 3.0)
         seen += rf["fresh"] > 0.0
     assert seen == pytest.approx(600, abs=1)
+
+
+@pytest.mark.parametrize(
+    ("steps", "period"),
+    [([10] * 50, 10), ([8, 12] * 25, 10), ([16, 8, 8, 8] * 12, 10), ([10] * 20 + [3000], 10)],
+)
+def test_the_period_of_samples_is_their_mean_without_gaps(steps: list[int], period: int) -> None:
+    t = 3.0 + 1e-3 * np.cumsum([0, *steps])
+    assert compute_period(t) == pytest.approx(1e-3 * period)
+
+
+def test_one_sample_has_no_period() -> None:
+    assert compute_period([1.0]) == compute_period([]) == 0.0
+
+
+class Counter(Component):
+    """A user's observer in plain Python, at 50 Hz."""
+
+    slot, side, compiled = "record", "plant", False
+
+    class Me(Record):
+        n: float
+
+    @staticmethod
+    def step(me: Me) -> None:
+        me.n += 1.0
+
+    def get_period(self, step: str, context: Any) -> float:
+        return 0.02
+
+
+@pytest.mark.parametrize("backend", ["physics", "kinematic"])
+def test_a_component_in_python_runs_at_its_rate(backend: str) -> None:
+    v = build_vehicle(load_description("waypoints"), backend=backend, parts=[Counter("counter")])
+    for _ in range(100):
+        v.tick()
+    assert v.read_memory("counter")["n"] == pytest.approx(100, abs=1)

@@ -99,6 +99,13 @@ def measure_line(angle: float = 90.0) -> WeldLine:
     return WeldLine(0.0, 0.1, math.radians(angle), 1e-4, 1e-3, 0.0, 0.01, (), 0.0, R, True)
 
 
+def test_points_of_a_seam_a_turn_away_are_beside_the_same_place() -> None:
+    line = measure_line(85.0)._replace(radius=0.2)
+    turn = 2.0 * math.pi * 0.2
+    s, c = line.follow(np.array([-0.3, 0.0, 0.4]))
+    np.testing.assert_allclose(line.find_ways(s, c + [turn, -turn, 0.0]), [-0.3, 0.0, 0.4])
+
+
 def test_the_opposite_side_is_half_a_turn_from_a_seam() -> None:
     line, half = measure_line(), math.pi * R
     assert abs(line.measure_distance(0.3, 0.1 + half - 0.02)) == pytest.approx(half - 0.02)

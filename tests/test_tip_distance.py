@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -14,6 +15,7 @@ from skywright.description.loader import load_description
 from skywright.errors import InputError
 from skywright.evidence.bench.flights import fly_to_hover
 from skywright.vehicle.bus import Truth
+from skywright.vehicle.schedule import count_calls, is_due
 from skywright.vehicle.sensors.tip_distance import TipDistance
 
 
@@ -61,3 +63,20 @@ def test_it_flies_by_a_table_of_the_robot():
     axis = truth["R_WT"][:, 2]
     assert axis[2] < -0.2  # it looks down
     assert row["tip_distance"] == pytest.approx(-truth["p_WT"][2] / axis[2], abs=0.03)
+
+
+@pytest.mark.parametrize("rate", [30.0, 50.0, 400.0])
+def test_a_sample_is_never_older_than_a_mission_tick(rate):
+    """The ray is cast in the mission tick in which its sample is due, at any rate."""
+    sensor = TipDistance("laser", TipDistance.Table(rate_hz=rate))
+    context = build_context()
+    build_plant(context, sensor)
+    cast = []
+    sensor._sight = SimpleNamespace(measure=lambda p, axis: cast.append(tick) or 0.5)
+    dt, n, ends = context.dt, 10, []
+    for tick in range(200):  # mission ticks of 10 control ticks
+        sensor.before_tick(tick * n * dt, n)
+        every, calls = count_calls(1.0 / rate, dt)
+        due = [k for k in range(tick * n, (tick + 1) * n) if is_due(k, every, calls, 0)]
+        ends += [tick] * bool(due)
+    assert cast == ends

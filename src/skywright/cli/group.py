@@ -1,5 +1,6 @@
 """Common behaviour of all commands: order, errors in one line, exit codes."""
 
+import errno
 import gc
 import os
 import sys
@@ -14,6 +15,8 @@ from skywright.errors import InfeasibleError, SkywrightError, neighbours
 
 LONGEST = 4000
 """Longest message, in characters."""
+DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
+"""Errors of writing, which have no file name."""
 
 
 class Group(click.Group):
@@ -75,7 +78,7 @@ def _report(error: BaseException, as_json: bool) -> int:
     elif isinstance(error, BrokenPipeError):  # the reader of the output has closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    elif isinstance(error, OSError) and error.errno is not None:  # e.g. the disk is full
+    elif isinstance(error, OSError) and (error.filename or error.errno in DISK_ERRORS):
         code, message = 2, f"{error.filename or 'an output file'}: {error.strerror}"
     else:
         code = 3

@@ -160,6 +160,12 @@ def records_(
     ):  # fmt: skip
         if value is not None and not valid:
             raise InputError(f"{option}: valid for {lists}")
+    for target, endings in (
+        (table, (".csv",)), (geojson, (".geojson", ".json")), (parquet, (".parquet",)),
+        (local, (".json",)), (dicom, (".dcm",)), (report, (".html", ".pdf")),
+    ):  # fmt: skip
+        if target is not None:
+            check_writable(target, endings)
     if thickness and flight is not None:
         raise InputError("--flight: valid without --thickness, which merges the flights")
     store = RecordStore(file, create=source is not None)
@@ -178,6 +184,11 @@ def records_(
             )
         flight = flights[0] if len(flights) == 1 else None
         _check_names(store, structure=structure, spot=spot, component=component, flight=flight)
+        if len(flights) > 1 and (dicom is not None or report is not None):
+            raise InputError(
+                f"--dicom and --report state one flight; {source} is stored as "
+                f"{', '.join(flights)}: give one of them as --flight, without --import"
+            )
         if datums is not None:
             _register(store, datums, structure, flight, as_json)
             return
@@ -291,7 +302,6 @@ def _report(
     if flight is None:
         raise InputError("--report requires --flight ID")
     built = build_inspection_report(store, flight, deviations)
-    check_writable(page, (".html", ".pdf"))
     if page.suffix.lower() == ".html":
         write_inspection_report(built, page, store.path.parent)
         return
@@ -312,13 +322,17 @@ def _export(
 
     flight = flights[0] if len(flights) == 1 else None
     found = find_readings(store, asset, component, flights)
-    indications = store.find_indications(asset=asset, component=component, flight=flight)
+    chosen: list[str | None] = [*flights] or [None]
+    indications = [
+        one for each in chosen
+        for one in store.find_indications(asset=asset, component=component, flight=each)
+    ]  # fmt: skip
     if parquet is not None:
-        tables.write_readings_parquet(found, check_writable(parquet, (".parquet",)))
+        tables.write_readings_parquet(found, parquet)
     if local is not None:
         frames = store.read("SELECT frame FROM assets WHERE name = ?", (asset or "",))
         data = tables.build_local_json(found, indications, frames[0][0] if frames else "")
-        tables.write_local_json(data, check_writable(local, (".json",)))
+        tables.write_local_json(data, local)
     if dicom is not None:
         from skywright.inspection.files.diconde import Result, write_diconde
 
@@ -330,5 +344,5 @@ def _export(
             raise InputError(f"{store.path}: flight {flight} has no component {component!r}")
         write_diconde(
             Result(one.asset, part, one, store.list_calibrations(flight), found, indications),
-            check_writable(dicom, (".dcm",)),
+            dicom,
         )

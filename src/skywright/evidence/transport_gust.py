@@ -32,6 +32,7 @@ from skywright.models.rigid_body import (
     build_body_model,
     posture,
 )
+from skywright.recordings.period import compute_period
 from skywright.run.run import RunResult, fly_and_evaluate
 from skywright.vehicle.arms.external_wrench import SWING_BANDWIDTH
 from skywright.vehicle.laws._cascade_gains import compute_cascade_gains
@@ -124,7 +125,7 @@ def take_carrying(run: RunResult) -> tuple[Array, Array, Array, float]:
     """Return (bar's middle from the plan (n, 3), platform's x from it, drag along x, period)."""
     start = next(p.start_s for p in run.phases if p.name == "transport")
     s = run.samples[run.samples["t"] >= start]
-    dt = float(np.median(np.diff(s["t"])))
+    dt = compute_period(s["t"])
     off = s["p_WB"][:, 0] - s["ref_p_WB"][:, 0]
     return compute_tip_errors(s), np.asarray(off), np.asarray(s["f_wind_W"][:, 0]), dt
 

@@ -21,13 +21,12 @@ from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from skywright.core.bounded import LARGEST_TABLE, read_text
 from skywright.errors import InputError
 from skywright.ground.guard import REPORT_POLICY, Guard
 from skywright.ground.orders import LARGEST, parse_order
 from skywright.ground.station import Station, Watcher, dump
 from skywright.reports.replay import read_asset
-from skywright.reports.served import unlink_files
+from skywright.reports.served import read_report
 
 HOST_NAME = re.compile(r"[\w.:%-]{1,253}")
 LOCAL = ("127.0.0.1", "localhost", "::1")
@@ -129,11 +128,10 @@ def build_app(station: Station, data: str | None) -> Starlette:
             return _absent()
         headers = {"content-security-policy": REPORT_POLICY}
         if path.name == "report.html":
-            try:
-                text = read_text(path, LARGEST_TABLE)
+            try:  # in another thread: the event loop carries the sticks of a flight
+                text = await asyncio.to_thread(read_report, path)
             except InputError as error:
                 return PlainTextResponse(f"{error}\n", 404)
-            text = unlink_files(text, path.parent.resolve())
             return Response(text, media_type="text/html", headers=headers)
         return FileResponse(path, media_type="text/html", headers=headers)
 

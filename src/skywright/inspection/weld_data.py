@@ -89,7 +89,7 @@ def describe_welds(result: WeldResult) -> dict[str, Any]:
     for k, line in enumerate(result.lines):
         mine = result.list_crossings(k)
         at = np.array([[x.s, x.c] for x in mine] or [[line.s, line.c]])
-        ways = (at - [line.s, line.c]) @ [math.sin(line.angle), math.cos(line.angle)]
+        ways = line.find_ways(at[:, 0], at[:, 1])
         points = roll_points(surface, *line.follow(np.linspace(ways.min(), ways.max(), 5)))[0]
         lines.append({
             "point_m": _round(roll_points(surface, line.s, line.c)[0][0], 6),

@@ -87,6 +87,13 @@ class WeldLine(NamedTuple):
             u, w = _flatten(around, self.radius)
         return np.asarray((s - self.lean * w) * math.cos(self.angle) - u * math.sin(self.angle))
 
+    def find_ways(self, s: Array, c: Array) -> Array:
+        """Return the distances (n,) m along the tangent of points (s, c), (n,) m each."""
+        around = np.asarray(c) - self.c
+        around = _wrap(around, self.radius) if self.is_seam else around
+        along = (np.asarray(s) - self.s) * math.sin(self.angle)
+        return np.asarray(along + around * math.cos(self.angle))
+
     def follow(self, way: Array) -> tuple[Array, Array]:
         """Return (s, c), (n,) m each, at distances `way` (n,) m along the line's tangent."""
         around = way * math.cos(self.angle)

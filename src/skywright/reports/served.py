@@ -4,6 +4,13 @@ import html
 import re
 from pathlib import Path
 
+from skywright.core.bounded import LARGEST_TABLE, read_text
+
+
+def read_report(path: Path) -> str:
+    """Return the HTML of a report for a server; raises InputError if it cannot be read."""
+    return unlink_files(read_text(path, LARGEST_TABLE), path.parent.resolve())
+
 
 def unlink_files(page: str, folder: Path) -> str:
     """Return the HTML of a report for a server that does not offer the files beside it.
@@ -15,4 +22,5 @@ def unlink_files(page: str, folder: Path) -> str:
         names = re.sub(r"</?a\b[^>]*>", "", found[1])
         return f"{names} They are in the folder <code>{html.escape(str(folder))}</code>.</p>"
 
-    return re.sub(r'(<p id="files">.*?)</p>', state, page, count=1, flags=re.DOTALL)
+    files = r'(<p(?: id="files")?>Files of this run.*?)</p>'  # older reports have no id
+    return re.sub(files, state, page, count=1, flags=re.DOTALL)

@@ -1,8 +1,8 @@
 """A pilot takes over a running mission by a switch, and gives it back.
 
 While the switch is on, the pilot's stick moves the platform in a mode of run/hand_flight.py, the
-arms keep their posture, and rules only report. The switch has priority over a phase and over the
-response of a rule. After the pilot gives back:
+arms keep their posture, and rules only report, except those that override the pilot. The switch has
+priority over a phase and over the response of a rule. After the pilot gives back:
 
 - a phase of free flight continues: the robot returns to where it was taken over, along the path
   that the pilot flew or a free straight line, and tracks the rest of the reference from rest;
@@ -175,7 +175,7 @@ class Pilot:
     def fly(self) -> None:
         """Let the pilot fly, then return the robot to the mission.
 
-        Raises GivenBack, PilotLanded, and RuleActed if no computer is left to follow a stick.
+        Raises GivenBack, PilotLanded, and RuleActed by a rule that overrides the pilot.
         """
         s, started = self._s, self._s.vehicle.t
         phase = s.phase

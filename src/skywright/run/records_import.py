@@ -19,9 +19,12 @@ def import_run(file: Path, directory: Path) -> str:
     """Add the findings of a run to the database `file`; returns the flight.
 
     Contacts with measured force are stored only during a mission, so they are not added. Raises
-    InputError if the directory is not a run, is already in the database, or has no start time.
+    InputError if the directory is not a run with a complete recording, is already in the database,
+    or has no start time.
     """
     stored = load_run(directory)
+    if not stored.recording.complete:
+        raise InputError(f"{directory}: only a complete recording is imported: {stored.reason}")
     description = load_description(directory / MISSION)
     where = directory.resolve()
     store = InspectionStore(file, create=True)

@@ -220,10 +220,10 @@ def evaluate_directory(directory: Path) -> RunResult:
     setup = Setup(load_description(directory / MISSION))
     plan = plan_mission(setup.description, setup)
     outcome = stored.outcome if stored.outcome in ("interrupted", "diverged") else ""
-    reason = "" if stored.outcome == "failed" else stored.reason  # a failure is judged again
-    flight = Flight(stored.outcome in ("succeeded", "failed"), reason, stored.acted)
+    judged = stored.outcome == "failed" and stored.reason.startswith(("not met:", "evaluation:"))
+    reason, whole = "" if judged else stored.reason, stored.outcome in ("succeeded", "failed")
     flown = Flown(setup, plan, stored.samples, stored.phases)
-    result = _evaluate(flown, flight, outcome, directory)
+    result = _evaluate(flown, Flight(whole, reason, stored.acted), outcome, directory)
     return result._replace(
         timing=stored.timing, command=str(stored.written.get("command", "")),
         backend=str(stored.written.get("backend", PHYSICS)),

@@ -311,7 +311,7 @@ class Supervisor(Generic[T]):
         return ticked
 
     def tick_by_hand(self) -> Ticked:
-        """Run one mission tick while a pilot flies: rules only report."""
+        """Run one mission tick while a pilot flies: only rules that override the pilot act."""
         ticked = self._tick(0)
         self.trail.drop(self.senses)
         self.faults.tell(self.phase)

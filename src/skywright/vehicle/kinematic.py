@@ -26,7 +26,7 @@ from skywright.vehicle.estimates import EstimatorState
 from skywright.vehicle.interface import R, Ticked
 from skywright.vehicle.ports import FILL
 from skywright.vehicle.readings import ImuBatch, Telemetry
-from skywright.vehicle.schedule import end_control, run_rows
+from skywright.vehicle.schedule import end_control, is_due, run_rows
 from skywright.vehicle.setpoints import Actuators
 from skywright.vehicle.simulated import SimulatedVehicle
 from skywright.vehicle.ticker import list_stretches
@@ -118,10 +118,11 @@ class KinematicVehicle(SimulatedVehicle):
     def _run(self, runs: list[tuple[int, int]], at: int, clock_at: int) -> None:
         for first, last in runs:
             for i, j in list_stretches(first, last, sorted(self._python)):
-                if j < 0:
-                    self.assembly.run_python(i)
-                else:
+                row = self.assembly.rows[i]
+                if j >= 0:
                     run_rows(at, i, j, clock_at)
+                elif is_due(int(self._clock["tick"]), row["every"], row["calls"], row["phase"]):
+                    self.assembly.run_python(i)
 
     def _move(self) -> None:
         """Move to the pose of the reference, on or above the ground."""

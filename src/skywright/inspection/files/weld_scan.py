@@ -7,6 +7,7 @@ from skywright.inspection.calibration import to_complex
 from skywright.inspection.files.nde import EddyScan
 from skywright.inspection.weld_data import WeldReport
 from skywright.models.eddy_current import Instrument
+from skywright.recordings.period import compute_period
 
 WALL = 0.01
 """m; assumed, because the format requires a wall and a world's pipe has none."""
@@ -24,6 +25,6 @@ def build_eddy_scan(report: WeldReport) -> EddyScan:
     t = scan.t[placed]
     return EddyScan(
         to_complex(scan.ec[placed])[None, :], np.column_stack([result.s, result.c])[placed],
-        np.zeros((1, 2)), Instrument().frequency, 1.0, 1.0 / float(np.median(np.diff(t))), WALL,
+        np.zeros((1, 2)), Instrument().frequency, 1.0, 1.0 / compute_period(t), WALL,
         ("simulated absolute coil", ""), True,
     )  # fmt: skip

@@ -8,6 +8,7 @@ raises on received data, and memory is bounded.
 from __future__ import annotations
 
 import ipaddress
+import os
 import socket
 import time
 from collections import Counter
@@ -317,9 +318,16 @@ class SerialWire:
     def send(self, data: bytes, address: Any) -> None:
         """Send a packet; one that does not fit is dropped as a whole."""
         try:
-            self._rest = send_whole(self._port.write, self._rest, data)
+            self._rest = send_whole(self._write, self._rest, data)
         except self._failed:
             self._rest = b""
+
+    def _write(self, data: bytes) -> int:
+        """Write what fits; pyserial's write waits for room even if its time-out is 0."""
+        try:
+            return os.write(self._port.fileno(), data)
+        except BlockingIOError:
+            return 0
 
     def close(self) -> None:
         """Close the port."""

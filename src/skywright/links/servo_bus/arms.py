@@ -203,9 +203,14 @@ class ServoFlight:
             print("\n".join(self.describe()), file=sys.stderr, flush=True)
 
     def describe(self) -> list[str]:
-        """Return lines about the bus: torque, slowest round of readings, dropped data."""
+        """Return lines about the bus: last known torque, slowest round of readings, dropped data."""
+        off = [i for i, s in self._worker.read().items() if not s.status.torque]
+        if off:
+            torque = f"torque is off at servo {', '.join(map(str, off))} and stays on elsewhere"
+        else:
+            torque = "torque stays on; the servos hold their last goals"
         lines = [
-            "servo bus: torque stays on; the servos hold their last goals",
+            f"servo bus: {torque}",
             f"servo bus: a round of readings took at most {1e3 * self.cycle_max_s:.0f} ms",
         ]
         if self.stale:

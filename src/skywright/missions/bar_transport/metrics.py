@@ -11,6 +11,7 @@ from skywright.description.world.scenario import get_structures
 from skywright.missions.bar_transport.task import BarTransport
 from skywright.models.geometry import compute_area_clearance, compute_clearance
 from skywright.recordings.columns import has_columns
+from skywright.recordings.period import compute_period
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.setup import Setup
@@ -52,7 +53,7 @@ def compute_metrics(run: Flown[Any, None]) -> dict[str, float]:
     if not np.any(mask):
         return out
     s = samples[mask]
-    dt = float(np.median(np.diff(s["t"]))) if len(s) > 1 else 0.0
+    dt = compute_period(s["t"])
     hits = s["f_collision"] > 0.0
     for force in ("left_f_W", "right_f_W"):
         if has_columns(s, force):

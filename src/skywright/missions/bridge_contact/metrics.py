@@ -32,6 +32,7 @@ from skywright.missions.skills.surveyed_structure import (
 )
 from skywright.models.drawing import rotate_vectors
 from skywright.recordings.columns import has_columns
+from skywright.recordings.period import compute_period
 from skywright.run.flight import INTERRUPTS, Flown, PhaseRecord, is_interrupted
 from skywright.run.kind import Measures
 from skywright.run.metrics import OFF_SURFACE
@@ -128,7 +129,7 @@ def compute_metrics(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
     if np.any(sliding):
         s = samples[sliding]
         out["slide.rms_error_n"] = _judge_force(s, "force")["force.rms_error_n"]
-        out["slide.lost_s"] = float(np.median(np.diff(s["t"]))) * float(
+        out["slide.lost_s"] = compute_period(s["t"]) * float(
             np.count_nonzero(s["gap_max"] > OFF_SURFACE)
         )
         if has_columns(s, "off_s"):

@@ -236,8 +236,8 @@ def _count_matches(away: list[Array]) -> int:
 def _find_line_distance(weld: WeldResult, k: int, true: Cylinder, curve: WeldCurve) -> float:
     """Return the largest distance (m) of a line from a weld, between its outermost crossings."""
     line = weld.lines[k]
-    at = np.array([[x.s - line.s, x.c - line.c] for x in weld.list_crossings(k)] or [[0.0, 0.0]])
-    ways = at @ [math.sin(line.angle), math.cos(line.angle)]
+    at = np.array([[x.s, x.c] for x in weld.list_crossings(k)] or [[line.s, line.c]])
+    ways = line.find_ways(at[:, 0], at[:, 1])
     p, _ = roll_points(weld.surface, *line.follow(np.linspace(ways.min(), ways.max(), 21)))
     s, c, _ = unroll_points(true, p)
     return float(np.max(np.abs(curve.measure_distance(s, c))))

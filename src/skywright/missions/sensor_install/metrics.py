@@ -27,6 +27,7 @@ from skywright.missions.skills.surveyed import (
 )
 from skywright.models.rigid_body import compute_kinematics
 from skywright.models.things.tape import Tape
+from skywright.recordings.period import compute_period
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.setup import Setup
@@ -237,8 +238,7 @@ def _judge_tape(samples: NDArray[Any], normal: Array, up: Array, world: World) -
 
 
 def _duration(samples: NDArray[Any], mask: Mask) -> float:
-    dt = float(np.median(np.diff(samples["t"])))
-    return dt * float(np.count_nonzero(mask))
+    return compute_period(samples["t"]) * float(np.count_nonzero(mask))
 
 
 def _rms(error: Array) -> float:

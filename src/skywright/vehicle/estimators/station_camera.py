@@ -141,7 +141,9 @@ class StationCamera(Estimator):
         fill_strapdown(me, context)
         prism, camera = context.robot.prism, context.robot.tracking_camera
         me.p_BP = [prism.x_m, prism.y_m, prism.z_m]
-        me.lag = compute_lag(context.world.total_station, camera.rate_hz, me.h)
+        finder = context.robot.range_finder
+        rate = camera.rate_hz if finder is None else max(camera.rate_hz, finder.rate_hz)
+        me.lag = compute_lag(context.world.total_station, rate, me.h)
         me.r_odo = max(camera.noise_m, 1e-5) ** 2
         me.r_odo_R = max(camera.attitude_noise_rad, 1e-5) ** 2
         drift = DriftModel(0.0, 0.0, 0.0, 0.0)
@@ -226,19 +228,19 @@ class StationCamera(Estimator):
         fill_deviation(me, me.P_full, body.gravity, state)
 
 
-def compute_lag(station: Any, camera_rate: float, h: float) -> float:
+def compute_lag(station: Any, rate: float, h: float) -> float:
     """Return the lag (s) of the horizon for the latency of a `station` (its table).
 
-    The stored inertial samples, of period `h` (s), and camera samples limit it. Raises InputError
-    if the mean latency exceeds the limit.
+    The stored inertial samples, of period `h` (s), and those of the faster one of camera and range
+    finder, at `rate` (Hz), limit it. Raises InputError if the mean latency exceeds the limit.
     """
-    stored = min((IMU_HISTORY - 2 * COVARIANCE_STEP) * h, PENDING / camera_rate)
+    stored = min((IMU_HISTORY - 2 * COVARIANCE_STEP) * h, PENDING / rate)
     most = stored - 2.0 * FUSE_EVERY
     low, mean = station.latency_min_s, station.latency_mean_s
     if mean > most:
         raise InputError(
             f"world.total_station.latency_mean_s = {mean:g}; this robot's estimator stores the "
-            f"samples of the inertial unit and the camera for {stored:.2f} s, so at most "
+            f"samples of its sensors for {stored:.2f} s, so at most "
             f"{most:.2f} is valid; give a shorter latency"
         )
     return float(min(low + LAG * (mean - low), most))

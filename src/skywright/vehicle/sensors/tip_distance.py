@@ -64,22 +64,27 @@ class TipDistance(Sensor):
             )
         me.low, me.high = table.range_min_m, table.range_max_m
         me.sigma, me.lsb, me.distance = table.noise_m, table.resolution_m, math.inf
-        self._dt, self._due = context.dt, 0.0
-        self._period = max(round(1.0 / (table.rate_hz * self._dt)), 1) * self._dt  # whole ticks
+        self._dt, self._due = context.dt, 0  # of the next sample: its number
+        self._period = max(1.0 / (table.rate_hz * self._dt), 1.0)  # control ticks
         self._me, self._data = me, context.sim.data
         self._sight = Sight(context.scene, self._data)
 
     def before_tick(self, t: float, n_ticks: int) -> None:
         """Cast the ray if a sample is due in this mission tick."""
-        if t + n_ticks * self._dt <= self._due + 1e-9:
+        end = round(t / self._dt) + n_ticks
+        if not self._is_before(end):
             return
-        while self._due < t + n_ticks * self._dt - 1e-9:
-            self._due += self._period
+        while self._is_before(end):
+            self._due += 1
         axis = np.array(self._data.site_xmat[self._site].reshape(3, 3)[:, 2])
         self._me.distance = self._sight.measure(np.array(self._data.site_xpos[self._site]), axis)
 
+    def _is_before(self, tick: int) -> bool:
+        """Return whether the next sample is due in a control tick before `tick`."""
+        return math.ceil(self._due * self._period - 1e-6) < tick
+
     def save(self) -> Any:
-        """Return when the next sample is due."""
+        """Return the number of the next sample."""
         return self._due
 
     def restore(self, saved: Any) -> None:
