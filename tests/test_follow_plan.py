@@ -14,7 +14,9 @@ from skywright.core.rotations import rot_z
 from skywright.description.loader import load_description
 from skywright.description.robot.loader import load_robot
 from skywright.errors import InputError
+from skywright.missions.skills import plan_flight
 from skywright.missions.skills.plan_flight import (
+    PRECISION,
     RESOLUTION,
     find_closest,
     load_checked_plan,
@@ -172,6 +174,39 @@ def test_the_closest_pose_is_that_of_a_dense_search() -> None:
         q = (1 - u) * plan.q[0] + u * plan.q[1]
         dense = min(dense, compute_clearance(setup.clearance, p[:3], rot_z(p[3]), q).distance)
     assert find_closest(plan, setup)[0] == pytest.approx(dense, abs=RESOLUTION / 2)
+
+
+@pytest.mark.parametrize("seed", [None, 1])
+def test_the_check_of_a_level_plan_takes_few_queries(
+    monkeypatch: pytest.MonkeyPatch, seed: int | None
+) -> None:
+    """100 m in 51 rows at a constant distance; random structures are drawn once."""
+    t = np.linspace(0.0, 200.0, 51)
+    pose, none = np.zeros((51, 4)), np.zeros((51, 0))
+    pose[:, 0], pose[:, 2] = np.linspace(20.0, 120.0, 51), 2.0
+    zeros = np.zeros((51, 4))
+    plan = PlanFile("hexarotor", "open", 1, (), t, pose, zeros, zeros, none, none, {})
+    setup = Setup(load_description("waypoints", sets={"world.scenario_seed": seed} if seed else {}))
+    assert setup.planning_scene and setup.clearance  # built before the calls are counted
+    calls = {"compute_clearance": 0, "get_structures": 0}
+
+    def count(name: str) -> None:
+        real = getattr(plan_flight, name)
+
+        def counted(*values: object) -> object:
+            calls[name] += 1
+            return real(*values)
+
+        monkeypatch.setattr(plan_flight, name, counted)
+
+    for name in calls:
+        count(name)
+    distance, _ = find_closest(plan, setup)
+    assert calls["get_structures"] == 1
+    if seed is None:
+        foot = compute_clearance(setup.clearance, pose[0, :3], np.eye(3), none[0]).distance
+        assert distance == pytest.approx(foot) and foot > 0.5
+        assert calls["compute_clearance"] <= 51 + 2 * 100.0 / (2.0 * PRECISION * foot)
 
 
 def test_a_plan_stays_in_the_area_of_the_world(tmp_path: Path) -> None:

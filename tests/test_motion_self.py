@@ -14,12 +14,22 @@ from skywright.models.kinematic_tree import build_planning_scene, build_shapes
 from skywright.models.rigid_body import posture
 from skywright.models.scene import build_scene
 from skywright.models.self_contact import find_self_contact
+from skywright.planning.motion import transit
 from skywright.planning.motion.connect import TREE_SIZE, connect
+from skywright.planning.motion.edges import pair_distance, place_shapes
 from skywright.planning.motion.improve import MAX_ROWS
 from skywright.planning.motion.pairs import PAIR_SELF
 from skywright.planning.motion.rng import build_state
 from skywright.planning.motion.space import build_scratch
-from skywright.planning.motion.transit import Configuration, Transit, _build_blend, plan_transit
+from skywright.planning.motion.transit import (
+    SLACK,
+    UNCHECKED,
+    Configuration,
+    Transit,
+    _build_blend,
+    describe_pair,
+    plan_transit,
+)
 from skywright.planning.motion.transport import build_transport
 from skywright.planning.shapes import Sphere, _build_row
 
@@ -96,15 +106,91 @@ def test_regular_postures_touch_nothing(name: str) -> None:
         assert not find_self_contact(scene.contacts, posture(r, name)[None])
 
 
+def find_margins(postures: tuple[Configuration, Configuration], keep: float) -> np.ndarray:
+    """(k, 2) m, least distance at the ends and margin of the pairs of parts closer than `keep`."""
+    moving = list(range(len(postures[0].q)))
+    space, ends = _build_blend(SCENE, *postures, moving, 0.1, keep, None, 0.0)
+    scratch, out = build_scratch(space), []
+    distances = np.minimum(*(_measure_pairs(space, scratch, end) for end in ends))
+    for i in range(int(space[0]["n_pairs"])):
+        margin = float(space[0]["margin"][i])
+        if space[0]["pairs"][i, 2] == PAIR_SELF and margin < keep:
+            out.append((distances[i], margin))
+    return np.array(out)
+
+
+@njit
+def _measure_pairs(spaces, scratch, c):  # type: ignore[no-untyped-def]
+    space, k = spaces[0], scratch[0]
+    k.d[:] = 0.0
+    place_shapes(space, c, k.d, k)
+    out = np.zeros(space.n_pairs)
+    for i in range(space.n_pairs):
+        out[i] = pair_distance(space, k, i)
+    return out
+
+
 def test_parts_that_are_close_at_an_end_come_no_closer() -> None:
-    """The margin of a close pair is its own distance, not none at all."""
+    """The margin of a close pair is its own distance and `SLACK`.
+
+    Pairs without a margin have the axis of a link in the platform's box: they cannot come closer.
+    """
     folded, working = posture(ROBOT, "folded"), posture(ROBOT, "working")
     ends = Configuration(HERE, 0.0, folded), Configuration(HERE, 0.0, working)
-    space, _ = _build_blend(SCENE, *ends, list(range(len(folded))), 0.1, 0.5, None, 0.0)
-    count = int(space[0]["n_pairs"])
-    own = space[0]["pairs"][:count, 2] == PAIR_SELF
-    margins = space[0]["margin"][:count][own]
-    assert np.any(margins < 0.5) and np.all(margins > -0.1)
+    least, margins = find_margins(ends, 0.5).T
+    checked = margins > UNCHECKED
+    assert np.any(checked)
+    assert np.all(margins[checked] >= least[checked] - SLACK - 1e-12)
+    assert np.all(margins[checked] < least[checked]) and np.all(least[~checked] < 0.0)
+
+
+def test_parts_that_overlap_at_both_ends_are_planned_with_room_to_move() -> None:
+    """A folded arm reaches into the platform's box; the arm's shapes themselves are apart.
+
+    No margin is within less than `SLACK` of the distance: edges would be divided finely.
+    """
+    folded = posture(ROBOT, "folded")
+    bent = folded + 0.05
+    a, b = Configuration(HERE, 0.0, folded), Configuration(HERE + [2.0, 0.0, 0.0], 0.0, bent)
+    margins = find_margins((a, b), 0.02)
+    assert np.any(margins[:, 0] < 0.0)
+    assert np.all(margins[:, 1] <= margins[:, 0] - SLACK + 1e-12) and SLACK >= 0.01
+    way = plan_transit(SCENE, a, b, np.random.default_rng(1), 0.1)
+    assert way.blocked_by is None and len(way.q) == 2
+
+
+def test_a_lowered_margin_is_reported_by_its_meaning() -> None:
+    folded = posture(ROBOT, "folded")
+    ends = Configuration(HERE, 0.0, folded), Configuration(HERE, 0.0, folded + 0.05)
+    space, _ = _build_blend(SCENE, *ends, list(range(len(folded))), 0.1, 0.3, None, 0.0)
+    own = [i for i in range(int(space[0]["n_pairs"])) if space[0]["pairs"][i, 2] == PAIR_SELF]
+    lowered = [i for i in own if space[0]["margin"][i] < 0.3]
+    rest = [i for i in own if space[0]["margin"][i] >= 0.3]
+    for i in lowered:
+        found = describe_pair(space, SCENE, i, "mission.clearance_m", 0.3)
+        assert found.endswith(" come closer than at the start or the goal")
+    assert lowered and rest
+    assert "closer than 0.3 m (twice mission.self_clearance_m" in describe_pair(
+        space, SCENE, rest[0], "mission.clearance_m", 0.3
+    )
+
+
+def test_corners_stay_where_parts_touch_without_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The path before its corners are removed is free; its own cost and clearance belong to it."""
+    robot = load_robot("othex")[0]
+    scene = build_planning_scene(build_scene(robot, OPEN), robot)
+    row = _build_row(0, Sphere((3.0, 0.0, 3.0), 1.0))
+    scene = scene._replace(world=build_shapes([row]), world_names=("sphere",))
+    q = posture(robot, "folded")
+    ends = Configuration(HERE, 0.0, q), Configuration(HERE + [6.0, 0.0, 0.0], 0.0, q)
+    monkeypatch.setattr(transit, "_drop", lambda _space, _scratch, rows: (2, 6.0))
+    monkeypatch.setattr(transit, "_find_touch", lambda *a: "a and b" * (len(a[2]) == 2))
+    way = plan_transit(scene, *ends, np.random.default_rng(1), 0.1)
+    assert way.blocked_by is None and len(way.p_WB) > 2
+    assert way.cost > 6.0 and way.clearance >= 0.1 - 1e-9
+    monkeypatch.setattr(transit, "_find_touch", lambda *a: "a and b" * (len(a[2]) > 1))
+    way = plan_transit(scene, *ends, np.random.default_rng(1), 0.1)
+    assert str(way.blocked_by).endswith("obstacle: a and b of the robot touch")
 
 
 def test_a_bar_in_both_hands_is_no_obstacle_for_the_second_arm() -> None:

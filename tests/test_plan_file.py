@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import errno
+import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +62,32 @@ def test_files_that_are_no_plan_are_not_replaced(tmp_path: Path) -> None:
     check_replaceable(tmp_path / "again.csv")
     write_plan_file(tmp_path / "again", build_plan(3.0))
     assert load_plan_file(tmp_path / "again").pose[0, 2] == 3.0
+
+
+@pytest.mark.parametrize("name", [".", "", "..", "/"])
+def test_a_path_without_a_name_is_refused(name: str) -> None:
+    for use in (name_files, check_replaceable, load_plan_file):
+        with pytest.raises(InputError, match=rf"'{re.escape(name)}' names no plan file; valid: NA"):
+            use(name)
+
+
+def test_files_that_cannot_be_read_are_not_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files = write_plan_file(tmp_path / "p", build_plan())
+
+    def fail(*_: Any, **__: Any) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "open", fail)
+        with pytest.raises(InputError, match=r"p\.csv: already exists and cannot be read \(Perm"):
+            check_replaceable(tmp_path / "p")
+    check_replaceable(tmp_path / "p")
+    files[1].unlink()
+    os.mkfifo(files[1])  # opening it would block
+    with pytest.raises(InputError, match=r"p\.toml: is a device or pipe"):
+        check_replaceable(tmp_path / "p")
 
 
 def test_the_command_refuses_a_file_of_its_user_before_it_plans(

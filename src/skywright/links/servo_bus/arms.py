@@ -203,7 +203,7 @@ class ServoFlight:
             print("\n".join(self.describe()), file=sys.stderr, flush=True)
 
     def describe(self) -> list[str]:
-        """Return lines about the bus: last known torque, slowest round of readings, dropped data."""
+        """Return lines about the bus: last known torque, slowest round of readings, losses."""
         off = [i for i, s in self._worker.read().items() if not s.status.torque]
         if off:
             torque = f"torque is off at servo {', '.join(map(str, off))} and stays on elsewhere"

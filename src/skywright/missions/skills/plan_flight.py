@@ -25,6 +25,7 @@ from skywright.vehicle.drives import TURN_MAX
 TOLERANCE = 0.05  # fraction by which a plan may exceed a robot's limit
 NEAR_M, NEAR_RAD = 0.05, 0.05  # largest distance of the plan's start from the mission's
 RESOLUTION = 0.005  # m, motion of a point between two poses that are checked for contact
+PRECISION = 0.05  # fraction by which the smallest distance found may exceed the true one
 
 
 def load_plan_description(
@@ -155,33 +156,40 @@ def find_closest(plan: PlanFile, setup: Setup[Any]) -> tuple[float, str]:
 
     The limits of the world's area count. Between rows the platform's position and all angles are
     linear, as in flight. Two poses are halved until no point of the robot moves by more than
-    `RESOLUTION` between them, unless the distances at both exclude a smaller one: a distance
-    changes at most by as much as the points move.
+    `RESOLUTION` between them, unless the distances at both exclude contact and one that is smaller
+    by more than `PRECISION`: a distance changes at most by as much as the points move.
     """
-    scene = setup.planning_scene
+    scene, query = setup.planning_scene, setup.clearance
+    limits = _list_limits(setup)
     reach = float(np.max(compute_reach(scene.tree, scene.robot)[0] + scene.robot.radius))
     rows = np.column_stack([plan.pose, plan.q])
     best = (math.inf, "")
 
     def measure(t: float, row: Array) -> float:
         nonlocal best
-        distance, what = _measure_pose(setup, row)
+        found = compute_clearance(query, row[:3], rot_z(float(row[3])), row[4:])
+        room = math.inf if limits is None else compute_area_clearance(query, setup.scene, limits)
+        distance = min(found.distance, room)
         if distance < best[0]:
-            best = distance, f"{what} at t = {t:.2f} s"
+            names = [query.names[g] for g in (found.robot_geom, found.other_geom) if g >= 0]
+            if room < found.distance:
+                names = ["the robot", "the limits of world.area"]
+            best = distance, f"{' and '.join(names)} at t = {t:.2f} s"
         return distance
 
-    found = [measure(t, row) for t, row in zip(plan.t, rows, strict=True)]
+    ways = [measure(t, row) for t, row in zip(plan.t, rows, strict=True)]
     spans = [
-        (*two, *at, *ways)
-        for two, at, ways in zip(
-            itertools.pairwise(plan.t), itertools.pairwise(rows), itertools.pairwise(found),
+        (*two, *at, *distances)
+        for two, at, distances in zip(
+            itertools.pairwise(plan.t), itertools.pairwise(rows), itertools.pairwise(ways),
             strict=True,
         )
     ]  # fmt: skip
     while spans:
         t0, t1, a, b, d0, d1 = spans.pop()
         moved = float(np.linalg.norm(b[:3] - a[:3]) + reach * np.sum(np.abs(b[3:] - a[3:])))
-        if moved <= RESOLUTION or 0.5 * (d0 + d1 - moved) >= best[0]:
+        smallest = 0.5 * (d0 + d1 - moved)  # that the span may have
+        if moved <= RESOLUTION or smallest >= min(best[0], (1.0 - PRECISION) * best[0]):
             continue
         t, row = 0.5 * (t0 + t1), 0.5 * (a + b)
         d = measure(t, row)
@@ -189,17 +197,11 @@ def find_closest(plan: PlanFile, setup: Setup[Any]) -> tuple[float, str]:
     return best
 
 
-def _measure_pose(setup: Setup[Any], row: Array) -> tuple[float, str]:
-    """Return the distance (m) of a pose (x, y, z, yaw, q) to world and area, and between what."""
-    query = setup.clearance
-    found = compute_clearance(query, row[:3], rot_z(float(row[3])), row[4:])
-    names = [query.names[g] for g in (found.robot_geom, found.other_geom) if g >= 0]
+def _list_limits(setup: Setup[Any]) -> Array | None:
+    """Return the limits (3, 2) m of the world's area in W; None without an area."""
     area = get_structures(setup.world).area
-    if area is not None:
-        limits = np.array([
-            [area.x_min_m, area.x_max_m], [area.y_min_m, area.y_max_m], [-math.inf, area.z_max_m],
-        ])  # fmt: skip
-        room = compute_area_clearance(query, setup.scene, limits)
-        if room < found.distance:
-            return room, "the robot and the limits of world.area"
-    return found.distance, " and ".join(names)
+    if area is None:
+        return None
+    return np.array([
+        [area.x_min_m, area.x_max_m], [area.y_min_m, area.y_max_m], [-math.inf, area.z_max_m],
+    ])  # fmt: skip

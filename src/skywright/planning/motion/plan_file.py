@@ -59,23 +59,41 @@ def list_columns(joints: Sequence[str]) -> list[str]:
 
 
 def name_files(path: str | os.PathLike[str]) -> tuple[Path, Path]:
-    """Return the names NAME.csv and NAME.toml of a plan file, given either of them or NAME."""
+    """Return the names NAME.csv and NAME.toml of a plan file, given either of them or NAME.
+
+    Raises InputError if the path has no name, such as "." or "/".
+    """
     base = Path(path)
+    if base.name in ("", ".."):
+        raise InputError(
+            f"{os.fspath(path)!r} names no plan file; valid: NAME, NAME.csv or NAME.toml, with a "
+            "folder before it if needed"
+        )
     if base.suffix in (".csv", ".toml"):
         base = base.with_name(base.stem)
     return base.with_name(base.name + ".csv"), base.with_name(base.name + ".toml")
 
 
 def check_replaceable(path: str | os.PathLike[str]) -> None:
-    """Raise InputError if writing the plan file `path` would replace a file that is no plan."""
+    """Raise InputError if writing the plan file `path` would replace a file that is no plan.
+
+    Files that cannot be read count as such.
+    """
     table, head = name_files(path)
     for file in (table, head):
         if not file.exists():
             continue
-        if file.is_dir():
-            raise InputError(f"{file}: is a folder; give another name")
-        with file.open("rb") as stream:
-            text = stream.read(LARGEST_TOML).decode(errors="replace")
+        if not file.is_file():
+            kind = "folder" if file.is_dir() else "device or pipe"
+            raise InputError(f"{file}: is a {kind}; give another name")
+        try:
+            with file.open("rb") as stream:
+                text = stream.read(LARGEST_TOML).decode(errors="replace")
+        except OSError as error:
+            raise InputError(
+                f"{file}: already exists and cannot be read ({error.strerror or error}); give "
+                "another name"
+            ) from None
         try:
             if file == table:
                 is_plan = text.startswith(",".join(("t_s", *POSE)))

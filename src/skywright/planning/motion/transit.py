@@ -42,7 +42,9 @@ STEP = 0.01  # m of cost (6), between the samples of the reported clearance
 STILL = 1e-6  # rad, below which a joint does not move
 CORNER = 0.8
 UNCHECKED = -1e3  # m, margin of a pair that is not checked
-SLACK = 1e-3  # m, by which parts that are close at an end may come closer on the path
+SLACK = 0.01
+"""m, by which parts that are close at an end may come closer on the path. Where the distance is
+constant, an interval of the edge check covers at most this motion."""
 TOUCH_Q = 0.01  # rad, sum over the joints, between the postures checked for contact of parts
 
 
@@ -83,7 +85,8 @@ def plan_transit(
     """Plan from `start` to `goal`, `margin` (m) from world and ground, no lower than `low_z` (m).
 
     `key` names the input that sets the margin; the robot's parts keep `margin_self` (m) apart.
-    Parts that are closer than that at an end do not come closer on the path, and do not touch.
+    Parts that are closer than that at an end come at most `SLACK` closer on the path, and do not
+    touch.
 
     If possible, the path keeps `wanted` (m) or half of it, except at corners: a corner is removed
     if the rest keeps `CORNER` of it, because a flight slows down at each corner. `passive` names a
@@ -118,43 +121,48 @@ def plan_transit(
         keep = margin
         space, ends = _build_free(scene, start, goal, driven, margin, margin_self, passive, low_z)
         path = plan_path(space, ends[0], ends[1], rng, slices=slices)
+        touch = _find_touch(scene, space, path.rows, margin_self)
     if path.blocked >= 0:
         k = int(check_state(space, ends[0], build_scratch(space)))  # the blocked end
         why = f"{('start', 'goal')[k]}: {describe_pair(space, scene, path.blocked, key)}"
-        near = _finish(space, path._replace(rows=ends[[k, k]]), margin)[2]
+        near = _measure_clearance(space, ends[[k, k]])
         return refuse(f"{why}, {near:.3f} m" if near < margin else why)
     if not len(path.rows):
-        often = describe_pair(space, scene, int(np.argmax(path.hits)), key)
+        often = describe_pair(space, scene, int(np.argmax(path.hits)), key, margin_self)
         return refuse(f"no path found; most frequent obstacle: {often}")
-    rows, cost, clearance = _finish(space, path, max(margin, CORNER * keep))
-    touch = _find_touch(scene, space, rows, margin_self)
+    rows, cost = path.rows, path.cost
+    short, lower = _shorten(space, path, max(margin, CORNER * keep))
+    # if parts touch on the shorter path, the corners lead one part around another
+    if len(short) < len(rows) and not _find_touch(scene, space, short, margin_self):
+        rows, cost, touch = short, lower, ""
     if touch:
         return refuse(f"no path found; most frequent obstacle: {touch} of the robot touch")
     u = space[0]["offset"] + rows @ space[0]["map"][:, : rows.shape[1]].T
     return Transit(
-        u[:, :3], u[:, YAW], u[:, JOINT0 : JOINT0 + joints], cost, clearance, None,
-        time.perf_counter() - began,
+        u[:, :3], u[:, YAW], u[:, JOINT0 : JOINT0 + joints], cost,
+        _measure_clearance(space, rows), None, time.perf_counter() - began,
     )  # fmt: skip
 
 
-def _finish(space: Space, path: Path, margin: float) -> tuple[Array, float, float]:
-    """Remove the corners that `margin` (m) does not require; return rows, cost and clearance (m).
-
-    The clearance is the smallest distance to anything except the robot itself; NaN without a path.
-    """
-    if not len(path.rows):
-        return path.rows, math.inf, math.nan
-    looser, bare = space.copy(), space.copy()
+def _shorten(space: Space, path: Path, margin: float) -> tuple[Array, float]:
+    """Remove the corners that `margin` (m) does not require; return rows and cost."""
+    looser = space.copy()
     kept = space[0]["margin"]
     own = space[0]["pairs"][:, 2] == PAIR_SELF
     looser[0]["margin"] = np.where(own, kept, np.minimum(kept, margin))
-    bare[0]["margin"] = np.where(own, UNCHECKED, 0.0)
-    rows, cost, scratch = path.rows.copy(), path.cost, build_scratch(space)
-    if len(rows) > 2:
-        count, cost = _drop(looser, scratch, rows)
-        rows = rows[:count]
-    distance, pair = sample_reserve(bare, scratch, rows, STEP)
-    return rows, float(cost), float(distance) if pair >= 0 else math.inf
+    rows = path.rows.copy()
+    if len(rows) <= 2:
+        return rows, path.cost
+    count, cost = _drop(looser, build_scratch(space), rows)
+    return rows[:count], float(cost)
+
+
+def _measure_clearance(space: Space, rows: Array) -> float:
+    """Return the smallest distance (m) on a path to anything except the robot itself."""
+    bare = space.copy()
+    bare[0]["margin"] = np.where(space[0]["pairs"][:, 2] == PAIR_SELF, UNCHECKED, 0.0)
+    distance, pair = sample_reserve(bare, build_scratch(space), rows, STEP)
+    return float(distance) if pair >= 0 else math.inf
 
 
 @njit(cache=True, error_model="numpy")
@@ -215,8 +223,8 @@ def _excuse_ends(
 ) -> tuple[Space, Array]:  # fmt: skip
     """Build the space; parts of the robot that are close at an end may be as close on the path.
 
-    Shapes are coarse: the platform is one box, and a folded arm may lie inside it. Where the axis
-    of a link is inside the box, its distance is constant; `_find_touch` then checks the path.
+    Shapes are coarse: the platform is one box, and a folded arm may lie inside it. `_find_touch`
+    checks the path of such parts.
     """
     space = build_space(
         scene, coordinates, fixed, margin=margin, margin_self=margin_self, passive=passive
@@ -228,7 +236,11 @@ def _excuse_ends(
 
 @njit(cache=True, error_model="numpy")
 def _lower_margins(spaces: Space, scratch: Scratch, c: Array) -> None:
-    """Lower the margins of the robot's parts that are closer at c, to `SLACK` below that."""
+    """Lower the margins of the robot's parts that are closer at c, to `SLACK` below that.
+
+    Parts whose cores are within `SLACK` are not checked: a link's axis inside a box has the
+    smallest distance that there is.
+    """
     space, k = spaces[0], scratch[0]
     k.d[:] = 0.0
     place_shapes(space, c, k.d, k)
@@ -236,7 +248,9 @@ def _lower_margins(spaces: Space, scratch: Scratch, c: Array) -> None:
         if space.pairs[i, 2] == PAIR_SELF:
             distance = pair_distance(space, k, i)
             if distance < space.margin[i]:
-                space.margin[i] = distance - SLACK
+                overlap = space.s_radius[space.pairs[i, 0]] + space.s_radius[space.pairs[i, 1]]
+                low = distance - SLACK
+                space.margin[i] = low if low > -overlap else UNCHECKED
 
 
 def _find_touch(scene: PlanningScene, space: Space, rows: Array, margin_self: float) -> str:
@@ -261,8 +275,13 @@ def _find_touch(scene: PlanningScene, space: Space, rows: Array, margin_self: fl
     return find_self_contact(scene.contacts, u[:, JOINT0:])
 
 
-def describe_pair(space: Space, scene: PlanningScene, pair: int, key: str) -> str:
-    """Return which two things are closer than their margin, which `key` sets."""
+def describe_pair(
+    space: Space, scene: PlanningScene, pair: int, key: str, margin_self: float = 0.0
+) -> str:
+    """Return which two things are closer than their margin, which `key` sets.
+
+    Parts of the robot with a margin below `margin_self` (m) are those that are close at an end.
+    """
     a, b, kind = (int(x) for x in space[0]["pairs"][pair])
     names = [*scene.names, "bar"]  # the carried bar comes last
     margin = float(space[0]["margin"][pair])
@@ -272,5 +291,7 @@ def describe_pair(space: Space, scene: PlanningScene, pair: int, key: str) -> st
         other = "the ground" if b == 4 else f"the area's limit in {'xyz'[b // 2]}"
     else:
         other, key = names[b], f"twice {BETWEEN_PARTS}: shapes are coarse"
-    told = f" ({key})" if key else ""
-    return f"{names[a].removesuffix(' shell')} and {other} come closer than {margin:.3g} m{told}"
+    closer = f"{names[a].removesuffix(' shell')} and {other} come closer than"
+    if kind == PAIR_SELF and margin < margin_self:
+        return f"{closer} at the start or the goal"
+    return f"{closer} {margin:.3g} m" + (f" ({key})" if key else "")
