@@ -9,6 +9,7 @@ import signal
 import tracemalloc
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -199,7 +200,8 @@ def test_metrics_of_a_run_are_read_by_their_type(
     }  # fmt: skip
     for file in FILES:
         (tmp_path / file).write_text("")
-    monkeypatch.setattr("skywright.run.directory.read_recording", lambda _: None)
+    whole = SimpleNamespace(samples=[], events=[], complete=True)
+    monkeypatch.setattr("skywright.run.directory.read_recording", lambda _: whole)
 
     def load(value: dict[str, Any]) -> Any:
         (tmp_path / "metrics.json").write_text(json.dumps(value))

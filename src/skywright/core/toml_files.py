@@ -132,7 +132,7 @@ def _read_source(wrapper: Mapping[str, Any], key: str, label: str) -> Source:
     if (
         not isinstance(bounds, list)
         or len(bounds) != 2
-        or not all(_is_number(b) and abs(b) < 1e300 for b in bounds)
+        or not all(_is_number(b) and abs(b) < 2**1024 for b in bounds)
         or bounds[0] > bounds[1]
     ):
         raise InputError(
@@ -157,7 +157,7 @@ def iterate_numbers(value: object) -> Iterator[float]:
         for child in value:
             yield from iterate_numbers(child)
     elif isinstance(value, int | float) and not isinstance(value, bool):
-        yield float(value) if abs(value) < 1e300 else math.inf  # whole numbers have no limit
+        yield float(value) if abs(value) < 2**1024 else math.inf  # an int has no limit
 
 
 def describe_value(value: object) -> str:
