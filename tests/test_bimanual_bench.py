@@ -114,6 +114,7 @@ def test_wrong_benches_are_told() -> None:
         (None, "open", [], "has no bench"),
         (None, None, ['mission.task.trials=["lift"]'], "trials"),
         (None, None, ["mission.task.trials=[]"], "trials"),
+        (None, None, ['mission.task.trials=["bar", "bar"]'], "a trial appears twice"),
         (None, None, ["mission.task.squeeze_n=-1"], "squeeze_n"),
     ):
         with pytest.raises(InputError, match=found):

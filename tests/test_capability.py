@@ -382,6 +382,21 @@ def test_too_heavy_robot_is_refused_with_numbers(othex: Robot) -> None:
         check_can_fly(changed(othex, platform={"mass_kg": 6.0}))
 
 
+def test_a_larger_tilt_never_reduces_the_wind_that_is_held() -> None:
+    robot = load_robot("f550-bridge")[0]
+    limits = [
+        compute_capability(changed(robot, control={"tilt_max_deg": tilt})).wind_limit_tilted
+        for tilt in (9.5, 20.0)
+    ]
+    assert np.all(limits[1] > limits[0] - 0.05) and np.max(limits[1] - limits[0]) > 1.0
+
+
+def test_wind_does_not_end_the_tilt_of_an_omnidirectional_robot() -> None:
+    robot = load_robot("omnicopter")[0]
+    breath = compute_hover_tilt(robot, np.zeros(0), 9.81, wind=np.array([0.5, 0.0, 0.0]))
+    assert math.degrees(breath) > 85.0
+
+
 def test_the_lift_of_rotors_that_push_both_ways_is_stated() -> None:
     robot = changed(load_robot("omnicopter")[0], platform={"mass_kg": 20.0})
     with pytest.raises(InputError, match=r"weighs 196\.2 N .* at most (\S+) N at 95 %") as error:

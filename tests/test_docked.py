@@ -247,6 +247,21 @@ def test_sweep_passes_through_the_robot_itself() -> None:
     assert ratio == pytest.approx(math.cos(math.radians(30)) ** -3, rel=1e-9)
 
 
+def test_a_sweep_has_no_values_where_rotors_cannot_control() -> None:
+    """Without tilts all rotors of this robot turn the same way: yaw cannot be controlled."""
+    sweep = compute_tilt_sweep(load_robot("omnicopter")[0])
+    assert np.isnan(sweep.lateral_force[0]).all() and np.isfinite(sweep.lateral_force[30:]).any()
+
+
+def test_a_preload_is_part_of_the_thrusts_of_a_docked_robot() -> None:
+    gear, omni = load_robot("f550-bridge")[0], load_robot("omnicopter")[0]
+    layout = build_docked(gear.model_copy(update={"rotors": omni.rotors})).layout
+    assert np.min(layout.t_min) >= 0.0 and not np.any(layout.preload)
+    assert np.max(layout.t_max) == pytest.approx(
+        omni.rotors.thrust_fraction * omni.rotors.thrust_max_n
+    )
+
+
 def test_sweep_needs_a_tilt() -> None:
     with pytest.raises(InputError, match="parallel rotors"):
         tilt_rotors(load_robot("hexarotor")[0], 0.1)

@@ -206,6 +206,7 @@ def test_excitation_that_does_not_fit() -> None:
         (("mission.task.duration_s=8",), "too few frequencies"),
         (("mission.task.poses=[]",), "poses"),
         (('mission.task.poses=["up"]',), "folded"),
+        (('mission.task.poses=["folded", "working", "folded"]',), "a pose appears twice"),
         (("mission.task.tilt_deg=-1",), "tilt_deg"),
         (("mission.task.tilts_deg=1",), "tilt_deg"),
     ],

@@ -20,6 +20,7 @@ from skywright.description.robot.loader import load_robot
 from skywright.description.world.spec import World
 from skywright.description.world.things import locate_thing
 from skywright.errors import InputError
+from skywright.missions.impact import plan as impact_plan
 from skywright.missions.impact.metrics import find_end
 from skywright.models.arm_body import Deviation
 from skywright.models.rigid_body import build_body_model, compute_body
@@ -192,6 +193,17 @@ def test_the_link_touches_before_anything_else() -> None:
     tall = load_description("impact", robot="bimanual", sets=["world.things.bar.size_z_m=1.2"])
     blocked = plan_mission(tall)
     assert not blocked.feasible and "propeller" in str(blocked.blocked_by)
+
+
+def test_the_passive_link_is_no_part_of_the_arm(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its name begins with the letters of the probe's pen."""
+    d = load_description("impact", robot="bimanual-longreach", sets=["mission.task.part=arm"])
+    found = impact_plan._find_contact
+    monkeypatch.setattr(
+        impact_plan, "_find_contact", lambda *args: (found(*args)[0], "pendulum shell")
+    )
+    plan = plan_mission(d)
+    assert not plan.feasible and "pendulum shell would touch" in str(plan.blocked_by)
 
 
 def test_wrong_missions_are_told() -> None:

@@ -258,11 +258,16 @@ def _best_lean(
     """Return the wind limit (m,) at the best lean into the wind, up to `tilt_max`."""
     if not layout.full:
         return level
-    leans = np.linspace(0.0, tilt_max, 7)[1:]
-    limits = compute_wind_limits(
-        layout, body, np.tile(directions, 6), tilt_max, np.repeat(leans, len(directions))
-    )
-    return np.fmax(level, np.fmax.reduce(limits.reshape(6, -1), axis=0))
+    d = np.column_stack([np.cos(directions), np.sin(directions), np.zeros(len(directions))])
+
+    def holds(speed: Array) -> Mask:  # a lean that calm air does not balance may hold in wind
+        each = [
+            is_held(layout, *compute_hold(layout, body, speed[:, None] * d, lean=a), tilt_max)
+            for a in np.linspace(0.0, tilt_max, 7)
+        ]
+        return np.asarray(np.any(each, axis=0))
+
+    return np.fmax(level, compute_largest(holds, len(directions), FASTEST))
 
 
 def compute_wind_limit(capability: Capability, toward_deg: float) -> float:

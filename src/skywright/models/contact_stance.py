@@ -95,7 +95,8 @@ def find_free_stance(robot: Robot, facing: str) -> ContactStance:
         for i in np.flatnonzero(leans <= LEAN_MAX)
     ]
     if not found:
-        raise InputError(f"the arm of {robot.name!r} cannot point its probe {facing}wards")
+        way = "up" if facing == "down" else "ahead"
+        raise InputError(f"the arm of {robot.name!r} cannot point its probe {way}")
     farthest = max(reach for reach, _ in found)
     if facing == "down" and robot.docking is not None:
         top = farthest - BESIDE_FEET

@@ -102,9 +102,14 @@ def build_docked(
         ]
     )
     columns = [wrench_at(edge, foot) for foot in feet for edge in edges]
+    layout = build_layout(build_rotors(robot.rotors), fraction)
+    layout = layout._replace(  # absolute thrusts: a preload has no wrench
+        t_min=layout.t_min + layout.preload, t_max=layout.t_max + layout.preload,
+        preload=np.zeros_like(layout.preload),
+    )  # fmt: skip
     return DockedRobot(
-        robot, robot.docking, build_layout(build_rotors(robot.rotors), fraction),
-        build_body_model(robot, gravity), feet, np.array(columns).T, gravity, air_density,
+        robot, robot.docking, layout, build_body_model(robot, gravity), feet,
+        np.array(columns).T, gravity, air_density,
     )  # fmt: skip
 
 

@@ -1,5 +1,7 @@
 """Largest tilt of a robot that hovers in place, in every direction, in calm air or wind."""
 
+import math
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -11,7 +13,7 @@ from skywright.models.statics import Layout, build_layout, compute_tilt_limit
 from skywright.models.wind import DragBody, compute_drag, compute_largest
 
 AXES = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0]])
-TILT_CEILING = 0.8  # rad; upper bound of the search in wind
+TILT_CEILING = 0.5 * math.pi  # rad; upper bound of the search in wind, as in calm air
 
 
 def compute_hover_tilt(
@@ -39,7 +41,7 @@ def compute_hover_tilt(
         inside = (thrust >= layout.t_min - 1e-6) & (thrust <= layout.t_max + 1e-6)
         return np.asarray(inside.all(axis=1))
 
-    return float(np.min(compute_largest(holds, len(axes), TILT_CEILING)))
+    return float(np.min(compute_largest(holds, len(axes), TILT_CEILING, steps=50)))
 
 
 def _compute_thrust(layout: Layout, body: DragBody, wind: Array, turn: Array) -> Array:

@@ -112,7 +112,10 @@ def compute_tilt_sweep(
     power, payload = np.full(m, np.nan), np.full(m, np.nan)
     for i, tilt in enumerate(tilts):
         tilted = tilt_rotors(robot, float(tilt))
-        layout = build_layout(build_rotors(tilted.rotors), robot.rotors.thrust_fraction)
+        try:
+            layout = build_layout(build_rotors(tilted.rotors), robot.rotors.thrust_fraction)
+        except InputError:  # not controllable at this tilt
+            continue
         hover = compute_thrust(layout, level)
         if hover is None:
             continue

@@ -226,20 +226,21 @@ def _draw_loads(axes: Axes, c: Capability) -> None:
     axes.set_title("Rotor thrust in hover, between its limits", fontsize=11, fontweight="bold")
     n = len(c.hover_thrust)
     at = np.arange(1, n + 1)
-    full = c.layout.rotors.thrust_max
-    axes.bar(at, full - c.layout.t_max, bottom=c.layout.t_max, color="#eeeeee", width=0.62)
+    full, preload = c.layout.rotors.thrust_max, c.layout.preload
+    low, high = c.layout.t_min + preload, c.layout.t_max + preload
+    axes.bar(at, full - high, bottom=high, color="#eeeeee", width=0.62)
     colours = [BLUE if s > 0 else ORANGE for s in c.layout.rotors.spin]
     axes.bar(at, c.hover_thrust, color=colours, width=0.62)
     for i, thrust in zip(at, c.hover_thrust, strict=True):
         axes.text(float(i), thrust + 0.012 * full[0], f"{thrust:.1f}", ha="center", fontsize=9)
-    axes.axhline(c.layout.t_max[0], color=RED, lw=1.5, ls="--")
-    axes.axhline(c.layout.t_min[0], color=RED, lw=1.5, ls="--")
+    axes.axhline(high[0], color=RED, lw=1.5, ls="--")
+    axes.axhline(low[0], color=RED, lw=1.5, ls="--")
     axes.text(
-        0.45, c.layout.t_max[0], f"upper limit {c.layout.t_max[0]:.2f} N ", fontsize=8, color=RED,
+        0.45, high[0], f"upper limit {high[0]:.2f} N ", fontsize=8, color=RED,
         ha="left", va="bottom",
     )  # fmt: skip
     axes.text(
-        n + 0.55, c.layout.t_min[0], f"lower limit {c.layout.t_min[0]:.2f} N ", fontsize=8,
+        n + 0.55, low[0], f"lower limit {low[0]:.2f} N ", fontsize=8,
         color=RED, ha="right", va="bottom",
         bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.5},
     )  # fmt: skip
@@ -263,7 +264,8 @@ def _draw_polytope(axes: Axes, c: Capability) -> None:
     axes.axhline(weight, color=RED, lw=1.3, ls=":")
     axes.plot([0], [weight], "o", color=RED, markersize=6, label=f"hover: weight {weight:.1f} N")
     widest = max(5.0, float(np.abs(c.force_polytope[:, :2]).max())) * 1.15
-    axes.set(xlim=(-widest, widest), ylim=(0, 1.1 * float(c.force_polytope[:, 2].max())))
+    up = c.force_polytope[:, 2]
+    axes.set(xlim=(-widest, widest), ylim=(min(0.0, 1.1 * float(up.min())), 1.1 * float(up.max())))
     axes.set_xlabel("horizontal force (N), no torque about the centre of mass", fontsize=9)
     axes.set_ylabel("vertical force (N)", fontsize=9)
     axes.grid(color="#eeeeee")

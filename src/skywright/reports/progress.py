@@ -28,7 +28,7 @@ class Progress:
     """
 
     def __init__(self, *, quiet: bool = False, console: Console | None = None) -> None:
-        self._console = console or Console(stderr=True, highlight=False)
+        self._console = console or Console(stderr=True, highlight=False, markup=False, emoji=False)
         self._quiet = quiet
         self._bar: Bar | None = None
         self._task: TaskID | None = None
@@ -96,6 +96,6 @@ def announce_compilation(console: Console | None = None) -> bool:
     printed."""
     if is_compiled():
         return False
-    console = console or Console(stderr=True, highlight=False)
+    console = console or Console(stderr=True, highlight=False, markup=False, emoji=False)
     console.print("compiling (first run on this machine, about 40 s) ...", markup=False)
     return True

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 def new_console() -> Console:
     """Return a console; without a terminal it is wide and does not wrap."""
-    console = Console(highlight=False, soft_wrap=True)
+    console = Console(highlight=False, markup=False, emoji=False, soft_wrap=True)
     if not console.is_terminal:
-        console = Console(highlight=False, width=110, soft_wrap=True)
+        console = Console(highlight=False, markup=False, emoji=False, width=110, soft_wrap=True)
     return console
 
 

@@ -20,6 +20,7 @@ from skywright.analysis.campaign.spec import (
     DRAWING,
     Campaign,
     build_identity,
+    check_unchanged,
     check_variations,
     draw_run,
     load_run,
@@ -132,7 +133,7 @@ def run_campaign(
                 )
             if missing and not is_compiled():
                 bar.say("compiling (first run on this machine, about 40 s) ...")
-            tasks = _iterate_tasks(campaign, missing, record, folder)
+            tasks = _iterate_tasks(campaign, missing, record, folder, identity)
             with closing(_fly(tasks, count, ray)) as rows:
                 for row in rows:
                     if row.outcome == INTERRUPTED:
@@ -191,10 +192,14 @@ def _check_ray_workers(ray: str, workers: int | None) -> int | None:
 
 
 def _iterate_tasks(
-    campaign: Campaign, missing: list[int], record: str, folder: Path
+    campaign: Campaign, missing: list[int], record: str, folder: Path, identity: dict[str, Any]
 ) -> Iterator[Task]:
-    """Build the tasks one by one, when a worker requests the next."""
+    """Build the tasks one by one, when a worker requests the next.
+
+    Raises InputError if a file of the campaign has changed since its start.
+    """
     for run in missing:
+        check_unchanged(campaign, identity)
         one = draw_run(campaign, run)
         command = write_command(campaign, one)
         runs_folder = str((folder / "runs").resolve())

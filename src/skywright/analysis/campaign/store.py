@@ -65,7 +65,12 @@ class Store:
         except OSError:
             self._file.close()
             raise InputError(f"{folder}: another process is running this campaign") from None
-        self.rows = {row.run: row for row in self._load_journal()}
+        try:
+            check_folder(folder, identity)  # another campaign may have begun here since
+            self.rows = {row.run: row for row in self._load_journal()}
+        except BaseException:
+            self._file.close()
+            raise
 
     def append(self, row: Row) -> None:
         """Append a finished run. Raises InputError if writing fails."""

@@ -1,5 +1,7 @@
 """Benchmarks on the terminal: one table each, printed when it is measured."""
 
+from typing import Any
+
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -17,10 +19,11 @@ class Tables:
     def __init__(self, *, quiet: bool = False) -> None:
         """`quiet` prints no tables, because `--json` uses standard output."""
         self._quiet = quiet
-        self._out = Console(highlight=False, soft_wrap=True)
+        plain: dict[str, Any] = dict(highlight=False, markup=False, emoji=False, soft_wrap=True)
+        self._out = Console(**plain)
         if not self._out.is_terminal:
-            self._out = Console(highlight=False, width=120, soft_wrap=True)
-        self._err = Console(stderr=True, highlight=False, soft_wrap=True)
+            self._out = Console(width=120, **plain)
+        self._err = Console(stderr=True, **plain)
 
     def begin(self, name: str, description: str) -> None:
         """Print the current benchmark."""
@@ -72,7 +75,7 @@ def build_table(name: str, rows: list[Row]) -> Table:
 
 def print_end(report: Report) -> None:
     """Print the summary and the path of the file."""
-    console = Console(highlight=False, soft_wrap=True)
+    console = Console(highlight=False, markup=False, emoji=False, soft_wrap=True)
     judged = [r for r in report.rows if r.limit is not None]
     missed = [r for r in judged if not r.passed]
     m, load = report.machine, report.load["before"]

@@ -90,9 +90,9 @@ def write_claims_page(reports: Sequence[Report], path: Path) -> None:
 def print_reports(reports: Sequence[Report], page: Path) -> None:
     """Print one table per paper on standard output, then the claims not reproduced, with
     reasons."""
-    console = Console(highlight=False, soft_wrap=True)
+    console = Console(highlight=False, markup=False, emoji=False, soft_wrap=True)
     if not console.is_terminal:
-        console = Console(highlight=False, width=110, soft_wrap=True)
+        console = Console(highlight=False, markup=False, emoji=False, width=110, soft_wrap=True)
     for report in reports:
         _print_report(report, console)
     console.print(f"{page}  a figure a claim", markup=False)
@@ -125,7 +125,7 @@ class Bar(Steps):
     """A progress bar on standard error; without a terminal, one line per flight."""
 
     def __init__(self) -> None:
-        self._console = Console(stderr=True, highlight=False)
+        self._console = Console(stderr=True, highlight=False, markup=False, emoji=False)
         self._bar: Progress | None = None
         self._task: TaskID | None = None
         self._done = -1

@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from skywright.description.mission.spec import Task
 
@@ -38,3 +38,10 @@ class BimanualBench(Task):
     # amplitude of the base's motion that is to be measured
     drift_m: float = Field(default=0.02, ge=0, le=0.05)
     drift_period_s: float = Field(default=6.0, ge=0.5, le=600)  # period of that motion
+
+    @field_validator("trials")
+    @classmethod
+    def _trials_differ(cls, trials: list[Trial]) -> list[Trial]:
+        if len(set(trials)) < len(trials):
+            raise ValueError("a trial appears twice; valid: each one once")
+        return trials

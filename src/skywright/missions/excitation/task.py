@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from skywright.core.spec import NonNegative, Positive
 from skywright.description.mission.spec import Task
@@ -32,6 +32,13 @@ class ExcitationTask(Task):
     joint_deg: NonNegative = 0.0  # peak of the joints' motion after each pose; 0: none
     # duration of the joints' motion
     joint_duration_s: float = Field(default=20.0, ge=4 * RAMP, le=600)
+
+    @field_validator("poses")
+    @classmethod
+    def _poses_differ(cls, poses: list[str]) -> list[str]:
+        if len(set(poses)) < len(poses):
+            raise ValueError("a pose appears twice; valid: each one once")
+        return poses
 
     @model_validator(mode="after")
     def _band_holds_lines(self) -> ExcitationTask:

@@ -37,7 +37,7 @@ REST_S = 1.0
 SEARCH = 0.6  # m, range of the search around the expected contact
 HIT_POSE_DEG = (-30.0, 0.0, 0.0, -60.0)  # upper arm leaning forward, forearm level
 PARTS = {"arm": ("hand0", "tip", "pen", "holder"), "link": ("pendulum",)}
-"""Prefixes of the names of the parts that have to make contact."""
+"""First words of the names of the parts that have to make contact."""
 
 
 class ImpactPlan(NamedTuple):
@@ -77,7 +77,7 @@ def plan(setup: Setup[Impact]) -> MissionPlan[ImpactPlan]:
     length = float(np.interp(contact_s, run[:, 0], run[:, 1]))
     found = ImpactPlan(ahead, yaw, q, near, near - length * ahead, lever, run, touched)
     blocked = None
-    if not touched.startswith(PARTS[task.part]) and not _is_forearm(robot, touched, task.part):
+    if touched.split(" ")[0] not in PARTS[task.part] and not _is_forearm(robot, touched, task.part):
         blocked = f"{touched or 'no part'} would touch the pad first instead of the {task.part}"
     hover = setup.hover
     way = float(np.linalg.norm(found.p_start - hover[:3])) + RETREAT_M

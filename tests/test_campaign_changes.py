@@ -1,0 +1,87 @@
+"""Files of a campaign that change: while it runs, between two calls, and at its start."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from skywright.analysis.campaign import campaign as campaign_module
+from skywright.analysis.campaign.campaign import run_campaign
+from skywright.analysis.campaign.spec import Campaign, build_campaign, build_identity
+from skywright.analysis.campaign.store import IDENTITY, Store
+from skywright.errors import InputError
+from skywright.run.rows import Row
+from test_campaign import MISSION
+
+VARY = ("plant.mass_error=uniform(0,0.1)",)
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "hop.toml").write_text(MISSION)
+    monkeypatch.chdir(tmp_path)
+
+
+def build(seed: int = 3) -> Campaign:
+    return build_campaign("hop.toml", VARY, seed=seed)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (MISSION.replace("hold_s = 0.5", "hold_s = 0.6"), r"\(their content differs\)"),
+        (MISSION[:60], r"\(.*hop\.toml"),
+    ],
+)
+def test_a_file_that_changes_during_the_campaign_ends_it(
+    text: str, says: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Later runs would be those of another mission, under the identity of the first."""
+
+    def fly(tasks: Iterator[Any], *args: Any, **more: Any) -> Iterator[Row]:
+        for k, task in enumerate(tasks):
+            if k == 1:
+                Path("hop.toml").write_text(text)
+            yield Row(
+                task.draw.run, task.draw.seed, "succeeded", "", (), "", {}, {}, {}, 1, task.command
+            )
+
+    monkeypatch.setattr(campaign_module, "fly_local", fly)
+    with pytest.raises(InputError, match=f"have changed while it runs {says}.*are kept"):
+        run_campaign(build(), 5, out=Path("c"), workers=1)
+    assert Path("c/runs.jsonl").read_bytes().count(b"\n") == 2
+
+
+def test_both_files_of_a_plan_are_part_of_the_identity() -> None:
+    Path("way.csv").write_text("1\n")
+    Path("way.toml").write_text("[plan]\n")
+    sets = ("mission.task.plan_file=way.csv",)
+    campaign = build_campaign("bar-transport", VARY, sets=sets)
+    before = build_identity(campaign)
+    assert build_identity(campaign) == before
+    Path("way.toml").write_text("[plan]\nseed = 2\n")
+    assert build_identity(campaign)["law"] != before["law"]
+
+
+def test_a_campaign_that_another_one_overtook_at_its_start_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Both have seen an empty folder; the second one has written its identity last."""
+    mine, other = build_identity(build()), build_identity(build(4))
+    Store(Path("o"), other).close()
+    theirs = (Path("o") / IDENTITY).read_bytes()
+    write = Store.write
+
+    def overtake(self: Store, name: str, function: Any) -> Path:
+        path = write(self, name, function)
+        path.write_bytes(theirs)
+        return path
+
+    monkeypatch.setattr(Store, "write", overtake)
+    with pytest.raises(InputError, match="its seed is 4, not 3"):
+        Store(Path("c"), mine)
+    monkeypatch.undo()
+    Store(Path("c"), other).close()  # the lock is free
