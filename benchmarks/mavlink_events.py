@@ -32,7 +32,8 @@ from short_mission import write_short
 from skywright.links.mavlink import modes
 from skywright.links.mavlink.robot import Stick
 from skywright.run import backends
-from skywright.run.run import RunResult, run_mission
+from skywright.run.result import RunResult
+from skywright.run.run import run_mission
 
 KEPT = Path(__file__).resolve().parent / "mavlink-events.csv"
 SILENCES = {"link 0.2 s": 0.2, "link 2 s": 2.0, "link lost": math.inf}

@@ -40,8 +40,9 @@ from skywright.ground.operator_model import ModelOperator
 from skywright.ground.radio_operator import RadioOperator
 from skywright.models.scene import build_scene
 from skywright.run.operator import Sight, Stick
+from skywright.run.result import RunResult
 from skywright.run.results import open_run
-from skywright.run.run import RunResult, run_mission
+from skywright.run.run import run_mission
 
 KEPT = Path(__file__).resolve().parent / "operated-faults.csv"
 COLUMNS = (

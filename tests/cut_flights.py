@@ -11,7 +11,8 @@ from skywright.errors import InputError, SimulationError
 from skywright.run.flight import Flown
 from skywright.run.kind import load_kind
 from skywright.run.metrics import compute_common_metrics
-from skywright.run.run import RunResult, fly_and_evaluate
+from skywright.run.result import RunResult
+from skywright.run.run import fly_and_evaluate
 from skywright.run.setup import Setup
 
 

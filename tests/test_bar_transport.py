@@ -14,7 +14,8 @@ from skywright.models.body_records import Body, Kinematics
 from skywright.models.rigid_body import build_body_model, fill_body, fill_kinematics
 from skywright.models.scene import build_scene
 from skywright.run.planning import plan_mission
-from skywright.run.run import RunResult, fly_and_evaluate
+from skywright.run.result import RunResult
+from skywright.run.run import fly_and_evaluate
 
 
 @cache

@@ -13,7 +13,8 @@ from skywright.description.loader import load_description
 from skywright.errors import InputError
 from skywright.run.backends import build_vehicle
 from skywright.run.planning import plan_mission
-from skywright.run.run import RunResult, fly_and_evaluate
+from skywright.run.result import RunResult
+from skywright.run.run import fly_and_evaluate
 from skywright.vehicle.arms.ports import Hands
 from skywright.vehicle.arms_interface import Arms
 

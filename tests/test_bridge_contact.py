@@ -20,7 +20,8 @@ from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.statics import wrench_at
 from skywright.run.planning import plan_mission
 from skywright.run.records import RecordStore
-from skywright.run.run import RunResult, fly_and_evaluate, run_mission
+from skywright.run.result import RunResult
+from skywright.run.run import fly_and_evaluate, run_mission
 
 SHORT = KNOWN | {
     "mission.task.forces_n": [2.0, 8.0], "mission.task.settle_s": 2.0, "mission.task.hold_s": 1.0,

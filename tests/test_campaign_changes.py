@@ -10,9 +10,11 @@ import pytest
 
 from skywright.analysis.campaign import campaign as campaign_module
 from skywright.analysis.campaign.campaign import run_campaign
-from skywright.analysis.campaign.spec import Campaign, build_campaign, build_identity
+from skywright.analysis.campaign.spec import Campaign, _hash_laws, build_campaign, build_identity
 from skywright.analysis.campaign.store import IDENTITY, Store
 from skywright.errors import InputError
+from skywright.missions.skills.operated import OperatedTask
+from skywright.planning.motion.plan_file import name_files
 from skywright.run.rows import Row
 from test_campaign import MISSION
 
@@ -55,15 +57,38 @@ def test_a_file_that_changes_during_the_campaign_ends_it(
     assert Path("c/runs.jsonl").read_bytes().count(b"\n") == 2
 
 
-def test_both_files_of_a_plan_are_part_of_the_identity() -> None:
-    Path("way.csv").write_text("1\n")
-    Path("way.toml").write_text("[plan]\n")
-    sets = ("mission.task.plan_file=way.csv",)
-    campaign = build_campaign("bar-transport", VARY, sets=sets)
-    before = build_identity(campaign)
-    assert build_identity(campaign) == before
-    Path("way.toml").write_text("[plan]\nseed = 2\n")
-    assert build_identity(campaign)["law"] != before["law"]
+@pytest.mark.parametrize("name", ["way", "way.csv", "way.toml", "way.v2"])
+@pytest.mark.parametrize("mission", ["bar-transport", "follow-plan"])
+@pytest.mark.parametrize("varied", [False, True])
+def test_both_files_of_a_plan_are_part_of_the_identity(
+    name: str, mission: str, varied: bool
+) -> None:
+    files = name_files(name)
+    for file in files:
+        file.write_text("1\n")
+    vary = (f'mission.task.plan_file=choice("{name}")',) if varied else VARY
+    sets = () if varied else (f"mission.task.plan_file={name}",)
+    campaign = build_campaign(mission, vary, sets=sets)
+    found = [build_identity(campaign)["law"]]
+    assert build_identity(campaign)["law"] == found[0]
+    for file in files:
+        file.write_text("2\n")
+        found.append(build_identity(campaign)["law"])
+    assert len(set(found)) == 3
+
+
+def test_a_recorded_operator_is_part_of_the_identity() -> None:
+    class Operated(OperatedTask):
+        pass
+
+    campaign = build_campaign("hop.toml", VARY)
+    path = Path("stick.csv")
+    path.write_text("1\n")
+    mission = campaign.base.mission.model_copy(update={"task": Operated(operator=str(path))})
+    campaign = campaign._replace(base=campaign.base._replace(mission=mission))
+    before = _hash_laws(campaign)
+    path.write_text("2\n")
+    assert _hash_laws(campaign) not in (before, None)
 
 
 def test_a_campaign_that_another_one_overtook_at_its_start_is_refused(
@@ -80,8 +105,8 @@ def test_a_campaign_that_another_one_overtook_at_its_start_is_refused(
         path.write_bytes(theirs)
         return path
 
-    monkeypatch.setattr(Store, "write", overtake)
-    with pytest.raises(InputError, match="its seed is 4, not 3"):
-        Store(Path("c"), mine)
-    monkeypatch.undo()
+    with monkeypatch.context() as patch:
+        patch.setattr(Store, "write", overtake)
+        with pytest.raises(InputError, match="its seed is 4, not 3"):
+            Store(Path("c"), mine)
     Store(Path("c"), other).close()  # the lock is free

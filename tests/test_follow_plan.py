@@ -236,6 +236,9 @@ def test_a_plan_is_flown_in_the_random_structures_of_its_planning(tmp_path: Path
     world = load_plan_description(file).world
     assert (world.scenario_seed, world.difficulty) == (1, 0.75)
     assert load_plan_description(file, sets={"world.scenario_seed": 3}).world.scenario_seed == 3
+    world = load_plan_description(file, "bar-transport").world
+    assert (world.scenario_seed, world.difficulty) == (1, 0.75)
+    assert load_plan_description(file, "bar-transport", world="open").world.scenario_seed is None
     assert load_plan_description(file, world="open").world.scenario_seed is None
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +12,14 @@ import pytest
 from click.testing import CliRunner
 
 from skywright.cli import main
+from skywright.cli.records_lists import find_readings
 from skywright.errors import InputError
-from skywright.inspection.files.gauge_table import load_readings, parse_columns
+from skywright.inspection.files.gauge_table import load_readings
 from skywright.inspection.history.database import parse_stamp
 from skywright.inspection.history.datums import load_datums
 from skywright.inspection.history.entries import Reading
 from skywright.inspection.history.store import InspectionStore
+from skywright.run.records import RecordStore
 
 START = datetime(2026, 3, 1, tzinfo=UTC)
 
@@ -87,13 +89,20 @@ def test_the_dates_of_a_table_are_inspections(tmp_path: Path) -> None:
         ("spot,thickness,unit\n1,6.1,MM\n", None, 6.1),
         ("spot,Wand,unit\n1,0.25,in\n", "value=Wand", 6.35),
         ("spot,Wand\n1,6.1\n", "value=Wand", 6.1),
+        ("spot,thickness [mm]\n1,6.1\n", None, 6.1),
+        ("spot,Thickness (in)\n1,0.25\n", None, 6.35),
+        ("spot,Dicke [mm]\n1,6.1\n", "value=Dicke[mm]", 6.1),
+        ("spot,Dicke [in]\n1,0.25\n", "value=dicke", 6.35),
+        ("spot,Dicke [mm],Dicke [in]\n1,9,0.25\n", "value=Dicke[in]", 6.35),
+        ("spot,Dicke (max),Dicke (min)\n1,9,6.1\n", "value=Dicke (min)", 6.1),
+        ("spot;thickness [mm]\n1;6,1\n", None, 6.1),
     ],
 )
 def test_the_value_has_the_unit_that_the_table_states(
     tmp_path: Path, text: str, columns: str | None, mm: float
 ) -> None:
     (tmp_path / "g.csv").write_text(text)
-    (row,) = load_readings(tmp_path / "g.csv", START, columns)
+    ((row,), _) = load_readings(tmp_path / "g.csv", START, columns)
     assert row.reading.value == pytest.approx(mm) and row.reading.unit == "mm"
 
 
@@ -121,6 +130,13 @@ def test_the_value_has_the_unit_that_the_table_states(
         ("t,spot,thickness_mm\n0205-03-01,1,9\n", None, "a year from 1900 to 2100"),
         ("t,spot,thickness_mm\n0001-01-01T00:00+14:00,1,9\n", None, "is no time"),
         ("time_utc,spot,thickness_mm\n20.5,1,9\n", None, "'20.5' is no time"),
+        ("Time,spot,thickness_mm\n20.5,1,9\n", None, "or --columns t=Time[s] for times since"),
+        ("date,t_s,spot,thickness_mm\n2026-03-01,1,A,6\n", None, "two columns give t: date, t_s"),
+        ("spot,thickness [mils]\n1,250\n", None, "no column gives the value"),
+        ("spot,Dicke [Zoll]\n1,0.25\n", "value=Dicke", "the column Dicke [Zoll] has no unit"),
+        ("spot,Dicke [mm],dicke\n1,6,9\n", "value=Dicke (max)", "no column 'dicke (max)'"),
+        ("spot,Dicke [mm],Dicke (mm)\n1,6,9\n", "value=Dicke[mm]", "several columns 'dicke'"),
+        ("spot;thickness_mm;u95_mm\n1;9,1;0.1\n", None, "both , and . (such as 9,1 and 0.1)"),
     ],
 )
 def test_an_ambiguous_table_is_refused(
@@ -132,9 +148,71 @@ def test_an_ambiguous_table_is_refused(
     assert says in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    "name", ["date", "Time", "timestamp", "Datetime", "t_utc", "time_utc", "Time [UTC]"]
+)
+def test_a_column_of_dates_is_read_by_its_usual_names(tmp_path: Path, name: str) -> None:
+    """Dates of a column that is not read would be averaged to one inspection."""
+    table = write(
+        tmp_path / "g.csv", f"{name},spot,thickness_mm,Prüfer,asset", "2015-03-01,1,9.0,A,tank",
+        "2025-03-01T10:00:00Z,1,6.6,B,tank",
+    )  # fmt: skip
+    rows, notes = load_readings(table, START)
+    assert [row.time.year for row in rows] == [2015, 2025]
+    assert notes == ("columns ignored: Prüfer",)
+
+
+def test_ignored_columns_and_decimal_commas_are_noted(tmp_path: Path) -> None:
+    db = tmp_path / "h.db"
+    table = write(
+        tmp_path / "g.csv", "Zeit;spot;thickness_mm;u95_mm;Ort", "1;1,5;9,25;0,1;K 1.2",
+    )  # fmt: skip
+    code, out = add(db, table)
+    assert code == 0 and f"{table}: columns ignored: Zeit, Ort" in out
+    assert f"{table}: decimal commas read as decimal points" in out
+    store = InspectionStore(db)
+    (found,) = store.find_readings()
+    store.close()
+    assert found.reading.value == pytest.approx(9.25) and found.reading.spot == "1,5"
+
+
+def test_times_of_a_named_unit_count_from_the_start(tmp_path: Path) -> None:
+    table = write(tmp_path / "g.csv", "time [ms],spot,thickness_mm", "0,1,9", "2500,1,9")
+    rows, _ = load_readings(table, START)
+    assert (rows[1].time - START).total_seconds() == pytest.approx(2.5)
+
+
+def test_exports_of_a_spot_hold_the_same_readings(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    db, targets = tmp_path / "h.db", [tmp_path / "o.csv", tmp_path / "o.parquet"]
+    table = write(tmp_path / "g.csv", "spot,thickness_mm,u95_mm", "1,9.0,0.1", "2,8.0,0.1")
+    assert add(db, table)[0] == 0
+    code, out = call(db, "--readings", "--spot", 1, "--csv", targets[0], "--parquet", targets[1])
+    assert code == 0, out
+    for target in targets:
+        assert [row.reading.spot for row in load_readings(target, START).rows] == ["1"]
+
+
+def test_readings_of_some_flights_are_in_chronological_order(tmp_path: Path) -> None:
+    store = RecordStore(tmp_path / "h.db", create=True)
+    flights = []
+    for k in range(3):
+        flight, _ = store.add_flight(structure="tank", mission="m", robot="r", seed=1, run="")
+        flights.append(flight)
+        for day in (1, 3):
+            t = START + timedelta(days=day, seconds=-k)
+            store.add_reading(flight, t, Reading("thickness", 9.0, "mm", 0.1, 0, 0, 0, spot="A"))
+    both = find_readings(store, None, None, flights[:2])
+    every = store.find_readings()
+    assert both == [r for r in every if r.flight in flights[:2]] and len(both) == 4
+    assert find_readings(store, None, None, []) == every and len(every) == 6
+    assert find_readings(store, None, None, [], spot="B") == []
+    store.close()
+
+
 def test_a_column_is_given_once() -> None:
     with pytest.raises(InputError, match="value is given twice"):
-        parse_columns("value=A,value=B")
+        load_readings(Path("g.csv"), START, "value=A,value=B")
     with pytest.raises(InputError, match="is no time"):
         parse_stamp("9999-12-31T23:00-14:00", "x")
 
@@ -288,10 +366,22 @@ def test_an_option_without_effect_is_refused(tmp_path: Path) -> None:
         (("--thickness", "--csv", tmp_path / "o.csv"), "--csv: valid for --readings"),
         (("--indications", "--csv", tmp_path / "o.csv"), "--csv: valid for --readings"),
         (("--indications", "--spot", "1"), "--spot: valid for"),
+        (("--component", "pipe"), "not for contact measurements"),
+        (("--flight", "x"), "--flight: valid for --readings, --indications, --report, --datums; "),
+        (("--readings", "--origin", "1,2"), "--origin: valid with --geojson"),
+        (("--readings", "--radius", "1"), "--radius: valid with --at or --thickness"),
+        (("--radius", "1"), "--radius: valid with --at or --thickness"),
+        (
+            ("--readings", "--spot", "1", "--local", tmp_path / "o.json"),
+            "--spot: not valid with --local, which contains what --structure, --component, "
+            "--flight",
+        ),
+        (("--report", tmp_path / "o.html", "--component", "pipe"), "--component: valid for"),
         (("--thickness", "--radius", "nan"), "--radius nan"),
         (("--thickness", "--at", "0,0"), "--at: valid for contact measurements"),
         (("--readings", "--geojson", tmp_path / "o.geojson"), "--geojson: valid for contact"),
         (("--thickness", "--flight", "x"), "merges the flights"),
+        (("--import", table, "--flight", "x"), "not for --import"),
     ):
         code, out = call(db, *args)
         assert code == 2 and says in out and len(out.strip().splitlines()) == 1, out

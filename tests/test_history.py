@@ -269,7 +269,7 @@ def test_entries_that_say_nothing_are_refused(tmp_path: Path, reading: Reading, 
 
 
 def build_inspected(years: float, mm: float, std: float) -> Inspected:
-    return Inspected(f"f{years}", after(years), mm, std, 1, 0.0, 0.0, 0.0, False)
+    return Inspected((f"f{years}",), after(years), mm, std, 1, 0.0, 0.0, 0.0, False)
 
 
 def test_rates_and_lives_have_the_deviations_of_a_monte_carlo() -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy.spatial.transform import Rotation
 
 from identify_log import (
     INERTIA,
@@ -19,8 +20,10 @@ from identify_log import (
     truth,
 )
 from skywright.analysis.identify.fit import INERTIA_AXES, Fit, choose_held_out
+from skywright.analysis.identify.flight_log import FlightLog
 from skywright.analysis.identify.identify import identify
 from skywright.analysis.identify.lag import fit_lag
+from skywright.analysis.identify.load import build_log
 from skywright.analysis.identify.overrides import build_overrides
 from skywright.cli import main
 from skywright.description.loader import load_description
@@ -115,6 +118,46 @@ def test_delay_of_the_rotor_signals() -> None:
     found = {e.parameter.name: e for e in fit(log._replace(rotor_speed=early)).estimates}
     assert found["rotor_delay_s"].value == pytest.approx(0.004, abs=2e-4)
     assert found["pose_1.inertia_xx_kgm2"].value == pytest.approx(INERTIA[0], rel=0.01)
+
+
+def sample(log: FlightLog, keep: np.ndarray) -> FlightLog:
+    """Return the log of a run whose recording has the samples `keep` of an exact log."""
+    assert log.rotor_speed is not None and log.v_WB is not None
+    quaternions = np.roll(Rotation.from_matrix(log.R_WB).as_quat(), 1, axis=1)
+    columns = {
+        "t": log.t, "est_q_WB": quaternions * np.where(np.sin(log.t) < 0.0, -1.0, 1.0)[:, None],
+        "est_v_WB": log.v_WB, "est_w_WB_B": log.w_WB_B, "rotor_speed": log.rotor_speed,
+        "q": log.q, "qd": 0.0 * log.q, "cmd_qd": log.servo_command, "f_collision": 0.0 * log.t,
+        "cmd_f_B": 0.0 * log.w_WB_B, "cmd_t_B": 0.0 * log.w_WB_B,
+        "f_contact": np.zeros((len(log.t), 1)), "spring": 0.0 * log.t,
+    }  # fmt: skip
+    s = np.zeros(len(log.t), [(n, x.dtype, x.shape[1:]) for n, x in columns.items()])
+    for name, x in columns.items():
+        s[name] = x
+    s, phases = s[keep], np.where(log.t < 2.0, "take_off", "shake")[keep]
+    return build_log("uneven", ROBOT, load_description("excitation").world, s, phases, log.joints)
+
+
+@pytest.mark.parametrize("steps", [(5, 5), (4, 6), (4, 4, 4, 8)])
+def test_the_interval_of_the_samples_may_alternate(steps: tuple[int, ...]) -> None:
+    """As at 250 and 125 Hz, where a recording has samples each 8 and 12 or 8 and 16 ms."""
+    exact = make_log(40.0, rate=500.0)
+    at = np.cumsum(np.resize(steps, 4000)) - steps[0]
+    log = sample(exact, at[at < len(exact.t)])
+    assert not log.notes and np.ptp(np.diff(log.t)) < 1e-9
+    assert log.period == pytest.approx(0.01, rel=1e-3)
+    np.testing.assert_array_equal(log.free, log.t > 1.995)  # the nearest sample's phase
+    found = {e.parameter.name: e for e in fit(log).estimates}
+    for name, value in truth().items():
+        assert abs(found[name].value - value) < 0.02 * found[name].parameter.scale, name
+
+
+def test_a_gap_of_a_recording_is_not_flown() -> None:
+    exact = make_log(20.0, rate=100.0)
+    log = sample(exact, np.flatnonzero((exact.t < 10.0) | (exact.t > 12.0)))
+    assert log.notes == ("2.0 s of flight lie in gaps of the log: not used",)
+    assert not log.free[(log.t > 10.0) & (log.t < 12.0)].any()
+    assert log.free[((log.t > 2.0) & (log.t < 9.9)) | (log.t > 12.01)].all()
 
 
 def test_lag_of_a_first_order_response() -> None:

@@ -366,14 +366,34 @@ def test_flights_add_up(made: FlightLog, tmp_path: Path) -> None:
     assert found["pose_1.inertia_zz_kgm2"].value == pytest.approx(INERTIA[2], rel=0.02)
 
 
+@pytest.mark.parametrize("nan", [False, True])
 @pytest.mark.parametrize("name", ["vehicle_attitude", "esc_status", "vehicle_local_position"])
-def test_gaps_of_a_topic_are_not_flown(name: str, made: FlightLog, tmp_path: Path) -> None:
+def test_gaps_of_a_topic_are_not_flown(
+    name: str, nan: bool, made: FlightLog, tmp_path: Path
+) -> None:
+    """A gap has no samples, or samples whose last field is NaN."""
     topics = ulog_topics(made)
     t = topics[name]["timestamp"] - topics[name]["timestamp"][0]
     keep = (t < 10.0) | (t > 12.0)
-    topics[name] = {key: x[keep] for key, x in topics[name].items()}
+    if nan:
+        field = list(topics[name])[-1]
+        topics[name][field] = np.where(keep, topics[name][field], np.nan)
+    else:
+        topics[name] = {key: x[keep] for key, x in topics[name].items()}
     path = write_ulog(tmp_path / "gap.ulg", topics, rotor_parameters(list(range(6))))
     log = load_log(path, ROBOT)
     assert any("s of flight lie in gaps" in note for note in log.notes)
     assert not log.free[(log.t > 10.1) & (log.t < 11.9)].any()
     assert log.free[(log.t > 5.0) & (log.t < 9.9)].all() and log.free[log.t > 12.1].any()
+
+
+def test_gaps_of_a_topic_that_is_not_taken_are_flown(made: FlightLog, tmp_path: Path) -> None:
+    topics = ulog_topics(made)
+    keep = (made.t < 10.0) | (made.t > 12.0)
+    topics["actuator_motors"] = {
+        "timestamp": made.t + 12.5,
+        **{f"control[{i}]": np.where(keep, u, np.nan) for i, u in enumerate(make_commands(made).T)},
+    }
+    topics["vehicle_land_detected"] = {"timestamp": np.array([12.5, 42.5]), "landed": np.zeros(2)}
+    log = load_log(write_ulog(tmp_path / "flight.ulg", topics), ROBOT)
+    assert log.rotor_speed is not None and not any("gaps" in note for note in log.notes)

@@ -29,7 +29,8 @@ from skywright.models.things.box import Box
 from skywright.models.things.pad import Pad
 from skywright.run.backends import build_vehicle
 from skywright.run.planning import plan_mission
-from skywright.run.run import RunResult, fly_and_evaluate
+from skywright.run.result import RunResult
+from skywright.run.run import fly_and_evaluate
 from skywright.vehicle.bus import MuJoCo
 from skywright.vehicle.observers.gauges import Gauges, Loads
 

@@ -64,7 +64,7 @@ def test_what_is_exported_reads_back_in_every_format(tmp_path: Path) -> None:
     assert [row["origin"] for row in rows] == ["SIMULATED"] * 2
     assert float(rows[0]["value"]) == 9.123456789 and rows[1]["value"] == ""
     for file in files[:2]:
-        (one, other) = load_readings(file, START)
+        (one, other) = load_readings(file, START).rows
         stored = store.find_readings()
         assert one.time == START and one.reading.value == pytest.approx(9.123456789)
         for a, b in zip((one, other), stored, strict=True):
@@ -104,7 +104,7 @@ def test_a_gauge_s_own_names_units_and_lag(tmp_path: Path) -> None:
     rows = [f"{k};{10 * k / 1000:.3f};0;1500;{9.0 + k / 1e5:.5f};0.1" for k in t]
     path.write_text("Zeit;X;Y;Z;Wand;U\n" + "\n".join(rows))
     spec = "t=Zeit[ms],x=X[mm],y=Y[mm],z=Z[mm],value=Wand[mm],u95=U[mm]"
-    late, now = (load_readings(path, START, spec, lag) for lag in (0.5, 0.0))
+    late, now = (load_readings(path, START, spec, lag).rows for lag in (0.5, 0.0))
     for a, b in zip(late[2:], now[2:], strict=True):
         assert a.reading.value == b.reading.value
         assert b.reading.x_m - a.reading.x_m == pytest.approx(0.005)
@@ -119,7 +119,7 @@ def test_units_are_read(tmp_path_factory: pytest.TempPathFactory, mm: float, uni
     path = tmp_path_factory.mktemp("units") / "g.csv"
     scale = {"m": 1e-3, "mm": 1.0, "um": 1e3, "in": 1 / 25.4}[unit]
     path.write_text(f"spot,thickness_{unit}\nA,{mm * scale!r}\n")
-    assert load_readings(path, START)[0].reading.value == pytest.approx(mm, rel=1e-12)
+    assert load_readings(path, START).rows[0].reading.value == pytest.approx(mm, rel=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,8 @@ from skywright.links.mavlink.endpoint import Endpoint, parse_url
 from skywright.links.mavlink.heard import Heard
 from skywright.links.mavlink.link import RENEWED_S, Target, VehicleLink, WallClock
 from skywright.links.mavlink.robot import Stick
-from skywright.run.run import RunResult, run_mission
+from skywright.run.result import RunResult
+from skywright.run.run import run_mission
 from skywright.run.session import Vehicle, open_vehicle
 from skywright.run.setup import Setup
 from skywright.vehicle.commands import State

@@ -17,7 +17,8 @@ from skywright.errors import InputError
 from skywright.links.mavlink import modes, offboard, reports
 from skywright.links.mavlink.frames import move_point
 from skywright.links.mavlink.stream import MavlinkStream
-from skywright.run.run import RunResult, run_mission
+from skywright.run.result import RunResult
+from skywright.run.run import run_mission
 from skywright.run.session import Vehicle, open_vehicle
 from skywright.vehicle.motions import Arrival
 

@@ -18,7 +18,8 @@ from skywright.description.world.radio import Radio
 from skywright.ground.operator_model import ModelOperator
 from skywright.ground.radio_operator import LET_GO_S, RadioOperator
 from skywright.missions.skills import operated
-from skywright.run.run import RunResult, run_mission
+from skywright.run.result import RunResult
+from skywright.run.run import run_mission
 
 SETS = (
     "mission.task.hover_s=0", "mission.task.swing_deg=0", "mission.task.survey=false",

@@ -14,7 +14,8 @@ from skywright.run import orders
 from skywright.run.flight import Flight
 from skywright.run.operator import FILE, load_recording
 from skywright.run.orders import WAITING
-from skywright.run.run import RunResult, run_mission
+from skywright.run.result import RunResult
+from skywright.run.run import run_mission
 
 HOLDS = (
     "mission.task.points=[{ x_m = 0.8, y_m = 0.0, z_m = 1.2, hold_s = 40.0 },"
@@ -123,7 +124,7 @@ def test_a_press_is_drawn_back_held_and_tried_again(tmp_path):
     assert names[at - 1 : at + 4] == [
         "free hold 2 N", "draw back", WAITING, "rejoin", "free near",
     ]  # fmt: skip
-    assert result.phases[at - 1].outcome == "retry"
+    assert result.phases[at - 1].outcome == "drawn back"
     assert names.count("free hold 2 N") > 1
     s, waits = result.samples, result.phases[at + 1]
     inside = (s["t"] > waits.start_s + 0.5) & (s["t"] < waits.end_s)
@@ -153,7 +154,7 @@ def test_a_scan_is_touched_again_where_it_was_left(tmp_path):
     at = names.index("draw back")
     assert names[at - 1 : at + 5] == ["scan", "draw back", "rejoin", "trim", "touch", "settle"]
     scans = [p for p in result.phases if p.name == "scan"]
-    assert [p.outcome for p in scans] == ["retry", "done"]
+    assert [p.outcome for p in scans] == ["drawn back", "done"]
     assert scans[1].end_s - scans[1].start_s == pytest.approx(
         result.plan.segments["scan"]["t"][-1] - 4.0, abs=0.2
     )

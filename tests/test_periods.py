@@ -9,10 +9,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from plant_parts import build_context, build_plant
+from skywright import run_estimator
 from skywright.core.record import Record, View
 from skywright.description.loader import load_description
+from skywright.inspection.spikes import FOOTPRINT, count_per_footprint
+from skywright.models.localisation.trajectory import Trajectory
 from skywright.models.range_finder import RangePrecision, build_range_finder, step_range_finder
 from skywright.recordings.period import compute_period
 from skywright.run.backends import build_vehicle
@@ -82,6 +86,33 @@ def test_a_range_finder_keeps_its_rate_between_ticks():
 def test_the_period_of_samples_is_their_mean_without_gaps(steps: list[int], period: int) -> None:
     t = 3.0 + 1e-3 * np.cumsum([0, *steps])
     assert compute_period(t) == pytest.approx(1e-3 * period)
+
+
+UNEVEN = 1e-3 * np.cumsum(np.resize([8, 8, 8, 16], 400))
+"""s, times of samples each 10 ms on average."""
+
+
+def test_the_rate_of_a_trajectory_is_that_of_its_samples() -> None:
+    assert Trajectory("", UNEVEN, np.zeros((400, 3))).rate == pytest.approx(100.0, rel=0.01)
+
+
+def test_samples_within_the_footprint_are_counted_by_their_mean_interval() -> None:
+    p = np.outer(0.01 * UNEVEN, [1.0, 0.0, 0.0])
+    assert count_per_footprint(UNEVEN, p) == pytest.approx(FOOTPRINT / 1e-4, rel=0.01)
+
+
+def test_an_estimator_integrates_over_the_mean_interval_of_the_samples() -> None:
+    """Times are even within 20 %, fixes rare: most of the turn comes from the gyroscope."""
+    t = 1e-3 * np.cumsum(np.resize([2.0, 2.0, 2.35], 3000))
+    yaw, o = np.sin(t), 0.0 * t
+    fixes = slice(0, None, 500)
+    found = run_estimator(
+        "waypoints", t=t, gyro=np.stack([o, o, np.cos(t)], axis=1),
+        accel=np.stack([o, o, o + 9.81], axis=1), t_fix=t[fixes], p_fix=np.zeros((6, 3)),
+        R_fix=Rotation.from_euler("z", yaw[fixes, None]).as_matrix(),
+    )  # fmt: skip
+    turned = np.arctan2(found["R_WB"][:, 1, 0], found["R_WB"][:, 0, 0])
+    assert np.abs(turned - np.sin(found["t"]))[found["ready"]].max() < 0.02
 
 
 def test_one_sample_has_no_period() -> None:

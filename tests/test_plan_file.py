@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import os
 import re
 from pathlib import Path
@@ -129,6 +130,9 @@ def test_random_structures_are_part_of_the_head(tmp_path: Path) -> None:
     ("key", "value", "message"),
     [
         ("scenario_seed", "seven", "plan.scenario_seed is 'seven'; int is needed"),
+        ("scenario_seed", -1, "plan.scenario_seed is -1; valid: 0 to 18446744073709551615"),
+        ("difficulty", 7.0, "plan.difficulty is 7.0; valid: 0 to 1"),
+        ("difficulty", math.nan, "plan.difficulty is nan; valid: 0 to 1"),
         ("metrics", {"big": 10**400}, "plan.metrics.big is an integer above 1e308"),
         ("speed", 1.0, "unknown key plan.speed; valid: .*scenario_seed, difficulty"),
     ],

@@ -16,7 +16,8 @@ from skywright.reports.report import list_figures, render_report
 from skywright.run.check import check_file
 from skywright.run.names import list_measures
 from skywright.run.planning import plan_mission
-from skywright.run.run import RunResult, fly_and_evaluate, run_mission
+from skywright.run.result import RunResult
+from skywright.run.run import fly_and_evaluate, run_mission
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "press_a_button"
 MISSION = EXAMPLE / "mission.toml"

@@ -31,7 +31,8 @@ from skywright.links.px4.mission import Options, parse_options
 from skywright.links.px4.parameters import build_airframe
 from skywright.models.nominal import Nominal
 from skywright.run.parts import build_law
-from skywright.run.run import RunResult, run_mission
+from skywright.run.result import RunResult
+from skywright.run.run import run_mission
 from skywright.run.setup import Setup
 
 

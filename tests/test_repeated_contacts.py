@@ -13,7 +13,7 @@ from skywright.inspection.history.store import InspectionStore
 from skywright.missions.bridge_contact.metrics import compute_metrics as judge_contact
 from skywright.missions.bridge_contact.visits import is_left_out, list_visits
 from skywright.missions.tool_install.metrics import compute_metrics as judge_tool
-from skywright.run.flight import PhaseRecord, is_interrupted
+from skywright.run.flight import PhaseRecord
 from skywright.run.orders import WAITING
 from skywright.run.run import run_mission
 
@@ -22,8 +22,20 @@ BACK = ("draw back", "rejoin")
 SKIPPED = (*CONTACT[:3], "draw back", WAITING, "rejoin")
 
 
+ENDED_BY = {"draw back": "drawn back", "manual": "taken over"}
+
+
+def mark(phases: list[PhaseRecord]) -> list[PhaseRecord]:
+    """Give the phases that an order or a pilot ends their outcomes, by the names of the next."""
+    after = [p.name for p in phases[1:]] + [""]
+    return [
+        p._replace(outcome=ENDED_BY.get(name, p.outcome))
+        for p, name in zip(phases, after, strict=True)
+    ]
+
+
 def build_phases(*names: str) -> list[PhaseRecord]:
-    return [PhaseRecord(name, float(i), i + 1.0, "done") for i, name in enumerate(names)]
+    return mark([PhaseRecord(name, float(i), i + 1.0, "done") for i, name in enumerate(names)])
 
 
 def name_visits(*names: str, docked: bool = False) -> list[list[str]]:
@@ -41,7 +53,7 @@ def test_a_visit_begins_with_its_approach_and_keeps_its_repeated_contacts():
 
 def test_an_order_or_a_pilot_interrupts_a_hold_and_next_leaves_the_contact_out():
     phases = build_phases("free hold 3 N", "draw back", "free hold 3 N", "manual", "free hold 3 N")
-    assert [is_interrupted(phases, i) for i in (0, 2, 4)] == [True, True, False]
+    assert [p.is_interrupted for p in phases] == [True, False, True, False, False]
     assert is_left_out(build_phases("free approach", *SKIPPED))
     assert is_left_out(build_phases("free approach", *SKIPPED, "survey_move", "survey_touch"))
     assert not is_left_out(build_phases("free approach", *SKIPPED, *CONTACT))  # it was repeated
@@ -72,18 +84,21 @@ def test_a_press_that_is_repeated_or_left_out_does_not_shift_the_other_spots(bet
         f_contact=np.zeros(3), ref_force=3.0, force_meas=3.0, q_WB=LEVEL, v_WB=np.zeros(3),
         f_docking_W=np.zeros(3),
     )  # fmt: skip
+    phases = mark(phases)
+    samples["force_meas"][samples["phase"] == 3] = 9.0  # in the hold that is interrupted
     way = {"stations": [type("S", (), {"place": np.zeros(2)})()], "survey": None}
     m = judge_contact(build_flown("wall-contact", samples, phases, way, sets=sets))
     assert m["press.place_error_mm"] == pytest.approx(4.0 if second else 0.0, abs=1e-6)
     assert m["free.wander_mm"] == pytest.approx(0.0, abs=1e-6)
+    assert m["free.sensor_error_n"] == pytest.approx(3.0, abs=1e-6)
 
 
 def test_a_grasp_that_an_order_repeats_is_no_missed_grasp():
     names = ["grasp", "look again", "grasp", "lift", "draw back", "rejoin", "grasp", "lift"]
     samples, phases = build_samples([(name, 1.0) for name in names])
     run = build_flown("tool-install", samples, phases)
-    for i in (0, 3):
-        run.phases[i] = run.phases[i]._replace(outcome="retry")
+    run.phases[0] = run.phases[0]._replace(outcome="retry")
+    run.phases[:] = mark(run.phases)
     assert judge_tool(run)["tool.retries"] == 1.0
 
 

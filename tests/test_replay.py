@@ -47,7 +47,8 @@ from skywright.reports.trace3d import (
     list_judged,
 )
 from skywright.reports.views3d import FOV, build_views
-from skywright.run.run import RunResult, run_mission
+from skywright.run.result import RunResult
+from skywright.run.run import run_mission
 from waiting import wait_for
 
 SHORT = (

@@ -56,7 +56,8 @@ from skywright.reports.report import (
 from skywright.run.flight import PhaseRecord
 from skywright.run.names import list_all_measures
 from skywright.run.requirements import judge
-from skywright.run.run import RunResult, run_mission
+from skywright.run.result import RunResult
+from skywright.run.run import run_mission
 from skywright.run.warm_up import is_cached
 
 SHORT = (

@@ -21,7 +21,8 @@ from skywright.ground.feed import Feed
 from skywright.ground.link import HEADER, is_frame
 from skywright.links.pair import build_pair, prepare, receive, say
 from skywright.reports.report import render_report
-from skywright.run.run import RunResult, run_mission
+from skywright.run.result import RunResult
+from skywright.run.run import run_mission
 from waiting import Clock, wait_for
 
 

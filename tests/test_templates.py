@@ -15,7 +15,8 @@ from skywright.core.find import GROUPS
 from skywright.description.loader import load_description
 from skywright.description.template import list_templates, write_template
 from skywright.errors import InputError
-from skywright.run.run import RunResult, fly_and_evaluate
+from skywright.run.result import RunResult
+from skywright.run.run import fly_and_evaluate
 
 TEMPLATES = list_templates()
 CHECKED = {"robot.toml": "robot", "world.toml": "world", "mission.toml": "mission"}

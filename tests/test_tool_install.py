@@ -30,7 +30,8 @@ from skywright.models.geometry import build_clearance, compute_clearance
 from skywright.models.rigid_body import build_body_model
 from skywright.models.scene import Scene, build_scene
 from skywright.models.things.tool import Tool, compute_diameters, compute_seat
-from skywright.run.run import RunResult, fly_and_evaluate
+from skywright.run.result import RunResult
+from skywright.run.run import fly_and_evaluate
 from skywright.run.setup import Setup
 from skywright.vehicle.bus import Clock
 from skywright.vehicle.readings import TargetCapture

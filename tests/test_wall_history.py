@@ -76,7 +76,7 @@ def test_a_repeated_inspection_does_not_change_the_rate_much() -> None:
     (after,) = build_history([*twice, read(4 * YEAR + 2 / 24, 7.96)], LIMIT)
     assert before.life_years == pytest.approx(8.0)
     assert len(after.inspections) == 2 and after.inspections[-1].readings == 2
-    assert after.inspections[-1].flight == "f1461, f1461.08"
+    assert after.inspections[-1].flights == ("f1461", "f1461.08")
     assert after.actual_mm == pytest.approx(7.98)
     assert after.life_years == pytest.approx(1.98 / (1.02 / 4))
     assert after.life_years == pytest.approx(before.life_years, rel=0.05)
@@ -121,7 +121,7 @@ def test_readings_of_a_failed_check_are_omitted_with_a_note() -> None:
     (place,) = build_history(readings, LIMIT, calibrations=[*good, bad[0], passed])
     assert len(place.inspections) == 2
     (place,) = build_history(readings, LIMIT, calibrations=[*good, *bad])
-    assert [one.flight for one in place.inspections] == ["f0"] and place.long_term is None
+    assert [one.flights for one in place.inspections] == [("f0",)] and place.long_term is None
     assert place.notes == (
         "omits 1 reading of flight bad, whose calibration check after the flight failed: "
         "14 for 12.5 mm",

@@ -100,6 +100,8 @@ def test_columns_maps_the_names_and_units_of_another_header(tmp_path: Path, rows
     spec = "t=time[ms],re=Real,im=imag,x=X[mm], y = y [mm],z=Z[mm]"
     scan = load_scan(write(tmp_path / "s.csv", [head, *table], ";"), spec)
     plain = load_scan(write(tmp_path / "p.csv", rows[:400]))
+    short = load_scan(tmp_path / "s.csv", "t=Time,re=Real,im=Imag,x=X[mm],y=Y,z=Z[mm]")
+    assert np.array_equal(short.t, scan.t) and np.array_equal(short.p_WT, scan.p_WT)
     assert np.allclose(scan.p_WT, plain.p_WT) and np.allclose(scan.t, plain.t)
     assert np.array_equal(scan.ec, plain.ec) and "x_m" in scan.notes[0]
     for wrong, says in (

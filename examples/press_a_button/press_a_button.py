@@ -26,7 +26,7 @@ from skywright.run.kind import Chart, Figures, Measures, MissionKind
 if TYPE_CHECKING:
     from skywright.run.flight import Flight, Flown
     from skywright.run.planning import MissionPlan
-    from skywright.run.run import RunResult
+    from skywright.run.result import RunResult
     from skywright.run.setup import Setup
     from skywright.run.supervisor import Supervisor
 

@@ -48,8 +48,8 @@ if TYPE_CHECKING:
     from skywright.planning.motion.transit import Configuration
     from skywright.planning.shapes import Box, Cylinder, Sphere
     from skywright.run.planning import MissionPlan
+    from skywright.run.result import RunResult
     from skywright.run.results import Run, open_run
-    from skywright.run.run import RunResult
     from skywright.vehicle.uav import Uav
 
     __version__: str

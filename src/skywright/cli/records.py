@@ -18,9 +18,11 @@ from skywright.cli.records_lists import (
     show_indications,
     show_readings,
 )
+from skywright.cli.records_options import TABLE, check_options
 from skywright.errors import InputError
 
 if TYPE_CHECKING:
+    from skywright.inspection.files.import_table import Imported
     from skywright.run.records import RecordStore
 
 
@@ -53,8 +55,8 @@ if TYPE_CHECKING:
     "source",
     metavar="DATA",
     type=click.Path(path_type=Path),
-    help="Add a RUN, or thickness readings of a table (.csv, .parquet) with --structure and "
-    "--component.",
+    help="Add a RUN, or readings (thickness, coating, force) of a table (.csv, .parquet) with "
+    "--structure and --component.",
 )
 @click.option(
     "--columns",
@@ -127,59 +129,28 @@ def records_(
     """
     from skywright.run.records import RecordStore
 
-    if who is not None and decide is None:
-        raise InputError("--who: valid with --decide")
-    chosen = (decide, source, datums)
-    if sum((readings, thickness, indications, *(x is not None for x in chosen))) > 1:
-        raise InputError(
-            "--readings, --thickness, --indications, --decide, --import and --datums: choose one"
-        )
-    given = (columns, lag or None, measured, required, registration)
-    if source is None and any(v is not None for v in given):
-        raise InputError(
-            "--columns, --lag, --measured, --required and --registration: valid with --import"
-        )
-    if datums is not None and any(
-        v is not None for v in (spot, at, component, table, geojson, parquet, local, dicom, report)
-    ):
-        raise InputError("--datums: valid with --structure or --flight and --json; export after it")
-    if deviations and report is None:
-        raise InputError("--deviation: valid with --report")
+    listing, given = check_options(click.get_current_context())
     if not math.isfinite(radius):
         raise InputError(f"--radius {radius:g}; valid: a finite number of metres above 0")
-    of_readings = not thickness and (readings or source is not None or parquet is not None)
-    others = (decide, local, dicom, report)
-    of_contacts = not (of_readings or thickness or indications) and others == (None,) * 4
-    for option, value, valid, lists in (
-        ("--csv", table, of_readings or of_contacts,
-         "--readings, --import and contact measurements; --json prints other lists"),
-        ("--spot", spot, of_readings or of_contacts or thickness,
-         "--readings, --thickness and contact measurements"),
-        ("--at", at, of_contacts, "contact measurements"),
-        ("--geojson", geojson, of_contacts, "contact measurements"),
-    ):  # fmt: skip
-        if value is not None and not valid:
-            raise InputError(f"{option}: valid for {lists}")
     for target, endings in (
         (table, (".csv",)), (geojson, (".geojson", ".json")), (parquet, (".parquet",)),
         (local, (".json",)), (dicom, (".dcm",)), (report, (".html", ".pdf")),
     ):  # fmt: skip
         if target is not None:
             check_writable(target, endings)
-    if thickness and flight is not None:
-        raise InputError("--flight: valid without --thickness, which merges the flights")
     store = RecordStore(file, create=source is not None)
     flights = [] if flight is None else [flight]
+    notes: tuple[str, ...] = ()
     try:
         run = source if source is not None and source.is_dir() else None
         if run is not None:
-            if (structure, component, *given) != (None,) * (2 + len(given)):
+            if given.intersection((*TABLE, "structure", "component")):
                 raise InputError(f"--import {run}: the options of a table are not valid for a run")
             from skywright.run.records_import import import_run
 
             flights = [import_run(file, run)]
         elif source is not None:
-            flights = _import(
+            flights, notes = _import(
                 store, source, structure, component, columns, lag, measured, required, registration
             )
         flight = flights[0] if len(flights) == 1 else None
@@ -195,27 +166,26 @@ def records_(
         if decide is not None:
             _decide(store, decide, who)
         if local is not None or dicom is not None or parquet is not None:
-            _export(store, structure, component, flights, parquet, local, dicom)
+            _export(store, structure, component, flights, spot, parquet, local, dicom)
         if report is not None:
             _report(store, flight, deviations, report)
-        if thickness:
-            show_history(store, structure, component, spot, radius, as_json)
-        elif run is not None and not as_json:
+        if listing in ("readings", "import"):
             show_readings(store, structure, component, flights, spot, table, as_json)
+        if listing == "indications" or (run is not None and not as_json):
             show_indications(store, structure, component, flight, as_json)
-        elif readings or source is not None or parquet is not None:
-            show_readings(store, structure, component, flights, spot, table, as_json)
-        elif report is not None:
+        elif listing == "thickness":
+            show_history(store, structure, component, spot, radius, as_json)
+        elif listing == "report":
             if as_json:
                 print_json({"report": str(report)})
             else:
                 click.echo(str(report))
-        elif indications or decide is not None or local is not None or dicom is not None:
-            show_indications(store, structure, component, flight, as_json)
-        else:
+        elif listing == "contacts":
             show_contacts(
                 store, structure, spot, at, radius, table, geojson, origin, as_json
             )  # fmt: skip
+        for note in notes:
+            click.echo(f"{source}: {note}", err=True)
     finally:
         store.close()
 
@@ -255,8 +225,8 @@ def _import(
     store: RecordStore, source: Path, asset: str | None, component: str | None,
     columns: str | None, lag: float, measured: str | None, required: float | None,
     registration: float | None,
-) -> list[str]:  # fmt: skip
-    """Import a table; return its flights."""
+) -> Imported:  # fmt: skip
+    """Import a table."""
     from skywright.inspection.files.import_table import import_table
     from skywright.inspection.history.database import parse_stamp
 
@@ -315,13 +285,13 @@ def _report(
 
 def _export(
     store: RecordStore, asset: str | None, component: str | None, flights: Sequence[str],
-    parquet: Path | None, local: Path | None, dicom: Path | None,
+    spot: str | None, parquet: Path | None, local: Path | None, dicom: Path | None,
 ) -> None:  # fmt: skip
     """Write the requested files for other programs."""
     from skywright.inspection.files import readings as tables
 
     flight = flights[0] if len(flights) == 1 else None
-    found = find_readings(store, asset, component, flights)
+    found = find_readings(store, asset, component, flights, spot)
     chosen: list[str | None] = [*flights] or [None]
     indications = [
         one for each in chosen

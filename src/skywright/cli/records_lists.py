@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from skywright.cli.options import check_writable, print_json
+from skywright.cli.options import print_json
 from skywright.errors import InputError
 
 if TYPE_CHECKING:
@@ -15,11 +15,17 @@ if TYPE_CHECKING:
 
 
 def find_readings(
-    store: RecordStore, asset: str | None, component: str | None, flights: Sequence[str]
-) -> list[StoredReading]:
-    """Return the readings of these flights; of all if `flights` is empty."""
-    found = store.find_readings(asset=asset, component=component)
-    return [r for r in found if not flights or r.flight in flights]
+    store: RecordStore, asset: str | None, component: str | None, flights: Sequence[str],
+    spot: str | None = None,
+) -> list[StoredReading]:  # fmt: skip
+    """Return readings in chronological order: of these flights, or of all if `flights` is empty."""
+    chosen: Sequence[str | None] = flights or (None,)
+    found = [
+        r for flight in chosen
+        for r in store.find_readings(asset=asset, component=component, flight=flight)
+        if spot is None or r.reading.spot == spot
+    ]  # fmt: skip
+    return sorted(found, key=lambda r: (r.time_utc, r.id))
 
 
 def show_readings(
@@ -29,10 +35,9 @@ def show_readings(
     """Print readings, and write them to `table`."""
     from skywright.inspection.files.readings import flatten_reading, write_readings_csv
 
-    found = find_readings(store, asset, component, flights)
-    found = [r for r in found if spot is None or r.reading.spot == spot]
+    found = find_readings(store, asset, component, flights, spot)
     if table is not None:
-        write_readings_csv(found, check_writable(table, (".csv",)))
+        write_readings_csv(found, table)
     if as_json:
         print_json({"readings": [flatten_reading(r) for r in found]})
     else:
@@ -90,9 +95,9 @@ def show_contacts(
     place = None if origin is None else parse_origin(origin)
     found: list[Record] = store.find(structure=structure, spot=spot, at=point, radius=radius)
     if table is not None:
-        write_csv(found, check_writable(table, (".csv",)))
+        write_csv(found, table)
     if geojson is not None and place is not None:
-        write_geojson(found, place, check_writable(geojson, (".geojson", ".json")))
+        write_geojson(found, place, geojson)
     if as_json:
         print_json({"records": [r._asdict() for r in found]})
     else:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from typing import Any, NoReturn
+from typing import Any
 
 import click
 
@@ -13,11 +13,15 @@ from skywright.errors import SkywrightError
 class Command(click.Command):
     """A command whose input errors are one line on stderr, with the exit code of `skywright`."""
 
-    def main(self, *args: Any, **extra: Any) -> NoReturn:
+    def main(self, *args: Any, **extra: Any) -> Any:
         """Run the command; `args` and `extra` are those of click."""
         try:
-            super().main(*args, **extra)
+            return super().main(*args, **extra)
         except SkywrightError as error:
-            click.echo(f"{self.name}: {error}", err=True)
-            sys.exit(error.exit_code)
-        sys.exit(0)
+            code, message = error.exit_code, str(error)
+        except OSError as error:
+            if not error.filename:
+                raise
+            code, message = 2, f"{error.filename}: {error.strerror}"
+        click.echo(f"{self.name}: {message}", err=True)
+        sys.exit(code)

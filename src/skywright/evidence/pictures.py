@@ -26,7 +26,8 @@ from skywright.reports.moving import write_moving_scan, write_still
 from skywright.reports.progress import Progress, announce_compilation
 from skywright.reports.render import Camera
 from skywright.reports.report import list_figures
-from skywright.run.run import RunResult, run_mission
+from skywright.run.result import RunResult
+from skywright.run.run import run_mission
 
 PICTURES: dict[str, tuple[str, str]] = {
     "contact-series.png": ("pipe-weld-scan", "contact_series"),

@@ -33,7 +33,8 @@ from skywright.models.rigid_body import (
     posture,
 )
 from skywright.recordings.period import compute_period
-from skywright.run.run import RunResult, fly_and_evaluate
+from skywright.run.result import RunResult
+from skywright.run.run import fly_and_evaluate
 from skywright.vehicle.arms.external_wrench import SWING_BANDWIDTH
 from skywright.vehicle.laws._cascade_gains import compute_cascade_gains
 from skywright.vehicle.laws.cascade import SHIFT_BANDWIDTH

@@ -26,6 +26,7 @@ from scipy.spatial import cKDTree
 
 from skywright.core.arrays import Array
 from skywright.errors import InputError
+from skywright.recordings.period import compute_period
 
 Nature = Literal["crack", "weld", "ambiguous"]
 COIL_WIDTH = 0.00344
@@ -189,7 +190,7 @@ def _measure_step(t: Array, s: Array, c: Array) -> float:
 
     It is measured over LAG, because between neighbours it is mostly the tracker's noise.
     """
-    dt = float(np.median(np.diff(t)))
+    dt = compute_period(t)
     lag = min(max(round(LAG / dt), 1) if dt > 0 else 1, t.size - 1)
     return float(np.median(np.hypot(s[lag:] - s[:-lag], c[lag:] - c[:-lag]))) / lag
 

@@ -5,7 +5,6 @@ converted (t_ms, x_mm ...). Optional orientation of the probe: qw, qx, qy, qz (o
 along the probe) or ax, ay, az (the probe's axis). Notes list what was dropped or repaired.
 """
 
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -15,7 +14,16 @@ import numpy as np
 from skywright.core.arrays import Array
 from skywright.core.bounded import read_bytes
 from skywright.errors import InputError
-from skywright.recordings.text_table import decode, read_number, split_row
+from skywright.recordings.text_table import (
+    convert_commas,
+    decode,
+    find_column,
+    list_names,
+    match_columns,
+    parse_columns,
+    read_number,
+    split_row,
+)
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
 LENGTH_UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "in": 0.0254}
@@ -28,6 +36,11 @@ MIN_ROWS = 30
 MAX_DROPPED = 0.5
 GAP_TIME = 0.5
 """s; a longer pause in the recording gives a note."""
+UNITS: dict[str, dict[str, float]] = {
+    "t": TIME_UNITS, "re": {}, "im": {}, "x": LENGTH_UNITS, "y": LENGTH_UNITS, "z": LENGTH_UNITS,
+    **{name: {} for name in (*QUATERNION, *AXIS)},
+}  # fmt: skip
+"""Quantities of a scan, with their units; without a unit the first one holds."""
 _LIMITS = {"t": 1e11, "re": 1e12, "im": 1e12, "x": 1e5, "y": 1e5, "z": 1e5}
 
 
@@ -53,52 +66,21 @@ def _quantity(name: str) -> tuple[str, float] | None:
     return None
 
 
-def parse_columns(text: str) -> dict[str, str]:
-    """Return {plain name in the file's header: standard name} for "t=Time[ms],x=X[mm],re=Real".
-
-    Names are compared without case, spaces, and units in brackets, which the header may contain.
-    Raises InputError if a quantity or unit is unknown, or if a quantity is given twice.
-    """
-    quantities, found = (*_LIMITS, *QUATERNION, *AXIS), dict[str, str]()
-    for part in text.split(","):
-        match = re.fullmatch(r"\s*(\w+)\s*=\s*([^\[\]]+?)\s*(?:\[\s*(\w*)\s*\])?\s*", part)
-        quantity, name, unit = match.groups() if match else (part.strip()[:40], "", None)
-        if not match or quantity not in quantities:
-            raise InputError(
-                f"--columns: {quantity!r}; valid: QUANTITY=NAME[UNIT],... with a quantity of "
-                + ", ".join(quantities)
-            )
-        units = {"t": TIME_UNITS, "x": LENGTH_UNITS, "y": LENGTH_UNITS, "z": LENGTH_UNITS}
-        valid = units.get(quantity, {})
-        if unit and unit not in valid:
-            raise InputError(
-                f"--columns: {quantity} in {unit!r}; valid units: {', '.join(valid) or 'none'}"
-            )
-        ours = f"{quantity}_{unit or next(iter(valid))}" if valid else quantity
-        if ours in found.values():
-            raise InputError(f"--columns: {quantity} is given twice")
-        found[_plain(name)] = ours
-    return found
-
-
-def _plain(name: str) -> str:
-    """Return a column's name in lower case, without spaces and units in brackets."""
-    return re.sub(r"\[.*?\]|\(.*?\)|\s", "", name.lower())
-
-
-def _rename(names: list[str], given: Mapping[str, str]) -> list[str]:
-    """Replace names by the standard names in `given`; returns the list of names.
+def _rename(header: list[str], given: Mapping[str, tuple[str, str]]) -> list[str]:
+    """Return the names of the columns, with standard names for those that --columns selects.
 
     Other columns of the same quantities are put in parentheses, so that they are not read.
     """
-    taken = {_quantity(ours) and ours.partition("_")[0] for ours in given.values()}
-    return [
-        given.get(_plain(n)) or (f"({n})" if n.partition("_")[0] in taken else n) for n in names
-    ]
+    names = [f"({n})" if n.partition("_")[0] in given else n for n in header]
+    for quantity, (name, stated) in given.items():
+        valid = UNITS[quantity]
+        for index, unit in match_columns(header, name, stated, valid):
+            names[index] = f"{quantity}_{unit or next(iter(valid))}" if valid else quantity
+    return names
 
 
 def _read_header(
-    path: Path, line: str, given: Mapping[str, str]
+    path: Path, line: str, given: Mapping[str, tuple[str, str]]
 ) -> tuple[str, dict[str, tuple[int, float]], int, list[str]]:
     """Return (delimiter, {quantity: (column, factor)}, number of columns, notes).
 
@@ -110,11 +92,8 @@ def _read_header(
         best = max(best, (sum(_quantity(n) is not None for n in names), delimiter))
     header = [cell.lower() for cell in split_row(line, best[1])]
     names = _rename(header, given)
-    for name, ours in given.items():
-        if ours not in names:
-            raise InputError(
-                f"{path}: --columns: no column {name!r}; found: {', '.join(header)[:200]}"
-            )
+    for quantity, (name, unit) in given.items():
+        find_column(path, header, name, unit, UNITS[quantity])
     columns: dict[str, tuple[int, float]] = {}
     ignored = []
     for index, name in enumerate(names):
@@ -130,16 +109,14 @@ def _read_header(
     for wanted in REQUIRED:
         if wanted.partition("_")[0] in columns:
             continue
-        shown = ", ".join(name[:20] or "(empty)" for name in names[:12])
         raise InputError(
-            f"{path}: column {wanted} is missing; found: {shown}"
+            f"{path}: column {wanted} is missing; found: {list_names(names)}"
             + f"; valid: {', '.join(REQUIRED)} (other units by suffix: t_ms, x_mm ...), "
             "or --columns t=NAME[ms],x=NAME[mm],..."
         )
     notes = []
     if ignored:
-        shown = ", ".join(n[:20] or "(empty)" for n in ignored[:8])
-        notes.append(f"columns ignored: {shown}" + (" ..." if len(ignored) > 8 else ""))
+        notes.append(f"columns ignored: {list_names(ignored, 8)}")
     return best[1], columns, len(names), notes
 
 
@@ -167,13 +144,8 @@ def _read_rows(
         )
     if ragged:
         notes.append(f"{ragged} rows with a wrong number of cells dropped")
-    if delimiter != ",":
-        cells_used = [row[index] for row in rows for index in used]
-        if any("," in cell for cell in cells_used):
-            if any("." in cell for cell in cells_used):
-                raise InputError(f"{path}: numbers contain both , and . ; use a decimal point only")
-            rows = [[cell.replace(",", ".") for cell in row] for row in rows]
-            notes.append("decimal commas read as decimal points")
+    if convert_commas(path, rows, delimiter, used):
+        notes.append("decimal commas read as decimal points")
     if not rows:
         return np.empty((0, width))
     return np.array([[read_number(cell) for cell in row] for row in rows])
@@ -213,7 +185,7 @@ def load_scan(path: Path, columns: str | None = None) -> Scan:
     ]
     if not lines:
         raise InputError(f"{path}: the file is empty; valid: a header and rows of numbers")
-    given = parse_columns(columns) if columns else {}
+    given = parse_columns(columns, UNITS) if columns else {}
     delimiter, places, width, notes = _read_header(path, lines[0], given)
     total = len(lines) - 1
     used = [index for index, _ in places.values()]

@@ -15,6 +15,7 @@ from scipy.ndimage import median_filter
 
 from skywright.core.arrays import Array, Mask
 from skywright.errors import InputError
+from skywright.recordings.period import compute_period
 
 FOOTPRINT = 0.0035
 """m; length over which a coil averages."""
@@ -72,7 +73,7 @@ def count_per_footprint(t: Array, p: Array) -> float:
     `t` (n,) s, `p` (n, 3) m. The speed is the 90 % quantile of the mean speeds over 0.5 s, an
     interval longer than the tracker's noise.
     """
-    step = float(np.median(np.diff(t))) if t.size > 1 else 0.0
+    step = compute_period(t)
     lag = max(int(0.5 / step), 1) if step > 0 else 1
     if t.size <= lag:
         return np.inf
@@ -116,7 +117,7 @@ def check_interference(path: Path, t: Array, w: NDArray[np.complex128]) -> None:
     """
     spikes = find_spikes(w)
     rest = np.abs(w[~spikes] - np.median(w[~spikes].real) - 1j * np.median(w[~spikes].imag))
-    size = min(2 * int(LASTING / max(float(np.median(np.diff(t))), 1e-9)) + 1, rest.size)
+    size = min(2 * int(LASTING / max(compute_period(t), 1e-9)) + 1, rest.size)
     burst = np.zeros(t.size, bool)
     burst[~spikes] = rest > 3.0 * np.max(median_filter(rest, size=size, mode="nearest"))
     count, bursts = int(np.count_nonzero(spikes)), int(np.count_nonzero(burst))

@@ -260,7 +260,7 @@ def _best_lean(
         return level
     d = np.column_stack([np.cos(directions), np.sin(directions), np.zeros(len(directions))])
 
-    def holds(speed: Array) -> Mask:  # a lean that calm air does not balance may hold in wind
+    def holds(speed: Array) -> Mask:  # some leans balance only in wind: each speed is tested at all
         each = [
             is_held(layout, *compute_hold(layout, body, speed[:, None] * d, lean=a), tilt_max)
             for a in np.linspace(0.0, tilt_max, 7)

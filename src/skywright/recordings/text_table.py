@@ -1,9 +1,92 @@
-"""Helpers for readers of text tables from other programs: decoding, cells, numbers, time spans."""
+"""Helpers for readers of text tables from other programs.
+
+They decode the text, split rows into cells, convert decimal commas, and find columns by name and
+unit. `--columns` of several commands has the format of `parse_columns`.
+"""
 
 import csv
 import math
+import re
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
 
+from skywright.core.bounded import read_bytes
 from skywright.errors import InputError
+
+_NUMBER = re.compile(r"[-+]?[\d.,]+(?:[eE][-+]?\d+)?")
+
+
+class Cells(NamedTuple):
+    """A table as text; each row has as many cells as the header."""
+
+    header: list[str]
+    rows: list[tuple[int, list[str]]]  # (number of the line in the file, stripped cells)
+    delimiter: str
+
+
+def read_cells(path: Path, limit: int) -> Cells:
+    """Read a delimited text file of at most `limit` bytes; lines that begin with # are comments.
+
+    The delimiter is that of comma, semicolon and tab that gives most columns, or spaces if the
+    header contains none of them. Raises InputError if the file is empty or no text, has no rows,
+    or has a row with another number of cells than the header.
+    """
+    text = decode(read_bytes(path, limit))
+    if "\0" in text:
+        raise InputError(f"{path}: is not a text file; valid: a table with a header and rows")
+    lines = [
+        (number, line) for number, line in enumerate(text.splitlines(), 1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]  # fmt: skip
+    if not lines:
+        raise InputError(f"{path}: the file is empty; valid: a table with a header and rows")
+    first = lines[0][1]
+    delimiter = max(",;\t", key=lambda d: len(split_row(first, d)))
+    if len(split_row(first, delimiter)) == 1:
+        delimiter = " "
+    header = split_row(first, delimiter)
+    rows = [(number, split_row(line, delimiter)) for number, line in lines[1:]]
+    check_widths(path, header, rows)
+    return Cells(header, rows, delimiter)
+
+
+def check_widths(path: Path, header: list[str], rows: list[tuple[int, list[str]]]) -> None:
+    """Raise InputError if there are no rows, or if a row and the header have different lengths."""
+    for number, cells in rows:
+        if len(cells) != len(header):
+            raise InputError(
+                f"{path}: row {number} has {len(cells)} cells; the header has {len(header)}"
+            )
+    if not rows:
+        raise InputError(f"{path}: the table has a header and no rows")
+
+
+def convert_commas(
+    path: Path, rows: Sequence[list[str]], delimiter: str, columns: Collection[int]
+) -> bool:
+    """Replace decimal commas by points in `columns` of the rows; return whether there are any.
+
+    Commas in a table that is delimited by commas are no decimal commas. Raises InputError if
+    numbers contain both commas and points, because one of them may separate thousands.
+    """
+    if delimiter == "," or not any("," in row[k] for row in rows for k in columns):
+        return False
+    numbers = [row[k] for row in rows for k in columns if _NUMBER.fullmatch(row[k])]
+    comma = next((cell for cell in numbers if "," in cell), None)
+    point = next((cell for cell in numbers if "." in cell), None)
+    if comma is None:
+        return False
+    if point is not None:
+        raise InputError(
+            f"{path}: numbers contain both , and . (such as {comma[:20]} and {point[:20]}); use a "
+            "decimal point only"
+        )
+    for row in rows:
+        for k in columns:
+            if _NUMBER.fullmatch(row[k]):
+                row[k] = row[k].replace(",", ".")
+    return True
 
 
 def decode(raw: bytes) -> str:
@@ -23,6 +106,85 @@ def split_row(line: str, delimiter: str) -> list[str]:
         return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
     except (csv.Error, StopIteration):
         return [line]
+
+
+def plain_name(name: str) -> str:
+    """Return a column's name in lower case, without spaces and units in brackets."""
+    return re.sub(r"\[.*?\]|\(.*?\)|\s", "", name.lower())
+
+
+def split_unit(name: str, units: Collection[str]) -> tuple[str, str]:
+    """Split "Depth [mm]", "depth (mm)" or "depth_mm" into ("depth", "mm").
+
+    Returns the name in lower case and "" if it states none of the `units`.
+    """
+    plain = name.strip().lower()
+    match = re.fullmatch(
+        r"(.*?[^\s_])(?:[\s_]*\[\s*(\w+)\s*\]|[\s_]*\(\s*(\w+)\s*\)|[\s_]+([^\W_]+))", plain
+    )
+    unit = next(filter(None, match.groups()[1:]), "") if match else ""
+    return (match[1], unit) if match and unit in units else (plain, "")
+
+
+def parse_columns(text: str, units: Mapping[str, Collection[str]]) -> dict[str, tuple[str, str]]:
+    """Parse "value=Wall[mm],t=Time[ms]" and return {quantity: (name in the file, unit)}.
+
+    `units` maps the valid quantities to their units. The unit is "" if `text` does not state it.
+    Raises InputError if a quantity or unit is unknown, or if a quantity is given twice.
+    """
+    found: dict[str, tuple[str, str]] = {}
+    for part in text.split(","):
+        match = re.fullmatch(r"\s*(\w+)\s*=\s*([^\[\]]+?)\s*(?:\[\s*(\w*)\s*\])?\s*", part)
+        what, name, unit = match.groups() if match else (part.strip()[:40], "", None)
+        if not match or what not in units:
+            raise InputError(
+                f"--columns: {what!r}; valid: QUANTITY=NAME[UNIT],... with a quantity of "
+                + ", ".join(units)
+            )
+        if unit and unit not in units[what]:
+            raise InputError(
+                f"--columns: {what} in {unit!r}; valid units: {', '.join(units[what]) or 'none'}"
+            )
+        if what in found:
+            raise InputError(f"--columns: {what} is given twice")
+        found[what] = (name.lower(), unit or "")
+    return found
+
+
+def match_columns(
+    header: Sequence[str], name: str, unit: str, units: Collection[str]
+) -> list[tuple[int, str]]:
+    """Return (index, unit) of the columns that a name of `parse_columns` selects.
+
+    Case and spaces are not compared, nor a part in brackets that only the header contains. Of
+    several such columns, those whose header states `unit` are selected. A column without `unit`
+    has that of its header, "" if the header states none of the `units`.
+    """
+    wanted = re.sub(r"\s", "", name.lower())
+    whole = [k for k, cell in enumerate(header) if re.sub(r"\s", "", cell.lower()) == wanted]
+    fits = whole or [k for k, cell in enumerate(header) if plain_name(cell) == wanted]
+    stated = {k: split_unit(header[k], units)[1] for k in fits}
+    same = [k for k in fits if unit and stated[k] == unit]
+    return [(k, unit or stated[k]) for k in same or fits]
+
+
+def find_column(
+    path: Path, header: Sequence[str], name: str, unit: str, units: Collection[str]
+) -> tuple[int, str]:
+    """Return the (index, unit) of `match_columns`. Raises InputError unless it is one column."""
+    fits = match_columns(header, name, unit, units)
+    if len(fits) != 1:
+        raise InputError(
+            f"{path}: --columns: {'several columns' if fits else 'no column'} {name!r}; found: "
+            + list_names(header)
+        )
+    return fits[0]
+
+
+def list_names(names: Sequence[str], limit: int = 14) -> str:
+    """Return column names for a message, at most `limit` of them."""
+    shown = ", ".join(name[:30] or "(empty)" for name in names[:limit])
+    return shown + (" ..." if len(names) > limit else "")
 
 
 def read_number(cell: str) -> float:

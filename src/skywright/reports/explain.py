@@ -29,7 +29,7 @@ from skywright.vehicle.targets import list_tracked
 if TYPE_CHECKING:
     from skywright.core.spec import Spec
     from skywright.description.loader import Description
-    from skywright.run.run import RunResult
+    from skywright.run.result import RunResult
 
 
 class Row(NamedTuple):

@@ -12,7 +12,7 @@ from skywright.reports.figures.style import house_style, new_figure
 from skywright.reports.render import Camera
 from skywright.reports.still import place_camera, render_run
 from skywright.reports.weld_map import draw_weld_map
-from skywright.run.run import RunResult
+from skywright.run.result import RunResult
 
 SIZE = (8.0, 3.6)  # in
 DPI = 100

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.progress import BarColumn, TaskID, TextColumn
 from rich.progress import Progress as Bar
 
+from skywright.reports.terminal import new_console
 from skywright.run.need import OVERHEAD_S
 from skywright.run.warm_up import is_compiled
 
@@ -28,7 +29,7 @@ class Progress:
     """
 
     def __init__(self, *, quiet: bool = False, console: Console | None = None) -> None:
-        self._console = console or Console(stderr=True, highlight=False, markup=False, emoji=False)
+        self._console = console or new_console(stderr=True)
         self._quiet = quiet
         self._bar: Bar | None = None
         self._task: TaskID | None = None
@@ -96,6 +97,6 @@ def announce_compilation(console: Console | None = None) -> bool:
     printed."""
     if is_compiled():
         return False
-    console = console or Console(stderr=True, highlight=False, markup=False, emoji=False)
+    console = console or new_console(stderr=True)
     console.print("compiling (first run on this machine, about 40 s) ...", markup=False)
     return True

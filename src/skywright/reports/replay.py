@@ -27,7 +27,7 @@ from skywright.reports.trace3d import COLOURS, build_legend, list_judged
 from skywright.reports.views3d import View, build_views
 from skywright.run.backends import has_forces
 from skywright.run.kind import load_kind
-from skywright.run.run import RunResult
+from skywright.run.result import RunResult
 
 FRAME_RATE = 15.0  # Hz
 MAX_FRAMES = 4500

@@ -20,7 +20,7 @@ from skywright.run.directory import SUFFIX
 from skywright.run.kind import load_kind
 from skywright.run.names import list_measures
 from skywright.run.parts import uses_truth
-from skywright.run.run import RunResult
+from skywright.run.result import RunResult
 
 FILES = {
     "replay.html": "3-D replay", "recording.mcap": "recording", "mission.toml": "settings",

@@ -21,7 +21,7 @@ from skywright.models.drawing import (
 )
 from skywright.reports.meshes import Mesh, build_mesh, build_ribbon
 from skywright.reports.render import Camera, Item, render_scene
-from skywright.run.run import RunResult
+from skywright.run.result import RunResult
 
 CCW, CW = (0.17, 0.42, 0.78), (0.45, 0.72, 0.96)
 PATH_WIDTH = 0.007  # m

@@ -20,11 +20,16 @@ if TYPE_CHECKING:
     from skywright.run.verdict import Verdict
 
 
-def new_console() -> Console:
-    """Return a console; without a terminal it is wide and does not wrap."""
-    console = Console(highlight=False, markup=False, emoji=False, soft_wrap=True)
+def new_console(*, stderr: bool = False, width: int = 110) -> Console:
+    """Return a console that prints text as it is; lines of standard output do not wrap.
+
+    Without a terminal it is `width` characters wide.
+    """
+    console = Console(
+        stderr=stderr, highlight=False, markup=False, emoji=False, soft_wrap=not stderr
+    )
     if not console.is_terminal:
-        console = Console(highlight=False, markup=False, emoji=False, width=110, soft_wrap=True)
+        console.width = width
     return console
 
 
@@ -47,6 +52,9 @@ def format_number(value: float | None, unit: str = "") -> str:
 
 def print_result(result: Any) -> None:
     """Print the table of requirements of a run and the paths of its files."""
+    from skywright.run.directory import UNFINISHED
+    from skywright.run.requirements import NOT_MET
+
     console = new_console()
     table = new_table(
         "Requirements", "requirement", "value", "limit", "measured in", "", right=("value",)
@@ -62,14 +70,14 @@ def print_result(result: Any) -> None:
         console.print(f"not judged: {why}", markup=False)
     failed = sum(not r.passed for r in result.requirements)
     verdict = "all requirements met" if not failed else f"{failed} not met"
-    said = not result.reason or result.reason.startswith("not met:")  # already in the table
+    said = not result.reason or result.reason.startswith(NOT_MET)  # already in the table
     reason = "" if said else f" ({result.reason})"
     console.print(f"{result.outcome}{reason}: {verdict}", markup=False)
     directory = Path(result.directory)
     for name in ("report.html", "replay.html"):
         if (directory / name).is_file():
             console.print(str(directory / name), markup=False)
-    if result.outcome in ("interrupted", "diverged"):
+    if result.outcome in UNFINISHED:
         console.print(_describe_kept(result), markup=False)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from numpy.typing import NDArray
@@ -25,16 +25,14 @@ class PhaseRecord(NamedTuple):
     name: str
     start_s: float
     end_s: float
-    outcome: str  # "done", "retry", "taken over" (by a pilot), "failed"
+    outcome: str
+    """ "done", "failed", "retry" (the mission tries again), "taken over" (by a pilot), "drawn back"
+    (by an operator's order)."""
 
-
-INTERRUPTS = ("manual", "draw back")
-"""Phases that begin when a pilot or an operator's order interrupts the phase before."""
-
-
-def is_interrupted(phases: Sequence[PhaseRecord], i: int) -> bool:
-    """Return whether a pilot or an operator's order interrupted phase `i`."""
-    return i + 1 < len(phases) and phases[i + 1].name in INTERRUPTS
+    @property
+    def is_interrupted(self) -> bool:
+        """Whether a pilot or an operator's order ended it: its samples are not a result."""
+        return self.outcome in ("taken over", "drawn back")
 
 
 class Flight(NamedTuple):

@@ -196,7 +196,7 @@ class Orders:
         s, order = self._s, Order.RETRY
         s.watch = None
         if isinstance(ended, ContactEnded):
-            s.end("retry")
+            s.end("drawn back")
             s.begin("draw back")
             if detour is None:
                 s.kind.withdraw(s, s.way)

@@ -36,6 +36,15 @@ class Verdict(NamedTuple):
     where: str = ""  # the phases in which the value is measured
 
 
+NOT_MET, BROKEN = "not met: ", "evaluation: "
+"""Beginnings of the reasons that the evaluation of a run states."""
+
+
+def is_judgement(reason: str) -> bool:
+    """Return whether a run's reason is that of its evaluation, not one that the flight states."""
+    return reason.startswith((NOT_MET, BROKEN))
+
+
 def describe_missed(verdicts: list[Verdict]) -> str:
     """Return the requirements that were not met, as text."""
     missed = []
@@ -44,7 +53,7 @@ def describe_missed(verdicts: list[Verdict]) -> str:
             value = "not measured" if v.value is None else f"{v.value:.3g}"
             limit = f"{v.sense} {v.limit:g} {v.unit}".rstrip()
             missed.append(f"{v.name} {value} (limit {limit})")
-    return "not met: " + ", ".join(missed)
+    return NOT_MET + ", ".join(missed)
 
 
 def describe_outcome(outcome: str, verdicts: list[Verdict]) -> str:

@@ -12,7 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Generic, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,14 @@ from skywright.models.capability import check_can_fly
 from skywright.planning.motion.plan_file import write_plan_file
 from skywright.recordings.columns import build_dtype
 from skywright.run.backends import PHYSICS, build_for_mission, check_backend
-from skywright.run.directory import MISSION, load_run, open_directory, write_json, write_unfinished
+from skywright.run.directory import (
+    MISSION,
+    UNFINISHED,
+    load_run,
+    open_directory,
+    write_json,
+    write_unfinished,
+)
 from skywright.run.faults._rule import Acted, Rule
 from skywright.run.flight import Flight, Flown, PhaseRecord
 from skywright.run.flight_recording import FlightRecording, Pace
@@ -38,10 +45,17 @@ from skywright.run.operator import Operator
 from skywright.run.parts import build_rules
 from skywright.run.planning import MissionPlan, plan_mission
 from skywright.run.records import FlightRecords, Measurement
-from skywright.run.requirements import Verdict, check_requirement_names, describe_outcome, judge_run
+from skywright.run.requirements import (
+    BROKEN,
+    Verdict,
+    check_requirement_names,
+    describe_outcome,
+    is_judgement,
+    judge_run,
+)
+from skywright.run.result import RunResult
 from skywright.run.setup import Setup
 from skywright.run.supervisor import Supervisor
-from skywright.run.versions import collect_versions
 from skywright.run.warm_up import is_compiled, start_warm_up
 from skywright.vehicle.simulated import SimulatedVehicle
 from skywright.vehicle.time_limit import watch
@@ -61,63 +75,6 @@ class Observer(Protocol):
 
     def close(self) -> None:
         """Called after the flight."""
-
-
-class RunResult(NamedTuple, Generic[T, P]):
-    """A finished run; `samples` holds the columns that components declare (100 Hz)."""
-
-    description: Description[T]
-    plan: MissionPlan[P]
-    samples: NDArray[Any]
-    phases: list[PhaseRecord]
-    outcome: str  # succeeded, failed, aborted, interrupted, diverged
-    reason: str
-    metrics: dict[str, float]
-    requirements: list[Verdict]
-    timing: dict[str, float]
-    details: Any
-    """Results of the mission's kind that are not metrics; of a scan a WeldResult, or None."""
-    directory: Path
-    acted: tuple[Acted, ...] = ()
-    """Rules that ended the mission, in the order in which they acted."""
-    found: dict[str, Any] = {}
-    """The results, as plain JSON."""
-    waived: dict[str, str] = {}
-    """Requirements that do not apply to the task, each with the reason."""
-    command: str = ""  # command line that started the run, or ""
-    backend: str = PHYSICS  # back end that flew it
-    checklist: tuple[dict[str, Any], ...] = ()  # what Checked.to_json returns
-    inspected: Inspected | None = None
-    """Detection results for the flaws of the true world; None: the kind searches for none."""
-
-    @property
-    def exit_code(self) -> int:
-        """Exit code of the command-line contract."""
-        return {"succeeded": 0, "diverged": 3}.get(self.outcome, 1)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the content of metrics.json."""
-        d = self.description
-        return {
-            "mission": d.mission.name,
-            "robot": d.robot.name,
-            "world": d.world.name,
-            "seed": d.mission.seed,
-            "backend": self.backend,
-            "command": self.command,
-            "outcome": self.outcome,
-            "reason": self.reason,
-            "requirements": [r._asdict() for r in self.requirements],
-            "waived": self.waived,
-            "result": self.found,
-            "inspected": None if self.inspected is None else self.inspected.to_json(),
-            "metrics": {k: v if np.isfinite(v) else None for k, v in self.metrics.items()},
-            "phases": [p._asdict() for p in self.phases],
-            "faults": [a._asdict() for a in self.acted],
-            "checklist": list(self.checklist),
-            "timing": self.timing,
-            "versions": collect_versions(),
-        }
 
 
 @on_one_thread
@@ -177,7 +134,7 @@ def run_mission(
     result = result._replace(command=command, backend=backend)
     _add_timing(result, start)
     write_json(partial / "metrics.json", result.to_json())
-    if outcome in ("interrupted", "diverged"):
+    if outcome in UNFINISHED:
         return result
     try:
         if write_report is not None:
@@ -219,9 +176,9 @@ def evaluate_directory(directory: Path) -> RunResult:
     stored = load_run(directory)
     setup = Setup(load_description(directory / MISSION))
     plan = plan_mission(setup.description, setup)
-    outcome = stored.outcome if stored.outcome in ("interrupted", "diverged") else ""
-    judged = stored.outcome == "failed" and stored.reason.startswith(("not met:", "evaluation:"))
-    reason, whole = "" if judged else stored.reason, stored.outcome in ("succeeded", "failed")
+    outcome = stored.outcome if stored.outcome in UNFINISHED else ""
+    reason = "" if is_judgement(stored.reason) else stored.reason  # it is judged again
+    whole = stored.outcome in ("succeeded", "failed")
     flown = Flown(setup, plan, stored.samples, stored.phases)
     result = _evaluate(flown, Flight(whole, reason, stored.acted), outcome, directory)
     return result._replace(
@@ -374,21 +331,21 @@ def _evaluate(run: Flown[T, P], flight: Flight, outcome: str, directory: Path) -
                 metrics.update(kind.metrics(run))
                 details, found = kind.result(run), kind.describe(run)
     except Exception as error:  # e.g. no approach to calibrate on after an abort
-        broken = f"evaluation: {_describe(error)}"
+        broken = f"{BROKEN}{_describe(error)}"
     metrics["plan.wall_s"] = plan.plan_s
     metrics["plan.min_clearance_m"] = plan.min_clearance_m
     metrics["plan.min_rotor_margin"] = plan.min_rotor_margin
     try:
         verdicts, waived = judge_run(kind, run, metrics)
     except Exception as error:
-        broken = broken or f"evaluation: {_describe(error)}"
+        broken = broken or f"{BROKEN}{_describe(error)}"
     inspected: Inspected | None = None
     try:
         if len(run.samples):
             with blame(type(kind), "inspected"):
                 inspected = kind.inspected(run)
     except Exception as error:
-        broken = broken or f"evaluation: {_describe(error)}"
+        broken = broken or f"{BROKEN}{_describe(error)}"
     reason = reason or broken
     if not outcome:
         met = not broken and all(v.passed for v in verdicts)

@@ -352,7 +352,7 @@ class Supervisor(Generic[T]):
             self._on_phase(len(self.phases), name)
 
     def end(self, outcome: str) -> None:
-        """End the open phase as "done", "retry", "taken over" or "failed"."""
+        """End the open phase with an outcome of PhaseRecord."""
         if self._open is not None:
             name, start = self._open
             self.phases.append(PhaseRecord(name, start, self.vehicle.t, outcome))

@@ -9,6 +9,7 @@ import numpy as np
 from skywright.core.record import Record, View, fill
 from skywright.errors import InputError, SimulationError
 from skywright.models.rigid_body import compute_tip
+from skywright.recordings.period import compute_period
 from skywright.vehicle.bus import Allocated, Clock, Estimate, Reference, WrenchCommand
 from skywright.vehicle.component import Component, Draws
 from skywright.vehicle.estimates import EstimatorState
@@ -124,7 +125,7 @@ class EstimatorRun(Stepped):
         R_fix: Array | None, heading: Array | None,
     ) -> Any:  # fmt: skip
         """Return the estimates, one a control tick; for the arguments see run_estimator."""
-        h = float(np.median(np.diff(t)))
+        h = compute_period(t)
         imu, room = self.find(ImuBatch), len(self.find(ImuBatch).gyro)
         k = int(np.clip(round(self.vehicle.dt / h), 1, room))
         self._set_period(h, k * h)
@@ -138,7 +139,7 @@ class EstimatorRun(Stepped):
         self.assembly.get(Allocated)["f_B_alloc"] = 0.0
         nxt = int(np.searchsorted(t_fix, t[0] - 0.5 * h))
         # the first sample has no predecessor: its period is that of the others
-        last_fix = t_fix[nxt] - (float(np.median(np.diff(t_fix))) if len(t_fix) > 1 else k * h)
+        last_fix = t_fix[nxt] - (compute_period(t_fix) or k * h)
         for i in range(len(out)):
             last = (i + 1) * k
             now = float(t[last - 1])

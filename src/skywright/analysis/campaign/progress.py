@@ -2,9 +2,9 @@
 
 import time
 
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from skywright.reports.terminal import new_console
 from skywright.run.rows import Row
 
 LINE_S = 30.0
@@ -16,7 +16,7 @@ class CampaignProgress:
 
     def __init__(self, runs: int, done: int, failed: int, *, quiet: bool = False) -> None:
         """`done` runs, `failed` of them failed, exist from an earlier call."""
-        self._console = Console(stderr=True, highlight=False, markup=False, emoji=False)
+        self._console = new_console(stderr=True)
         self._quiet, self._runs, self._done, self._failed = quiet, runs, done, failed
         self._told = time.perf_counter()
         self._bar: Progress | None = None

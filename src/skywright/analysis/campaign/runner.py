@@ -8,8 +8,9 @@ from typing import Any, NamedTuple, Protocol
 from skywright.analysis.campaign.spec import Draw
 from skywright.description.loader import Description
 from skywright.errors import InfeasibleError, InputError, SimulationError
+from skywright.run.result import RunResult
 from skywright.run.rows import Row
-from skywright.run.run import RunResult, fly_and_evaluate, run_mission
+from skywright.run.run import fly_and_evaluate, run_mission
 
 RECORD = ("none", "failed", "all")
 """Valid values of `record`: the runs whose directory is kept."""

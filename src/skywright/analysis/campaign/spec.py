@@ -14,7 +14,6 @@ from skywright.analysis.campaign.distributions import (
     draw_seed,
     parse_variations,
 )
-from skywright.core.keys import iterate_leaves
 from skywright.core.toml_files import parse_value
 from skywright.core.user_files import PythonEndedError, read_sources, tried_first
 from skywright.description.dump import dump_description, list_sources, write_literal
@@ -32,9 +31,6 @@ DRAWING = tuple(f"analysis/campaign/{name}.py" for name in ("distributions", "ru
 """Files of this package on which a row depends."""
 COMPANY = 8
 """Number of draws of the other keys that are tried with an extreme value before it is refused."""
-
-PLAN_FILES = (".csv", ".toml")
-"""Endings of the two files of a plan."""
 
 
 class Campaign(NamedTuple):
@@ -209,25 +205,19 @@ def build_identity(campaign: Campaign) -> dict[str, Any]:
 
 
 def _hash_laws(campaign: Campaign) -> str | None:
-    """Return a hash of the user's source files, fixed or varied, and of varied robots and worlds.
+    """Return a hash of the user's files on which rows depend; None if there are none.
 
-    Rows depend on these files. A fixed robot or world is part of the description, which names other
-    files, such as a plan.
+    These are source files and files of the task, fixed or varied, and varied robots and worlds. A
+    fixed robot or world is part of the description.
     """
     names = [f"{path}:" for path in list_sources(campaign.base)]
-    leaves = iterate_leaves(campaign.base.mission.task, "mission.task")
-    files = [value for _, value in leaves if isinstance(value, str) and "." in value]
-    names += [value for value in files if Path(value).suffix in PLAN_FILES]
+    names += [str(path) for path in _list_task_files(campaign)]
     texts = [v for x in campaign.variations for v in x.values if isinstance(v, str)]
     names += [v for v in texts if not v.startswith(("[", "{"))]  # a list or a table is no file
     digest, found = hashlib.sha256(), False
     for name in dict.fromkeys(n for n in names if n):
         file = name.rpartition(":")[0] if ".py:" in name else name
-        both = [Path(file)]
-        if both[0].suffix in PLAN_FILES:  # the two files of a plan
-            both = [both[0].with_suffix(suffix) for suffix in PLAN_FILES]
-        roots = (Path(campaign.mission).parent, Path())
-        for path in (root / one for root in roots for one in both):
+        for path in (Path(campaign.mission).parent / file, Path(file)):
             for one in sorted(path.glob("*.toml")) if path.is_dir() else [path]:
                 if one.is_file():
                     read = read_sources(one) if one.suffix == ".py" else {one: one.read_bytes()}
@@ -235,6 +225,18 @@ def _hash_laws(campaign: Campaign) -> str | None:
                         digest.update(source.as_posix().encode() + b"\0" + data)
                     found = True
     return digest.hexdigest()[:16] if found else None
+
+
+def _list_task_files(campaign: Campaign) -> list[Path]:
+    """Return the files that the task names, with its fixed and with its varied values."""
+    task = campaign.base.mission.task
+    files = [*task.list_files()]
+    for variation in campaign.variations:
+        root, _, key = variation.key.rpartition(".")
+        if root == "mission.task" and key in type(task).model_fields:
+            for value in (v for v in variation.values if isinstance(v, str)):
+                files += task.model_copy(update={key: value}).list_files()
+    return files
 
 
 def check_unchanged(campaign: Campaign, identity: dict[str, Any]) -> None:

@@ -12,6 +12,7 @@ from skywright.core.arrays import Array, Mask
 from skywright.description.robot.spec import Robot
 from skywright.models.localisation.trajectory import find_covered, find_gap_limit
 from skywright.models.rigid_body import build_body_model, compute_body, posture
+from skywright.recordings.period import compute_period
 
 FASTEST = 250.0  # Hz, maximum rate of the common time axis
 GRAVITY = 9.80665
@@ -46,6 +47,11 @@ class FlightLog(NamedTuple):
     air_density: float
     notes: tuple[str, ...] = ()
 
+    @property
+    def period(self) -> float:
+        """Time (s) between two samples; 0 for one sample."""
+        return compute_period(self.t)
+
 
 def find_airborne(speed: Array, t: Array, force: Array | None, robot: Robot) -> Mask:
     """Return the mask (n,) of flight, from the rotors' speeds (n, rotors) of any unit.
@@ -75,10 +81,13 @@ def find_sampled(samples: Array, t: Array) -> Mask:
 
 
 def leave_out_gaps(free: Mask, sampled: Mask, t: Array, notes: list[str]) -> Mask:
-    """Return the mask (n,) of flight without gaps of a signal; append a note on the lost time."""
+    """Return the mask (n,) of flight without gaps of a signal; append a note on the lost time.
+
+    `t` (n,) s is evenly spaced.
+    """
     lost = free & ~sampled
     if lost.any():
-        seconds = float(np.count_nonzero(lost)) * float(np.median(np.diff(t)))
+        seconds = float(np.count_nonzero(lost)) * compute_period(t)
         notes.append(f"{seconds:.1f} s of flight lie in gaps of the log: not used")
     return free & sampled
 

@@ -184,7 +184,7 @@ def identify(
 
 def _list_used(log: FlightLog) -> list[tuple[float, float]]:
     """Return the parts of a log that the fit uses, in s from its first sample."""
-    found = find_stretches(log, float(np.median(np.diff(log.t))))
+    found = find_stretches(log)
     return [(float(log.t[a] - log.t[0]), float(log.t[b - 1] - log.t[0])) for a, b in found]
 
 

@@ -14,6 +14,7 @@ from scipy.signal import butter, sosfiltfilt
 from skywright.analysis.identify.fit import BLOCK, CONFIDENCE, choose_held_out
 from skywright.analysis.identify.flight_log import FlightLog
 from skywright.core.arrays import Array, Mask
+from skywright.recordings.period import compute_period
 
 CUTOFF = 5.0  # Hz
 LEAST = 4  # minimum number of blocks with motion
@@ -38,13 +39,16 @@ class Lag(NamedTuple):
 
 
 def fit_lag(name: str, unit: str, t: Array, command: Array, response: Array, use: Mask) -> Lag:
-    """Fit a response (k,) to its command (k,) where `use` holds and both are numbers."""
+    """Fit a response (k,) to its command (k,) where `use` holds and both are numbers.
+
+    `t` (k,) s is evenly spaced.
+    """
 
     def give_up(reason: str) -> Lag:
         nan = float("nan")
         return Lag(name, unit, False, reason, nan, nan, nan, nan, nan, nan)
 
-    period = float(np.median(np.diff(t)))
+    period = compute_period(t)
     sos = butter(4, min(CUTOFF, 0.35 / period) * 2 * period, output="sos")
     known = np.isfinite(command) & np.isfinite(response)
     if not known.any():
@@ -120,7 +124,7 @@ def fit_rotor_lag(log: FlightLog) -> Lag | None:
         return None
     n = log.rotor_speed.shape[1]
     middle = log.rotor_speed[log.free].mean(axis=0)
-    period = float(np.median(np.diff(log.t)))
+    period = log.period
     gap = round(2.0 / period)  # between the records of two rotors
     length = len(log.t) + gap
     t = period * np.arange(n * length)

@@ -7,11 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.analysis.identify.flight_log import FlightLog
+from skywright.analysis.identify.flight_log import (
+    FlightLog,
+    align_signs,
+    find_rotations,
+    find_sampled,
+    leave_out_gaps,
+)
 from skywright.analysis.identify.table import load_table
 from skywright.analysis.identify.ulog import load_ulog
 from skywright.core.arrays import Array
-from skywright.core.rotations import quat_to_rot
 from skywright.core.trust import guarded
 from skywright.description.loader import Description, load_description
 from skywright.description.robot.limbs import list_joints, list_servos, takes_torque
@@ -22,6 +27,7 @@ from skywright.models.allocation import allocate, build_allocator, thrust_to_spe
 from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.rotors import build_rotors
 from skywright.recordings.columns import has_columns
+from skywright.recordings.period import compute_period
 from skywright.recordings.recording import Recording, read_recording
 
 TOUCHING = 1e-3  # m, deflection of the probe's spring in contact; less in free flight
@@ -56,11 +62,10 @@ def load_log(path: Path, robot: Robot | None = None) -> FlightLog:
         raise InputError(
             f"{path}: unknown kind of log; valid: a run's directory, *.mcap, *.ulg, *.csv"
         )
-    period = float(log.t[1] - log.t[0]) if len(log.t) > 1 else 0.0
-    if period * int(np.sum(log.free)) < SHORTEST:
+    flown = log.period * int(np.sum(log.free))
+    if flown < SHORTEST:
         raise InputError(
-            f"{path}: contains {period * int(np.sum(log.free)):.1f} s of free flight; at "
-            f"least {SHORTEST:g} s are required"
+            f"{path}: contains {flown:.1f} s of free flight; at least {SHORTEST:g} s are required"
         )
     return log
 
@@ -75,6 +80,10 @@ def _load_recording(path: Path, robot: Robot | None) -> FlightLog:
     s = recording.samples
     if len(s) < 10:
         raise InputError(f"{path}: contains only {len(s)} samples")
+    if not np.all(np.diff(s["t"]) > 0.0):
+        raise InputError(
+            f"{path}: the times of its samples do not rise; give the recording of a run"
+        )
     if len(robot.rotors.azimuth_deg) != recording.info["n_rotors"]:
         raise InputError(
             f"{path}: was flown with {recording.info['n_rotors']} rotors; robot {robot.name!r} has "
@@ -117,25 +126,31 @@ def build_log(
     phases: NDArray[np.str_],
     joints: tuple[str, ...],
 ) -> FlightLog:
-    """Build a log from samples (k,) of a run with the columns IDENTIFY_FIELDS.
+    """Build a log from samples (k,) of a run with the columns IDENTIFY_FIELDS, resampled evenly.
 
-    `phases` (k,) names the phase of each sample.
+    `phases` (k,) names the phase of each sample. The times of the samples rise.
     """
+    notes: list[str] = []
+    stamps = s["t"]
+    t = np.arange(stamps[0], stamps[-1], compute_period(stamps))
+    place = np.interp(t, stamps, np.arange(len(s)))
+    s, phases = _resample(s, place), phases[np.rint(place).astype(int)]
     n, rotors = len(joints), len(robot.rotors.azimuth_deg)
     positioned = any(servo.mode == "position" for _, servo in list_servos(robot))
     response = s["theta" if positioned else "qd"][:, :n]
     if takes_torque(robot):  # a torque command has no lag in angle or speed
         response = np.zeros_like(response)
-    R = np.array([_rot(q) for q in s["est_q_WB"]])
+    R = find_rotations(s["est_q_WB"])
     free = (s["f_collision"] == 0.0) & ~np.any(s["f_contact"], axis=1) & (s["spring"] < TOUCHING)
     if has_columns(s, "f_docking_W"):
         free &= ~np.any(s["f_docking_W"], axis=1)
     free &= ~np.isin(phases, ["start", "take_off", "land"])
     free &= np.all(s["rotor_speed"][:, :rotors] > 1.0, axis=1)
+    free = leave_out_gaps(free, find_sampled(stamps, t), t, notes)
     return FlightLog(
         name=name,
         robot=robot,
-        t=s["t"],
+        t=t,
         free=free,
         v_WB=s["est_v_WB"],
         R_WB=R,
@@ -151,12 +166,23 @@ def build_log(
         servo_response=response,
         gravity=world.gravity_mps2,
         air_density=world.air_density_kg_m3,
+        notes=tuple(notes),
     )
 
 
-def _rot(q: Array) -> Array:
-    out = np.empty((3, 3))
-    quat_to_rot(np.ascontiguousarray(q), out)
+def _resample(s: NDArray[Any], place: Array) -> NDArray[Any]:
+    """Return the columns IDENTIFY_FIELDS of samples (k,) at `place` (n,), fractions of an index.
+
+    Columns of floats are interpolated; others have the value of the nearest sample.
+    """
+    fields = [name for name in IDENTIFY_FIELDS if has_columns(s, name)]
+    out = s[fields][np.rint(place).astype(int)]
+    before = np.minimum(place.astype(int), len(s) - 2)
+    for name in fields:
+        x = align_signs(s[name]) if name == "est_q_WB" else s[name]
+        if x.dtype.kind == "f":
+            share = (place - before).reshape(-1, *(1,) * (x.ndim - 1))
+            out[name] = x[before] + share * (x[before + 1] - x[before])
     return out
 
 

@@ -34,16 +34,17 @@ class _Signal(NamedTuple):
     values: Array  # (n, rotors) rad/s, or commands of 0 to 1
     measured: bool
     data: Any  # of the topic
+    fields: list[str]  # of the data
 
 
 def read_rotors(
     path: Path, topics: Iterable[Any], parameters: dict[str, float], robot: Robot,
     order: list[int], at: Any, notes: list[str],
-) -> tuple[Array | None, Array | None, Any]:  # fmt: skip
-    """Return measured speeds (n, rotors) rad/s, or commanded thrusts (N) without measurements, and
-    the data of the topic that gives them.
+) -> tuple[Array | None, Array | None]:  # fmt: skip
+    """Return measured speeds (n, rotors) rad/s, or commanded thrusts (N) without measurements.
 
-    `order` holds each rotor's index in the log. Raises InputError if no topic has the signals.
+    `order` holds each rotor's index in the log. The gaps of the topic that is taken are left out of
+    the time axis `at`. Raises InputError if no topic has the signals.
     """
     rotors = build_rotors(robot.rotors)
     found: list[_Signal] = []
@@ -52,7 +53,8 @@ def read_rotors(
         data = topic.data
         if topic.name not in TOPICS or len(data["timestamp"]) < 2:
             continue
-        values = _read(topic.name, data, parameters, rotors, order, at)
+        fields = _list_fields(topic.name, order)
+        values = _read(topic.name, data, fields, parameters, rotors, at)
         if values is None:
             silent.append(f"{topic.name} lacks some of the {len(order)} rotors")
         elif np.max(values, initial=0.0) <= (TURNING / 9.5493 if _is_speed(topic) else PULSING):
@@ -60,7 +62,7 @@ def read_rotors(
         else:
             span = float(data["timestamp"][-1] - data["timestamp"][0]) * 1e-6
             rate = (len(data["timestamp"]) - 1) / max(span, 1e-9)
-            found.append(_Signal(topic.name, rate, values, _is_speed(topic), data))
+            found.append(_Signal(topic.name, rate, values, _is_speed(topic), data, fields))
     if not found:
         why = "; ".join(silent) or "the log contains none of them"
         raise InputError(
@@ -74,8 +76,10 @@ def read_rotors(
         if best.rate < SLOW and other.rate > 2.0 * best.rate:
             notes.append(f"{best.name} comes at {best.rate:.0f} Hz only: {other.name} is taken")
             best = other
+    for field in best.fields:
+        at.leave_out(best.data, field)
     if best.measured:
-        return best.values, None, best.data
+        return best.values, None
     notes += [f"{s}: not taken" for s in silent if s.startswith(("esc", "in esc"))]
     u = np.clip(best.values, 0.0, 1.0)
     f = float(parameters.get("THR_MDL_FAC", 0.0))
@@ -83,23 +87,26 @@ def read_rotors(
         f"no rotor speeds in the log: thrust from {best.name} ({best.rate:.0f} Hz), by PX4's "
         f"thrust model with THR_MDL_FAC {f:g} and the robot file's largest thrust"
     )
-    return None, rotors.thrust_max * (f * u**2 + (1.0 - f) * u), best.data
+    return None, rotors.thrust_max * (f * u**2 + (1.0 - f) * u)
 
 
 def _is_speed(topic: Any) -> bool:
     return bool(topic.name == "esc_status")
 
 
+def _list_fields(name: str, order: list[int]) -> list[str]:
+    """Return the fields of a topic that hold the rotors' signals, or the mixer's inputs."""
+    if name == "actuator_controls_0":
+        return [f"control[{i}]" for i in range(4)]
+    field = {"esc_status": "esc[{}].esc_rpm", "actuator_motors": "control[{}]"}
+    return [field.get(name, "output[{}]").format(i) for i in order]
+
+
 def _read(
-    name: str, data: dict[str, Any], parameters: dict[str, float], rotors: RotorSet,
-    order: list[int], at: Any,
+    name: str, data: dict[str, Any], fields: list[str], parameters: dict[str, float],
+    rotors: RotorSet, at: Any,
 ) -> Array | None:  # fmt: skip
     """Return speeds (rad/s) or commands (0 to 1) of the rotors; None if some are missing."""
-    if name == "actuator_controls_0":
-        fields = [f"control[{i}]" for i in range(4)]
-    else:
-        field = {"esc_status": "esc[{}].esc_rpm", "actuator_motors": "control[{}]"}
-        fields = [field.get(name, "output[{}]").format(i) for i in order]
     if any(field not in data for field in fields):
         return None
     x = np.column_stack([at(data, field) for field in fields])

@@ -94,14 +94,14 @@ def build_columns(log: FlightLog, time_constant: float | None = None) -> Columns
     if no stretch is long enough.
     """
     rotors = build_rotors(log.robot.rotors)
-    period = float(np.median(np.diff(log.t)))
+    period = log.period
     cutoff = min(CUTOFF, 0.35 / period)
     sos = butter(4, cutoff * 2.0 * period, output="sos")
     step = max(round(1.0 / (KEEP * cutoff) / period), 1)
     thrust = compute_thrusts(log, rotors, time_constant)
     parts: list[Columns] = []
     poses: list[Array] = []
-    for begin, end in find_stretches(log, period):
+    for begin, end in find_stretches(log):
         edge = round(EDGE / period)
         use = slice(edge, end - begin - edge, step)
         part = _build_stretch(log, rotors, thrust, slice(begin, end), period, sos, use)
@@ -126,10 +126,10 @@ def build_columns(log: FlightLog, time_constant: float | None = None) -> Columns
     return Columns(poses=np.array(poses), **values)
 
 
-def find_stretches(log: FlightLog, period: float) -> list[tuple[int, int]]:
+def find_stretches(log: FlightLog) -> list[tuple[int, int]]:
     """Return [begin, end) of the stretches of free flight in which no joint moves."""
     out = []
-    least = round(max(SHORTEST, 2 * EDGE + 1.0) / period)
+    least = round(max(SHORTEST, 2 * EDGE + 1.0) / log.period)
     begin = 0
     n = len(log.t)
     while begin < n:
@@ -139,9 +139,7 @@ def find_stretches(log: FlightLog, period: float) -> list[tuple[int, int]]:
         end, low, high = begin, log.q[begin].copy(), log.q[begin].copy()
         while end < n and log.free[end]:
             low, high = np.minimum(low, log.q[end]), np.maximum(high, log.q[end])
-            if np.any(high - low > STILL) or (
-                end > begin and log.t[end] - log.t[end - 1] > 1.5 * period
-            ):
+            if np.any(high - low > STILL):
                 break
             end += 1
         if end - begin >= least:

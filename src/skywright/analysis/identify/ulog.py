@@ -60,7 +60,7 @@ def load_ulog(path: Path, robot: Robot | None) -> FlightLog:
     position = topics.get("vehicle_local_position")
     found = next((a for a in ACCELERATION if a[0] in topics), None)
     if position is not None:
-        v = np.column_stack([at(position, k) for k in ("vx", "vy", "vz")]) @ ENU.T
+        v = np.column_stack([at.take(position, k) for k in ("vx", "vy", "vz")]) @ ENU.T
     else:
         notes.append("no vehicle_local_position in the log: drag is not identified")
     if position is None and found is None:
@@ -73,14 +73,13 @@ def load_ulog(path: Path, robot: Robot | None) -> FlightLog:
         force = _vector(topics[found[0]], found[1], at) * FLU
         force = move_to_origin(force, w, t, robot)
     order = _match_rotors(path, log.initial_parameters, robot, notes)
-    speed, command, motors = read_rotors(
+    speed, command = read_rotors(
         path, log.data_list, log.initial_parameters, robot, order, at, notes
     )
     turning = np.sqrt(np.maximum(command, 0.0)) if command is not None else speed
     assert turning is not None
-    used = [rates, attitude, motors, position, None if found is None else topics[found[0]]]
     free = _find_free(topics, turning, force, t, at, robot)
-    free = leave_out_gaps(free, at.find_sampled(used), t, notes)
+    free = leave_out_gaps(free, at.sampled, t, notes)
     names = tuple(joint_names(robot))
     q = posture(robot, "folded")
     if names:
@@ -131,7 +130,10 @@ def _need(path: Path, topics: dict[str, Any], name: str, what: str) -> Any:
 
 
 class _Axis:
-    """The common time axis `t` (n,) s from 0; a call resamples a field of a topic to it."""
+    """The common time axis `t` (n,) s from 0; a call resamples a field of a topic to it.
+
+    `sampled` (n,) is the mask of the times that lie in no gap of the fields that the fit uses.
+    """
 
     def __init__(self, path: Path, name: str, rates: Any) -> None:
         self.path = path
@@ -147,39 +149,43 @@ class _Axis:
                 "needed"
             )
         self.t = np.arange(0.0, stamps[-1] - stamps[0], period)
-
-    def find_times(self, topic: Any) -> Array:
-        """Return the times (k,) s of the samples of a topic."""
-        return np.asarray(topic["timestamp"].astype(np.float64) * 1e-6 - self.start)
+        self.sampled = np.ones(len(self.t), dtype=bool)
 
     def __call__(self, topic: Any, name: str) -> Array:
+        times, x = self._list_samples(topic, name)
+        if len(x) < 2:
+            return np.full(len(self.t), np.nan)
+        return np.asarray(np.interp(self.t, times, x))
+
+    def take(self, topic: Any, name: str) -> Array:
+        """Resample a field that the fit uses, and take its gaps out of `sampled`."""
+        self.leave_out(topic, name)
+        return self(topic, name)
+
+    def leave_out(self, topic: Any, name: str) -> None:
+        """Take the gaps of a field, which samples with NaN do not fill, out of `sampled`."""
+        self.sampled &= find_sampled(self._list_samples(topic, name)[0], self.t)
+
+    def _list_samples(self, topic: Any, name: str) -> tuple[Array, Array]:
+        """Return the times (k,) s and the values (k,) of a field, without those of NaN."""
         if name not in topic:
             raise InputError(f"{self.path}: lacks the field {name!r} in a topic; log it in full")
         x = np.asarray(topic[name], dtype=np.float64)
         good = np.isfinite(x)
-        if good.sum() < 2:
-            return np.full(len(self.t), np.nan)
-        return np.asarray(np.interp(self.t, self.find_times(topic)[good], x[good]))
-
-    def find_sampled(self, topics: list[Any]) -> Mask:
-        """Return the mask (n,) of the times that are in no gap of these topics; None is none."""
-        out = np.ones(len(self.t), dtype=bool)
-        for topic in topics:
-            if topic is not None:
-                out &= find_sampled(self.find_times(topic), self.t)
-        return out
+        return np.asarray(topic["timestamp"].astype(np.float64) * 1e-6 - self.start)[good], x[good]
 
 
 def _vector(topic: Any, name: str, at: Any) -> Array:
-    return np.column_stack([at(topic, f"{name}[{i}]") for i in range(3)])
+    return np.column_stack([at.take(topic, f"{name}[{i}]") for i in range(3)])
 
 
 def _rotations(topic: Any, at: Any) -> Array:
     """Return R_WB (n, 3, 3), ENU from FLU, from PX4's quaternion (NED from FRD)."""
     raw = np.column_stack([topic[f"q[{i}]"] for i in range(4)]).astype(np.float64)
-    raw = align_signs(raw)
-    smooth = {"timestamp": topic["timestamp"], **{f"q[{i}]": raw[:, i] for i in range(4)}}
-    q = np.column_stack([at(smooth, f"q[{i}]") for i in range(4)])
+    good = np.all(np.isfinite(raw), axis=1)
+    raw = align_signs(raw[good])
+    smooth = {"timestamp": topic["timestamp"][good], **{f"q[{i}]": raw[:, i] for i in range(4)}}
+    q = np.column_stack([at.take(smooth, f"q[{i}]") for i in range(4)])
     return np.asarray(ENU @ find_rotations(q) * FLU)
 
 

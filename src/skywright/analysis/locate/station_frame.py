@@ -128,10 +128,11 @@ def estimate_station_pose(
             f"{total:.1f}, at most {limit:.1f})"
         )
     sigma = math.sqrt(total * std**2 / redundancy) if redundancy > 0 else 0.0
+    shift = _find_detectable_shift(critical)
     points = tuple(
         StationPoint(
             names[i], r[i], float(statistic[i]), float(share[i]),
-            _detectable(float(share[i]), std, critical), bool(used[i]),
+            _compute_detectable(float(share[i]), std, shift), bool(used[i]),
         )
         for i in range(n)
     )  # fmt: skip
@@ -185,16 +186,19 @@ def _test_points(r: Array, arm: Array, cov: Array, std: float, used: Mask
     return statistic, share
 
 
-def _detectable(redundancy: float, std: float, critical: float) -> float:
-    """Return the offset (m) that the test finds with probability POWER at this mean redundancy.
+def _find_detectable_shift(critical: float) -> float:
+    """Return the shift, in standard deviations of the residual, found with probability POWER.
 
-    The statistic of a point with an offset has a noncentral chi-squared distribution of three
-    degrees of freedom; the test compares it with `critical`.
+    The statistic of a shifted point has a noncentral chi-squared distribution of three degrees of
+    freedom; the test compares it with `critical`.
     """
-    if redundancy < 1e-3:
-        return math.inf
 
-    def miss(shift: float) -> float:
+    def excess_power(shift: float) -> float:
         return float(ncx2.sf(critical, 3, shift**2)) - POWER
 
-    return float(brentq(miss, 1e-3, math.sqrt(critical) + 10.0)) * std / math.sqrt(redundancy)
+    return float(brentq(excess_power, 1e-3, math.sqrt(critical) + 10.0))
+
+
+def _compute_detectable(redundancy: float, std: float, shift: float) -> float:
+    """Return the offset (m) of a point with this mean redundancy that shifts its residual so."""
+    return shift * std / math.sqrt(redundancy) if redundancy >= 1e-3 else math.inf

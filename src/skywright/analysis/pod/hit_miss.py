@@ -262,7 +262,17 @@ def fit_hit_miss(x: Array, hit: Array, link: Link, ceiling: float | None = 1.0) 
     separation, or a POD that decreases with size.
     """
     check_hit_miss(x, hit)
-    c = estimate_ceiling(x, hit, link)[0] if ceiling is None else ceiling
+    if ceiling is not None:
+        return fit_below(x, hit, link, ceiling)
+    return fit_below(x, hit, link, estimate_ceiling(x, hit, link)[0], estimated=True)
+
+
+def fit_below(x: Array, hit: Array, link: Link, c: float, estimated: bool = False) -> HitMiss:
+    """Fit a curve with the ceiling `c` to x (n,) and hit (n,), which `check_hit_miss` accepts.
+
+    `estimated`: the ceiling is the most likely one, a parameter of the curve with a variance.
+    Raises InputError if the slope is not bounded or not positive.
+    """
     b0, b1, best = _fit_fixed(link, x, hit, c)
     if abs(b1) * float(np.std(x)) > STEEPEST or _is_step(x, hit, c, best):
         raise InputError(UNBOUNDED)
@@ -272,13 +282,13 @@ def fit_hit_miss(x: Array, hit: Array, link: Link, ceiling: float | None = 1.0) 
             "no size is found with a probability of 90 %: check the columns"
         )
     # at the boundary the ceiling has no variance: the curve has two parameters
-    free = ceiling is None and c < 1.0 - 1e-6
+    free = estimated and c < 1.0 - 1e-6
     try:
         covariance = _compute_covariance(link, x, (b0, b1), c, 3 if free else 2)
     except np.linalg.LinAlgError:
         raise InputError(UNBOUNDED) from None
-    at = ceiling if ceiling is not None else c if free else 1.0
-    return HitMiss(link, x, hit, b0, b1, at, ceiling is None, covariance, best)
+    at = 1.0 if estimated and not free else c
+    return HitMiss(link, x, hit, b0, b1, at, estimated, covariance, best)
 
 
 def check_hit_miss(x: Array, hit: Array) -> None:

@@ -9,7 +9,13 @@ import numpy as np
 
 from skywright.analysis.pod import a_hat
 from skywright.analysis.pod.a_hat import AHat, Residuals, fit_a_hat, judge_residuals
-from skywright.analysis.pod.hit_miss import HitMiss, bound_share, estimate_ceiling, fit_hit_miss
+from skywright.analysis.pod.hit_miss import (
+    HitMiss,
+    bound_share,
+    estimate_ceiling,
+    fit_below,
+    fit_hit_miss,
+)
 from skywright.analysis.pod.links import AXES, CONFIDENCE, LINKS, from_axis, to_axis
 from skywright.analysis.pod.method import Method, check_method, list_variants
 from skywright.analysis.pod.samples import (
@@ -286,7 +292,7 @@ def _warn_of_ceiling(table: Inspections, method: Method, curve: Curve) -> list[s
         return []
     what = f"a ceiling of {ceiling:.3f} fits the misses of large flaws better; without it a90 "
     try:
-        _fit_conditional(table, method._replace(ceiling="fit"))
+        fit_below(x, table.hit, LINKS[method.link], ceiling, estimated=True)
     except InputError as error:
         return [f"{what}misleads, and with it {error}"]
     return [f"{what}misleads: use --ceiling fit, or a column contact"]

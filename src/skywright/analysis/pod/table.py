@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -11,9 +10,16 @@ from typing import NamedTuple
 import numpy as np
 
 from skywright.core.arrays import Array, Mask
-from skywright.core.bounded import read_bytes
 from skywright.errors import InputError
-from skywright.recordings.text_table import decode, read_number, split_row
+from skywright.recordings.text_table import (
+    convert_commas,
+    find_column,
+    list_names,
+    parse_columns,
+    read_cells,
+    read_number,
+    split_unit,
+)
 
 UNITS = ("m", "mm", "um", "in", "mil")
 NAMES = {
@@ -24,6 +30,8 @@ NAMES = {
     "flaw": ("flaw", "flaw_id", "target"),
 }
 """Accepted column names of each quantity, without case and without a unit suffix."""
+COLUMNS = {what: UNITS if what == "size" else () for what in NAMES}
+"""What a column can hold, with its units."""
 YES, NO = ("1", "1.0", "true", "yes", "hit"), ("0", "0.0", "false", "no", "miss")
 MAX_BYTES = 100_000_000
 
@@ -63,27 +71,11 @@ def load_inspections(path: Path, columns: str | None = None) -> Inspections:
     without sizes, or without hits and signals. No row is dropped silently, because that would
     change the probability.
     """
-    text = decode(read_bytes(path, MAX_BYTES))
-    lines = [
-        (number, line) for number, line in enumerate(text.splitlines(), 1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]  # fmt: skip
-    if "\0" in text or not lines:
-        what = "is not a text file" if "\0" in text else "the file is empty"
-        raise InputError(f"{path}: {what}; valid: a table with a header and rows of numbers")
-    given = parse_columns(columns) if columns else {}
-    header, delimiter = _split_header(lines[0][1])
+    given = parse_columns(columns, COLUMNS) if columns else {}
+    header, rows, delimiter = read_cells(path, MAX_BYTES)
     places, unit = _find_columns(path, header, given)
-    rows = []
-    for number, line in lines[1:]:
-        cells = split_row(line, delimiter)
-        if len(cells) != len(header):
-            raise InputError(
-                f"{path}: row {number} has {len(cells)} cells; the header has {len(header)}"
-            )
-        rows.append((number, cells))
-    if not rows:
-        raise InputError(f"{path}: the table has a header and no rows")
+    numeric = set(range(len(header))) - {places.get("flaw", -1)}
+    convert_commas(path, [cells for _, cells in rows], delimiter, numeric)
 
     def numbers(what: str) -> Array | None:
         if what not in places:
@@ -113,75 +105,36 @@ def load_inspections(path: Path, columns: str | None = None) -> Inspections:
     )
 
 
-def parse_columns(text: str) -> dict[str, tuple[str, str]]:
-    """Parse "size=Depth[mm],hit=Found" to {what: (name in the file, unit)}."""
-    found: dict[str, tuple[str, str]] = {}
-    for part in text.split(","):
-        match = re.fullmatch(r"\s*(\w+)\s*=\s*([^\[\]]+?)\s*(?:\[\s*(\w*)\s*\])?\s*", part)
-        what, name, unit = match.groups() if match else (part.strip()[:40], "", None)
-        if not match or what not in NAMES:
-            raise InputError(
-                f"--columns: {what!r}; valid: WHAT=NAME[UNIT],... with one of {', '.join(NAMES)}"
-            )
-        if unit and (what != "size" or unit not in UNITS):
-            raise InputError(
-                f"--columns: {what} in {unit!r}; only size has a unit: {', '.join(UNITS)}"
-            )
-        found[what] = (name.strip().lower(), unit or "")
-    return found
-
-
-def _split_header(line: str) -> tuple[list[str], str]:
-    best = max(",;\t ", key=lambda d: (len(split_row(line, d)), d == ","))
-    return split_row(line, best), best
-
-
-def _strip_unit(name: str) -> tuple[str, str]:
-    """Split "Depth_mm", "depth [mm]" or "depth (mm)" to ("depth", "mm")."""
-    match = re.fullmatch(r"(.*?)[\s_]*[\[(_]?\s*(" + "|".join(UNITS) + r")[\])]?", name.lower())
-    if match and re.search(r"[\s_\[(]", name):
-        return match.group(1).strip(), match.group(2)
-    return name.lower().strip(), ""
-
-
 def _find_columns(
     path: Path, header: Sequence[str], given: dict[str, tuple[str, str]]
 ) -> tuple[dict[str, int], str]:
     """Return ({what: column}, unit of the size)."""
-    plain = [name.lower() for name in header]
-    shown = ", ".join(name[:30] or "(empty)" for name in header[:12])
-    places, unit = {}, ""
-    for what, (name, stated) in given.items():
-        if name not in plain:
-            raise InputError(f"{path}: --columns: no column {name!r}; found: {shown}")
-        places[what] = plain.index(name)
-        if what == "size":
-            unit = stated or _strip_unit(header[places[what]])[1]
-    taken = {places[what] for what in places}
+    shown = list_names(header)
+    found = {
+        what: find_column(path, header, name, stated, COLUMNS[what])
+        for what, (name, stated) in given.items()
+    }
+    taken = {index for index, _ in found.values()}
     for what, names in NAMES.items():
-        if what in places:
+        if what in found:
             continue
-        fits = [
-            i for i, name in enumerate(header)
-            if i not in taken and (_strip_unit(name)[0] if what == "size" else plain[i]) in names
-        ]  # fmt: skip
+        split = [split_unit(name, COLUMNS[what]) for name in header]
+        fits = [k for k, (name, _) in enumerate(split) if k not in taken and name in names]
         if len(fits) > 1:
             raise InputError(
                 f"{path}: {len(fits)} columns give the {what}: "
-                f"{', '.join(header[i] for i in fits)}; choose one with --columns {what}=NAME"
+                f"{', '.join(header[k] for k in fits)}; choose one with --columns {what}=NAME"
             )
         if fits:
-            places[what] = fits[0]
-            if what == "size":
-                unit = _strip_unit(header[fits[0]])[1]
-    if "size" not in places or not {"hit", "signal"} & set(places):
-        lacking = "size" if "size" not in places else "hit or signal"
+            found[what] = fits[0], split[fits[0]][1]
+    if "size" not in found or not {"hit", "signal"} & set(found):
+        lacking = "size" if "size" not in found else "hit or signal"
         accepted = " or ".join("/".join(NAMES[w]) for w in lacking.split(" or "))
         raise InputError(
             f"{path}: no column gives the {lacking}; found: {shown}; valid: {accepted}, or "
             "--columns size=NAME[mm],hit=NAME"
         )
-    return places, unit
+    return {what: index for what, (index, _) in found.items()}, found["size"][1]
 
 
 def _read_finite(path: Path, row: int, name: str, cell: str) -> float:

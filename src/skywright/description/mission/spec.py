@@ -36,6 +36,13 @@ class Task(Spec):
         """Return the task with absolute paths of its files, which are relative to `folder`."""
         return self
 
+    def list_files(self) -> tuple[Path, ...]:
+        """Return the files that keys of the task name; a campaign notices that they change.
+
+        A relative path refers to the folder of the mission or to the current folder.
+        """
+        return ()
+
     def get_gap_limit(self) -> float | None:
         """Return the largest gap (m) of a probe that counts as contact; None: the default."""
         return None

@@ -1,14 +1,11 @@
 """Benchmarks on the terminal: one table each, printed when it is measured."""
 
-from typing import Any
-
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from skywright.evidence.bench.rows import Row
 from skywright.evidence.bench.runner import Report
-from skywright.reports.terminal import format_number
+from skywright.reports.terminal import format_number, new_console
 
 SIGNS = {"<=": "≤", ">=": "≥"}
 
@@ -19,11 +16,7 @@ class Tables:
     def __init__(self, *, quiet: bool = False) -> None:
         """`quiet` prints no tables, because `--json` uses standard output."""
         self._quiet = quiet
-        plain: dict[str, Any] = dict(highlight=False, markup=False, emoji=False, soft_wrap=True)
-        self._out = Console(**plain)
-        if not self._out.is_terminal:
-            self._out = Console(width=120, **plain)
-        self._err = Console(stderr=True, **plain)
+        self._out, self._err = new_console(width=120), new_console(stderr=True)
 
     def begin(self, name: str, description: str) -> None:
         """Print the current benchmark."""
@@ -75,7 +68,7 @@ def build_table(name: str, rows: list[Row]) -> Table:
 
 def print_end(report: Report) -> None:
     """Print the summary and the path of the file."""
-    console = Console(highlight=False, markup=False, emoji=False, soft_wrap=True)
+    console = new_console()
     judged = [r for r in report.rows if r.limit is not None]
     missed = [r for r in judged if not r.passed]
     m, load = report.machine, report.load["before"]

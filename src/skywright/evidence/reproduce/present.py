@@ -13,6 +13,7 @@ from skywright.evidence.reproduce.figures import draw_claim
 from skywright.evidence.reproduce.runner import ClaimResult, CriterionResult, Report, Steps
 from skywright.reports.figures.style import house_style
 from skywright.reports.page import build_picture, render_page, write_page
+from skywright.reports.terminal import new_console
 from skywright.run.versions import collect_versions
 
 STYLES = {"reproduced": "green", "contradicted": "red", "not_comparable": "yellow"}
@@ -90,9 +91,7 @@ def write_claims_page(reports: Sequence[Report], path: Path) -> None:
 def print_reports(reports: Sequence[Report], page: Path) -> None:
     """Print one table per paper on standard output, then the claims not reproduced, with
     reasons."""
-    console = Console(highlight=False, markup=False, emoji=False, soft_wrap=True)
-    if not console.is_terminal:
-        console = Console(highlight=False, markup=False, emoji=False, width=110, soft_wrap=True)
+    console = new_console()
     for report in reports:
         _print_report(report, console)
     console.print(f"{page}  a figure a claim", markup=False)
@@ -125,7 +124,7 @@ class Bar(Steps):
     """A progress bar on standard error; without a terminal, one line per flight."""
 
     def __init__(self) -> None:
-        self._console = Console(stderr=True, highlight=False, markup=False, emoji=False)
+        self._console = new_console(stderr=True)
         self._bar: Progress | None = None
         self._task: TaskID | None = None
         self._done = -1

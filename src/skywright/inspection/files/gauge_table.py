@@ -7,7 +7,6 @@ positions. A table that `skywright records --csv` wrote reads back with quantity
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -15,27 +14,47 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skywright.core.bounded import LARGEST_TABLE, read_bytes
+from skywright.core.bounded import LARGEST_TABLE
 from skywright.errors import InputError
 from skywright.inspection.history.database import parse_stamp
 from skywright.inspection.history.entries import Reading
-from skywright.recordings.text_table import decode, read_number, split_row
+from skywright.recordings.text_table import (
+    Cells,
+    check_widths,
+    convert_commas,
+    find_column,
+    list_names,
+    parse_columns,
+    plain_name,
+    read_cells,
+    read_number,
+    split_unit,
+)
 
 LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "cm": 1e-2, "in": 0.0254, "inch": 0.0254}
 TIMES = {"s": 1.0, "ms": 1e-3, "min": 60.0}
-COLUMNS = {
-    "t": TIMES, "value": LENGTHS, "u95": LENGTHS, "x": LENGTHS, "y": LENGTHS, "z": LENGTHS,
-    "place_u95": LENGTHS, "spot": {}, "accepted": {}, "reason": {}, "quantity": {}, "unit": {},
-    "origin": {},
+UTC_COLUMN = "utc"
+"""Unit of a column that holds only absolute times, in ISO 8601."""
+COLUMNS: dict[str, tuple[str, ...]] = {
+    "t": (*TIMES, UTC_COLUMN), "value": (*LENGTHS,), "u95": (*LENGTHS,), "x": (*LENGTHS,),
+    "y": (*LENGTHS,), "z": (*LENGTHS,), "place_u95": (*LENGTHS,), "spot": (), "accepted": (),
+    "reason": (), "quantity": (), "unit": (), "origin": (),
 }  # fmt: skip
-"""What a column can hold, with its units. A time or place without a unit is in the first one. A
-value or u95 without a unit is in that of the column "unit", or in mm with --columns."""
+"""Columns, and the units of each. Without a stated unit, times are in s and places in m. A value or
+u95 takes its unit from the column `unit`; a column given by `--columns` without a unit is in mm if
+there is no such column."""
+NAMES = {
+    "thickness": "value", "time": "t", "date": "t", "datetime": "t", "timestamp": "t",
+}  # fmt: skip
+"""Further names of columns. A time of such a name without a unit is absolute."""
+NUMBERS = ("t", "value", "u95", "x", "y", "z", "place_u95")
+"""Columns whose numbers may have decimal commas."""
+OWNERS = ("asset", "component")
+"""Columns that are not read; each must have one value."""
 QUANTITIES = {
     "thickness": ("mm", LENGTHS), "coating": ("mm", LENGTHS), "force": ("N", {"n": 1.0}),
 }  # fmt: skip
 """Quantities of readings: the unit in which they are stored, and the units that are read."""
-UTC_COLUMN = "utc"
-"""Unit of a column time_utc, which holds only absolute times."""
 YES, NO = ("1", "true", "yes", "accepted"), ("0", "false", "no", "refused")
 ORIGINS = {"": False, "measured": False, "simulated": True}
 LARGEST_MM = 1000.0
@@ -53,6 +72,13 @@ class Row(NamedTuple):
     reading: Reading
     number: int
     simulated: bool
+
+
+class GaugeTable(NamedTuple):
+    """The readings of a table, and notes on what was ignored or converted."""
+
+    rows: list[Row]
+    notes: tuple[str, ...]
 
 
 class _Table(NamedTuple):
@@ -86,34 +112,9 @@ class _Table(NamedTuple):
         )
 
 
-def parse_columns(text: str) -> dict[str, tuple[str, str]]:
-    """Parse "value=Dicke[mm],t=Zeit[ms]" and return {column: (name in the file, unit)}.
-
-    Raises InputError if a column or unit is unknown, or if a column is given twice.
-    """
-    found: dict[str, tuple[str, str]] = {}
-    for part in text.split(","):
-        match = re.fullmatch(r"\s*(\w+)\s*=\s*([^\[\]]+?)\s*(?:\[\s*(\w*)\s*\])?\s*", part)
-        what, name, unit = match.groups() if match else (part.strip()[:40], "", None)
-        if not match or what not in COLUMNS:
-            raise InputError(
-                f"--columns: {what!r}; valid: QUANTITY=NAME[UNIT],... with a quantity of "
-                + ", ".join(COLUMNS)
-            )
-        units = COLUMNS[what]
-        if unit and unit not in units:
-            raise InputError(
-                f"--columns: {what} in {unit!r}; valid units: {', '.join(units) or 'none'}"
-            )
-        if what in found:
-            raise InputError(f"--columns: {what} is given twice")
-        found[what] = (name.lower(), unit or "")
-    return found
-
-
 def load_readings(
     path: Path, start: datetime, columns: str | None = None, lag_s: float = 0.0
-) -> list[Row]:
+) -> GaugeTable:
     """Read the readings of a table; a table without a column "quantity" holds thickness.
 
     Numbers in the column t are times since `start`, which is in UTC; ISO 8601 times are absolute.
@@ -124,19 +125,28 @@ def load_readings(
     not valid, if the rows have several assets or components, or if the lag exceeds the time span
     of the file.
     """
-    header, rows = _load_cells(path)
-    table = _Table(
-        path, header, rows, _find_columns(path, header, parse_columns(columns) if columns else {})
-    )
+    given = parse_columns(columns, COLUMNS) if columns else {}
+    header, rows, delimiter = _load_cells(path)
+    places = _find_columns(path, header, given)
+    numeric = [places[what][0] for what in NUMBERS if what in places]
+    notes = []
+    if convert_commas(path, [cells for _, cells in rows], delimiter, numeric):
+        notes.append("decimal commas read as decimal points")
+    used = {k for k, _ in places.values()}
+    ignored = [n for k, n in enumerate(header) if k not in used and plain_name(n) not in OWNERS]
+    if ignored:
+        notes.append(f"columns ignored: {list_names(ignored)}")
+    table = _Table(path, header, rows, places)
     _check_owner(table)
     count = range(len(rows))
     times = [_read_time(table, k, start) for k in count]
     points = [[_read_length(table, k, axis) for k in count] for axis in "xyz"]
     if lag_s:
         points = _shift(path, times, points, lag_s, start)
-    return [
+    read = [
         _read_row(table, k, times[k], (points[0][k], points[1][k], points[2][k])) for k in count
     ]
+    return GaugeTable(read, tuple(notes))
 
 
 def _read_row(table: _Table, k: int, t: datetime, p: tuple[float, float, float]) -> Row:
@@ -206,7 +216,13 @@ def _read_time(table: _Table, k: int, start: datetime) -> datetime:
     if "t" not in table.places:
         return start
     text, unit = table.text(k, "t"), table.places["t"][1]
-    seconds = math.nan if unit == UTC_COLUMN else read_number(text) * TIMES[unit or "s"]
+    seconds = read_number(text)
+    if unit == UTC_COLUMN and math.isfinite(seconds):
+        raise InputError(
+            f"{table.path}: row {table.rows[k][0]}: {text[:40]!r} is no time; valid: ISO 8601, "
+            f"or --columns t={table.header[table.places['t'][0]]}[s] for times since --measured"
+        )
+    seconds *= TIMES.get(unit or "s", math.nan)
     if not math.isfinite(seconds):
         t = parse_stamp(text, f"{table.path}: row {table.rows[k][0]}")
     elif abs(seconds) <= 86400.0 * LONGEST_DAYS:
@@ -222,8 +238,8 @@ def _read_time(table: _Table, k: int, start: datetime) -> datetime:
 
 def _check_owner(table: _Table) -> None:
     """Raise InputError if the rows have several assets or several components."""
-    for name in ("asset", "component"):
-        plain = [cell.strip().lower() for cell in table.header]
+    plain = [plain_name(cell) for cell in table.header]
+    for name in OWNERS:
         at = plain.index(name) if name in plain else -1
         found = sorted({cells[at].strip() for _, cells in table.rows}) if at >= 0 else []
         if len(found) > 1:
@@ -234,67 +250,50 @@ def _check_owner(table: _Table) -> None:
             )
 
 
-def _load_cells(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
-    """Return the header and the (number, cells) of each row."""
-    if path.suffix.lower() == ".parquet":
-        try:
-            import pyarrow
-            import pyarrow.parquet
-        except ImportError:
-            raise InputError("Parquet needs pyarrow: pip install 'skywright[parquet]'") from None
-        if not path.is_file():
-            raise InputError(f"{path}: no such file")
-        try:
-            table = pyarrow.parquet.read_table(path).to_pydict()
-        except (pyarrow.ArrowException, OSError) as error:
-            raise InputError(f"{path}: is no complete Parquet file: {str(error)[:80]}") from None
-        columns = [["" if v is None else str(v) for v in cells] for cells in table.values()]
-        rows = list(enumerate((list(cells) for cells in zip(*columns, strict=True)), 1))
-        header = list(table)
-    else:
-        text = decode(read_bytes(path, LARGEST_TABLE))
-        lines = [(k, x) for k, x in enumerate(text.splitlines(), 1) if x.strip()]
-        lines = [(k, x) for k, x in lines if not x.lstrip().startswith("#")]
-        if "\0" in text or not lines:
-            raise InputError(f"{path}: is empty or no text; valid: a header and rows")
-        delimiter = max(",;\t", key=lambda d: len(split_row(lines[0][1], d)))
-        header = split_row(lines[0][1], delimiter)
-        rows = [(k, split_row(x, delimiter)) for k, x in lines[1:]]
-    for number, cells in rows:
-        if len(cells) != len(header):
-            raise InputError(
-                f"{path}: row {number} has {len(cells)} cells; the header has {len(header)}"
-            )
-    if not rows:
-        raise InputError(f"{path}: the table has a header and no rows")
-    return header, rows
+def _load_cells(path: Path) -> Cells:
+    """Return the text of a table; cells of Parquet count as delimited by commas."""
+    if path.suffix.lower() != ".parquet":
+        return read_cells(path, LARGEST_TABLE)
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        raise InputError("Parquet needs pyarrow: pip install 'skywright[parquet]'") from None
+    if not path.is_file():
+        raise InputError(f"{path}: no such file")
+    try:
+        table = pyarrow.parquet.read_table(path).to_pydict()
+    except (pyarrow.ArrowException, OSError) as error:
+        raise InputError(f"{path}: is no complete Parquet file: {str(error)[:80]}") from None
+    columns = [["" if v is None else str(v) for v in cells] for cells in table.values()]
+    rows = list(enumerate((list(cells) for cells in zip(*columns, strict=True)), 1))
+    check_widths(path, list(table), rows)
+    return Cells(list(table), rows, ",")
 
 
 def _match(name: str) -> tuple[str, str]:
-    """Return the (column, unit) that a plain name states; ("", "") if it states none."""
-    name = re.sub("^thickness(?=_|$)", "value", name)
-    stem, _, unit = name.rpartition("_")
-    if name == "time_utc":
-        return "t", UTC_COLUMN
-    if name in COLUMNS:
-        return name, ""
-    return (stem, unit) if unit in COLUMNS.get(stem, {}) else ("", "")
+    """Return the (column, unit) that a header states; ("", "") if it states none."""
+    stem, unit = split_unit(name, {unit for units in COLUMNS.values() for unit in units})
+    what = NAMES.get(stem, stem)
+    if what == "t" and stem != "t":
+        unit = unit or UTC_COLUMN
+    return (what, unit) if unit in ("", *COLUMNS.get(what, ())) and what in COLUMNS else ("", "")
 
 
 def _find_columns(
     path: Path, header: list[str], given: dict[str, tuple[str, str]]
 ) -> dict[str, tuple[int, str]]:
-    """Return {column: (index, unit)}. The unit of a value is "" if the column unit states it."""
-    plain = [name.strip().lower() for name in header]
-    shown = ", ".join(name[:30] or "(empty)" for name in header[:14])
-    found: dict[str, tuple[int, str]] = {}
-    for what, (name, unit) in given.items():
-        if plain.count(name) != 1:
-            count = "no column" if name not in plain else "several columns"
-            raise InputError(f"{path}: --columns: {count} {name!r}; found: {shown}")
-        found[what] = (plain.index(name), unit)
+    """Return {column: (index, unit)}.
+
+    An empty unit means: the table's column `unit` states it, row by row.
+    """
+    shown = list_names(header)
+    found = {
+        what: find_column(path, header, name, unit, COLUMNS[what])
+        for what, (name, unit) in given.items()
+    }
     used = {k for k, _ in found.values()}
-    for k, name in enumerate(plain):
+    for k, name in enumerate(header):
         what, unit = _match(name)
         if not what or what in given or k in used:
             continue
@@ -317,10 +316,11 @@ def _find_columns(
         k, unit = found.get(what, (-1, "mm"))
         if unit or "unit" in found:
             continue
-        if what not in given:
+        if what not in given or "[" in header[k]:
+            plain = header[k].partition("[")[0].strip()
             raise InputError(
                 f"{path}: the column {header[k]} has no unit; valid: {what}_mm, a column unit, or "
-                f"--columns {what}={header[k]}[mm] (units: {', '.join(LENGTHS)})"
+                f"--columns {what}={plain}[mm] (units: {', '.join(LENGTHS)})"
             )
         found[what] = (k, "mm")
     return found

@@ -6,12 +6,20 @@ import math
 from collections.abc import Sequence
 from datetime import date, datetime
 from pathlib import Path
+from typing import NamedTuple
 
 from skywright.errors import InputError
 from skywright.inspection.files.gauge_table import YEARS, Row, load_readings
 from skywright.inspection.history.database import stamp
 from skywright.inspection.history.entries import Reading
 from skywright.inspection.history.store import InspectionStore
+
+
+class Imported(NamedTuple):
+    """The flights that an import added, and notes on the table."""
+
+    flights: list[str]
+    notes: tuple[str, ...]
 
 
 def import_table(
@@ -25,8 +33,8 @@ def import_table(
     lag_s: float = 0.0,
     required_mm: float | None = None,
     registration_std_m: float | None = None,
-) -> list[str]:
-    """Store the readings of a table for one component; return the added flights.
+) -> Imported:
+    """Store the readings of a table for one component.
 
     Rows of different days (in UTC) or origins are different flights; a flight starts at its first
     row. `start` is the time of rows without a time, and the origin of relative times. `lag_s` and
@@ -40,7 +48,7 @@ def import_table(
         raise InputError(f"--registration {registration_std_m:g}; valid: metres, 0 or more")
     if not YEARS[0] <= start.year <= YEARS[1]:
         raise InputError(f"--measured {stamp(start)}; valid: a year from {YEARS[0]} to {YEARS[1]}")
-    rows = load_readings(source, start, columns, lag_s)
+    rows, notes = load_readings(source, start, columns, lag_s)
     flights: dict[tuple[date, bool], list[Row]] = {}
     for row in sorted(rows, key=lambda row: row.time):
         flights.setdefault((row.time.date(), row.simulated), []).append(row)
@@ -56,7 +64,7 @@ def import_table(
             )  # fmt: skip
             store.add_readings(flight, [(m.time, m.reading) for m in members], component=part)
             added.append(flight)
-    return added
+    return Imported(added, notes)
 
 
 def _check_new(

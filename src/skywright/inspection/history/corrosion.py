@@ -38,7 +38,7 @@ ONE_SIDED = 1.645
 class Inspected(NamedTuple):
     """One inspection of a location: the mean of its accepted readings within MERGE_DAYS."""
 
-    flight: str  # its flights, separated by commas
+    flights: tuple[str, ...]  # in chronological order
     time: datetime  # of the first reading
     thickness_mm: float
     std_mm: float
@@ -111,7 +111,8 @@ def compute_rate(first: Inspected, last: Inspected, required_mm: float | None) -
     """
     years = (last.time - first.time).total_seconds() / YEAR_S
     if years <= 0:
-        raise InputError(f"flights {first.flight} and {last.flight} have the same time")
+        before, after = (", ".join(one.flights) for one in (first, last))
+        raise InputError(f"the inspections by flights {before} and {after} have the same time")
     loss = first.thickness_mm - last.thickness_mm
     loss_std = math.hypot(first.std_mm, last.std_mm)
     rate, rate_std = loss / years, loss_std / years
@@ -188,7 +189,7 @@ def _merge(start: datetime, members: Sequence[StoredReading]) -> Inspected:
     scatter = math.sqrt(sum((v - mean) ** 2 for v in values) / (n - 1)) if n > 1 else 0.0
     stated = max((m.reading.u95 or 0.0) / COVERAGE for m in members)
     x, y, z = _compute_centre([(m.reading.x_m, m.reading.y_m, m.reading.z_m) for m in members])
-    flights = ", ".join(dict.fromkeys(m.flight for m in members))
+    flights = tuple(dict.fromkeys(m.flight for m in members))
     return Inspected(
         flights, start, mean, max(stated, scatter), n, x, y, z, any(m.simulated for m in members)
     )

@@ -19,7 +19,7 @@ from skywright.reports.figures.style import (
     draw_panels,
 )
 from skywright.run.kind import Chart, Figures
-from skywright.run.run import RunResult
+from skywright.run.result import RunResult
 
 SHOWN = ("align", "lower", "insert", "draw out", "set free", "release")
 

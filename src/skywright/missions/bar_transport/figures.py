@@ -33,7 +33,7 @@ from skywright.reports.figures.style import (
 )
 from skywright.reports.outlines import outline_robot
 from skywright.run.kind import Chart, Figures
-from skywright.run.run import RunResult
+from skywright.run.result import RunResult
 from skywright.run.setup import Setup
 
 SNAPSHOTS = 6

@@ -1,11 +1,14 @@
 """Keys of a mission of the kind "bar-transport"."""
 
+from pathlib import Path
+
 from pydantic import Field
 
 from skywright.core.spec import Coordinate, NonNegative, Positive
 from skywright.description.mission.spec import Task
 from skywright.description.robot.bar import Bar
 from skywright.description.robot.spec import Robot
+from skywright.planning.motion.plan_file import name_files
 
 
 class BarTransport(Task):
@@ -29,6 +32,10 @@ class BarTransport(Task):
     plan_file: str = ""  # plan file (NAME.csv or NAME.toml) to fly instead of planning
     # duration of the transport; default: the shortest feasible one
     duration_s: Positive | None = None
+
+    def list_files(self) -> tuple[Path, ...]:
+        """Return the two files of the plan."""
+        return name_files(self.plan_file) if self.plan_file else ()
 
     def adapt_robot(self, robot: Robot) -> Robot:
         """Add the bar to the robot's hands."""

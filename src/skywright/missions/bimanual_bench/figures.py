@@ -22,7 +22,7 @@ from skywright.reports.figures.style import (
     fit_y,
 )
 from skywright.run.kind import Chart, Figures
-from skywright.run.run import RunResult
+from skywright.run.result import RunResult
 
 SIDES = (("left", BLUE), ("right", ORANGE))
 

@@ -24,7 +24,7 @@ from skywright.reports.figures.style import (
     new_figure,
 )
 from skywright.run.kind import Chart, Figures
-from skywright.run.run import RunResult
+from skywright.run.result import RunResult
 
 
 def _is_clamped(world: World) -> bool:

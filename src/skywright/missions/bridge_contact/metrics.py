@@ -33,7 +33,7 @@ from skywright.missions.skills.surveyed_structure import (
 from skywright.models.drawing import rotate_vectors
 from skywright.recordings.columns import has_columns
 from skywright.recordings.period import compute_period
-from skywright.run.flight import INTERRUPTS, Flown, PhaseRecord, is_interrupted
+from skywright.run.flight import Flown, PhaseRecord
 from skywright.run.kind import Measures
 from skywright.run.metrics import OFF_SURFACE
 from skywright.run.where import Where
@@ -125,9 +125,9 @@ def compute_metrics(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
     if np.any(flying):
         out.update(_judge_holds(samples, phases, FREE, "free"))
         out["free.wander_mm"] = 1e3 * _find_wander(samples, phases, FREE)
-    sliding = SLIDE.select(samples, phases)
-    if np.any(sliding):
-        s = samples[sliding]
+    slides = [i for i in SLIDE.find(phases) if not phases[i].is_interrupted]
+    s = samples[np.isin(samples["phase"], slides)]
+    if len(s):
         out["slide.rms_error_n"] = _judge_force(s, "force")["force.rms_error_n"]
         out["slide.lost_s"] = compute_period(s["t"]) * float(
             np.count_nonzero(s["gap_max"] > OFF_SURFACE)
@@ -137,8 +137,8 @@ def compute_metrics(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
         gone = min(
             (
                 float(np.max(np.linalg.norm(tip - tip[0], axis=1)))
-                for i in SLIDE.find(phases)
-                if phases[i].outcome not in ("retry", "taken over")  # these are repeated
+                for i in slides
+                if phases[i].outcome != "retry"  # it is repeated
                 and len(tip := samples["p_WT"][samples["phase"] == i])
             ),
             default=0.0,
@@ -163,7 +163,7 @@ def _find_place_error(run: Flown[BridgeContact, ContactPlan], deck: Surface) -> 
     for spot, visit in zip(task.spots, list_visits(phases, task.dock), strict=False):
         place, R = locate_point(deck, np.array([spot.x_m, spot.y_m]))
         for i in holds.intersection(visit):
-            if not is_interrupted(phases, i):
+            if not phases[i].is_interrupted:
                 off = (samples["p_WT"][samples["phase"] == i] - place) @ R[:, :2]
                 worst = max(worst, float(np.max(np.linalg.norm(off, axis=1), initial=0.0)))
     seen = read_datum(run.setup, samples, phases) is not None  # then the map is not used
@@ -207,8 +207,8 @@ def compute_bench_metrics(run: Flown[Any, Any]) -> dict[str, float]:
 def _judge_holds(
     samples: Samples, phases: list[PhaseRecord], where: Where, name: str
 ) -> dict[str, float]:
-    """Return the worst metrics of the force over all holds."""
-    held = [samples["phase"] == i for i in where.find(phases)]
+    """Return the worst metrics of the force over all holds that nobody interrupted."""
+    held = [samples["phase"] == i for i in where.find(phases) if not phases[i].is_interrupted]
     each = [_judge_force(samples[h], name) for h in held if np.any(h)]
     return {key: max(one[key] for one in each) for key in each[0]} if each else {}
 
@@ -232,7 +232,7 @@ def _find_wander(samples: Samples, phases: list[PhaseRecord], where: Where) -> f
             if len(p):
                 first = p[0] if first is None else first
                 worst = max(worst, float(np.max(np.linalg.norm(p - first, axis=1))))
-        elif phase.name.endswith("release") or phase.name in INTERRUPTS:
+        if phase.name.endswith("release") or phase.is_interrupted:
             first = None
     return worst
 

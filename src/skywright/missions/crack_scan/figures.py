@@ -19,7 +19,7 @@ from skywright.missions.skills.told import name_flight, tell_block
 from skywright.reports.figures.style import BLACK, LIMIT, new_map
 from skywright.run.flight import Flown
 from skywright.run.kind import Chart, Figures, Mark, Sketch
-from skywright.run.run import RunResult
+from skywright.run.result import RunResult
 from skywright.run.setup import Setup
 
 SWATH, MISSED = (86, 180, 233), (213, 94, 0)

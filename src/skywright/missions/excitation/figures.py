@@ -3,7 +3,7 @@
 from skywright.missions.excitation.task import ExcitationTask
 from skywright.reports.explain import format_value
 from skywright.run.kind import Figures
-from skywright.run.run import RunResult
+from skywright.run.result import RunResult
 
 
 def describe(result: RunResult[ExcitationTask, None]) -> str:

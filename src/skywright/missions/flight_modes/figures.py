@@ -7,7 +7,7 @@ from skywright.missions.flight_modes.plan import ModesPlan
 from skywright.missions.flight_modes.task import ModesTask
 from skywright.reports.figures.style import BLACK, BLUE, ORANGE, WIDTH, draw_line, new_figure
 from skywright.run.kind import Chart, Figures
-from skywright.run.run import RunResult
+from skywright.run.result import RunResult
 
 MODES = {
     "standard stabilisation": "#e7f3e7",

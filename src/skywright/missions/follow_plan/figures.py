@@ -3,7 +3,7 @@
 from skywright.missions.follow_plan.task import FollowPlan
 from skywright.reports.explain import format_value
 from skywright.run.kind import Figures
-from skywright.run.run import RunResult
+from skywright.run.result import RunResult
 
 
 def describe(result: RunResult[FollowPlan, None]) -> str:

@@ -23,7 +23,7 @@ from skywright.reports.figures.style import (
     new_figure,
 )
 from skywright.run.kind import Chart, Figures
-from skywright.run.run import RunResult
+from skywright.run.result import RunResult
 
 BEFORE_S = 0.1
 

@@ -36,7 +36,7 @@ from skywright.reports.weld_map import draw_impedance_plane, draw_weld_map, draw
 from skywright.run.flight import Flown
 from skywright.run.kind import Chart, Figures, Sketch
 from skywright.run.metrics import in_phases
-from skywright.run.run import RunResult
+from skywright.run.result import RunResult
 from skywright.run.setup import Setup
 
 CELL = 0.008  # m, of the contact map

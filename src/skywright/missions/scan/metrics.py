@@ -48,7 +48,7 @@ from skywright.missions.skills.surveyed import (
 )
 from skywright.recordings.columns import has_columns
 from skywright.recordings.period import compute_period
-from skywright.run.flight import Flown, is_interrupted
+from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.metrics import OFF_SURFACE, quat_angle
 from skywright.run.where import WHOLE, Where
@@ -144,8 +144,7 @@ def compute_metrics(run: Flown[Scan, ScanWay]) -> dict[str, float]:
         out["contact.no_force_max_s"] = float(np.max(s["off_s"]))
     out["contact.tilt_max_deg"] = math.degrees(float(np.max(s["tilt"])))
     out["contact.duration_s"] = dt * len(s)
-    missed = [i for i, p in enumerate(phases) if p.outcome == "retry" and p.name != PHASE]
-    out["contact.retries"] = float(sum(not is_interrupted(phases, i) for i in missed))
+    out["contact.retries"] = float(sum(p.outcome == "retry" and p.name != PHASE for p in phases))
     out["force.mean_n"] = float(np.mean(s["f_normal"]))
     out["force.min_n"] = float(np.min(s["f_normal"]))
     out["force.max_n"] = float(np.max(s["f_normal"]))

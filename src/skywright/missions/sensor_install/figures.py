@@ -19,7 +19,7 @@ from skywright.reports.figures.style import (
 )
 from skywright.run.kind import Chart, Figures
 from skywright.run.metrics import in_phases
-from skywright.run.run import RunResult
+from skywright.run.result import RunResult
 
 FORCE_PHASES = ("approach", "touch", "press", "leave singularity", "force", "retract")
 

@@ -41,6 +41,10 @@ class OperatedTask(Task):
         path = find_recording(self.operator, packaged, folder)
         return self.model_copy(update={"operator": path})
 
+    def list_files(self) -> tuple[Path, ...]:
+        """Return the operator's recording."""
+        return () if self.operator is None else (Path(self.operator),)
+
 
 def load_operator(task: OperatedTask) -> Recording | None:
     """Load the operator's recording; its speed must equal that of the task."""

@@ -38,8 +38,8 @@ def load_plan_description(
 ) -> Description:
     """Load the mission that flies a plan file: `mission`, or by default "follow-plan".
 
-    Without a mission, robot, world, random structures and start default to those of the plan.
-    Raises InputError if the file is no plan or belongs to another robot.
+    Without a mission, robot, world and start default to those of the plan; in the plan's world, so
+    do random structures. Raises InputError if the file is no plan or belongs to another robot.
     """
     plan = load_plan_file(file)
     given = split_assignments(sets)
@@ -50,16 +50,17 @@ def load_plan_description(
             "mission.start_x_m": x, "mission.start_y_m": y, "mission.hover_height_m": z,
             "mission.start_yaw_deg": math.degrees(yaw),
         }  # fmt: skip
-        if world is None and plan.scenario_seed is not None:
-            more |= {
-                "world.scenario_seed": plan.scenario_seed, "world.difficulty": plan.difficulty,
-            }  # fmt: skip
         mission, robot, world = "follow-plan", robot or plan.robot, world or plan.world
     elif not hasattr(load_description(mission).mission.task, "plan_file"):
         raise InputError(
             f"mission {os.fspath(mission)!r} cannot fly a plan file; valid: bar-transport, "
             "follow-plan (used by --plan alone)"
         )
+    d = load_description(mission, robot, world, {**more, **dict(given)}, seed)
+    chosen = d.world.name != plan.world or d.world.scenario_seed is not None
+    if plan.scenario_seed is None or chosen:
+        return d
+    more |= {"world.scenario_seed": plan.scenario_seed, "world.difficulty": plan.difficulty}
     return load_description(mission, robot, world, {**more, **dict(given)}, seed)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from skywright.run.run import RunResult
+from skywright.run.result import RunResult
 
 
 def name_flight(result: RunResult[Any, Any]) -> str:

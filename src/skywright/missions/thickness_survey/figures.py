@@ -15,7 +15,7 @@ from skywright.missions.thickness_survey.task import ThicknessSurvey
 from skywright.models.ultrasonic import SAMPLE_RATE
 from skywright.reports.figures.style import BLACK, BLUE, GREY, ORANGE, WIDTH, new_figure
 from skywright.run.kind import Chart, Figures, Mark
-from skywright.run.run import RunResult
+from skywright.run.result import RunResult
 
 THIN, REFUSED = 0.6, (230, 159, 0)
 """Fraction of the nominal wall that is drawn darkest; colour of a rejected reading."""

@@ -20,7 +20,7 @@ from skywright.missions.thickness_survey.task import ThicknessSurvey
 from skywright.models.things.wall import build_wall_field, compute_wall
 from skywright.models.ultrasonic import build_face, find_tilt_null
 from skywright.recordings.columns import has_columns
-from skywright.run.flight import Flown, is_interrupted
+from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.where import WHOLE, Where
 from skywright.vehicle.sensors.ultrasonic import find_wall, rebuild_ascans
@@ -112,9 +112,9 @@ def find_readings(run: Flown[ThicknessSurvey, ThicknessWay]) -> list[SpotReading
     for visit in list_visits(run.phases, task.dock):
         accepted = False
         for i in sorted(set(visit).intersection(held)):
-            if is_interrupted(run.phases, i):
-                continue
             phase = run.phases[i]
+            if phase.is_interrupted:
+                continue
             mine = np.flatnonzero((t > phase.start_s) & (t < phase.end_s))
             gauge.restart()
             read = gauge.add(t[mine], scans[mine]) if mine.size else []

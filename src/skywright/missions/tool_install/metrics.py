@@ -14,7 +14,7 @@ from skywright.missions.skills.tool_handling import LOW, Place
 from skywright.missions.tool_install.plan import ToolPlan, find_places
 from skywright.missions.tool_install.task import ToolInstall
 from skywright.recordings.columns import has_columns
-from skywright.run.flight import Flown, is_interrupted
+from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.where import WHOLE, Where
 
@@ -107,8 +107,7 @@ def compute_metrics(run: Flown[ToolInstall, ToolPlan]) -> dict[str, float]:
         out["tool.return_error_mm"] = 1e3 * float(np.linalg.norm(stance.error))
         near = float(np.linalg.norm(stance.error)) < RETURNED_M and stance.angle < RETURNED_ANGLE
         out["tool.returned"] = float(near)
-    missed = [i for i, p in enumerate(phases) if p.outcome == "retry"]
-    out["tool.retries"] = float(sum(not is_interrupted(phases, i) for i in missed))
+    out["tool.retries"] = float(sum(p.outcome == "retry" for p in phases))
     out |= _judge_operator(samples[INSTALL.select(samples, phases)])
     retrieval = _measure_operated(samples[RETRIEVAL.select(samples, phases)])
     out |= {k.replace("operator.", "operator.retrieval_"): v for k, v in retrieval.items()}

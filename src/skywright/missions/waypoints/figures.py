@@ -6,7 +6,7 @@ from skywright.description.loader import Description
 from skywright.missions.waypoints.task import Waypoints
 from skywright.reports.explain import format_value
 from skywright.run.kind import Figures, Sketch
-from skywright.run.run import RunResult
+from skywright.run.result import RunResult
 
 
 def describe(result: RunResult[Waypoints, None]) -> str:

@@ -41,7 +41,7 @@ from skywright.models.localisation.trajectory import (
 
 LEAST_PAIRS = 12
 LARGE_RMS = 0.2
-"""Residual over the extent of the motion above which the recordings hardly agree."""
+"""Residual over the extent of the motion above which a note is given; chosen, not measured."""
 LEVER_STD = 0.3
 """m, one sigma of the prior of the distance between prism and camera."""
 SKEW_TIME = 60.0

@@ -33,7 +33,7 @@ LEAST_PEAK = 0.5
 """Least correlation of a valid result."""
 SURE_PEAK = 0.8
 """Least correlation of a result without a note. Simulated flights give 0.95 and more at the true
-offset, and up to 0.8 at wrong ones."""
+offset."""
 MARGIN = 0.05
 """Correlations that differ by less are similar."""
 

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from skywright.core.arrays import Array, Mask
 from skywright.errors import InputError
+from skywright.recordings.period import compute_period
 
 MAX_DROPPED = 0.5
 MAX_TIME = 1e11  # s, from any origin
@@ -29,8 +30,8 @@ class Trajectory(NamedTuple):
 
     @property
     def rate(self) -> float:
-        """Typical number of samples per second (1 over the median interval)."""
-        return 1.0 / float(np.median(np.diff(self.t))) if len(self.t) > 1 else 0.0
+        """Number of samples per second outside of gaps; 0 for one sample."""
+        return 1.0 / compute_period(self.t) if len(self.t) > 1 else 0.0
 
     @property
     def duration(self) -> float:

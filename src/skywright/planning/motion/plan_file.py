@@ -176,6 +176,7 @@ _HEAD: dict[str, tuple[type, ...]] = {
     "rows": (int,), "duration_s": (float, int), "metrics": (dict,),
 }  # fmt: skip
 _OPTIONAL: dict[str, tuple[type, ...]] = {"scenario_seed": (int,), "difficulty": (float, int)}
+_RANGES = {"scenario_seed": 2**64 - 1, "difficulty": 1}
 
 
 def _read_head(path: Path) -> dict[str, Any]:
@@ -198,6 +199,9 @@ def _read_head(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: unknown key plan.{unknown[0]}; valid: {', '.join(valid)}")
     if head["format"] != FORMAT:
         raise InputError(f"{path}: plan.format is {head['format']}; this version reads {FORMAT}")
+    for key, most in _RANGES.items():
+        if not 0 <= head.get(key, 0) <= most:  # NaN too
+            raise InputError(f"{path}: plan.{key} is {head[key]!r}; valid: 0 to {most}")
     if not all(isinstance(j, str) for j in head["joints"]):
         raise InputError(f"{path}: plan.joints must be names")
     for key, value in head["metrics"].items():

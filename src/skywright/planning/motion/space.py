@@ -38,7 +38,8 @@ MAX_COORDINATES = 16
 MAX_BODIES = 16
 MAX_SHAPES = 24
 MAX_OBSTACLES = 96
-MAX_PAIRS = 2600
+MAX_PAIRS = MAX_SHAPES * (MAX_OBSTACLES + 6) + MAX_SHAPES * (MAX_SHAPES - 1) // 2
+"""Pairs of each shape with each obstacle, with six limits of the area, and with other shapes."""
 MAX_U = 16
 
 f8, i8 = np.float64, np.int64

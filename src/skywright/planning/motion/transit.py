@@ -238,8 +238,8 @@ def _excuse_ends(
 def _lower_margins(spaces: Space, scratch: Scratch, c: Array) -> None:
     """Lower the margins of the robot's parts that are closer at c, to `SLACK` below that.
 
-    Parts whose cores are within `SLACK` are not checked: a link's axis inside a box has the
-    smallest distance that there is.
+    Parts whose cores are within `SLACK` are not checked: if the axis of a link is inside a box, the
+    distance is minus the radius at every depth.
     """
     space, k = spaces[0], scratch[0]
     k.d[:] = 0.0
@@ -291,7 +291,7 @@ def describe_pair(
         other = "the ground" if b == 4 else f"the area's limit in {'xyz'[b // 2]}"
     else:
         other, key = names[b], f"twice {BETWEEN_PARTS}: shapes are coarse"
-    closer = f"{names[a].removesuffix(' shell')} and {other} come closer than"
+    both = f"{names[a].removesuffix(' shell')} and {other} come"
     if kind == PAIR_SELF and margin < margin_self:
-        return f"{closer} at the start or the goal"
-    return f"{closer} {margin:.3g} m" + (f" ({key})" if key else "")
+        return f"{both} more than {100 * SLACK:.0f} cm closer than at the start or the goal"
+    return f"{both} closer than {margin:.3g} m" + (f" ({key})" if key else "")

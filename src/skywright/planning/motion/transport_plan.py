@@ -25,7 +25,8 @@ from skywright.planning.motion.transport import HANDS, TransportProblem
 
 MARGIN_KEY = "mission.task.margin_m"
 SERVO_SHARE = 0.8
-"""Fraction of a servo's speed without load that a plan uses; the rest is for load and control."""
+"""Fraction of a servo's speed without load that a plan uses; the rest is for load and control.
+The value is chosen, not measured."""
 
 RESOLUTION = 1e-3  # spacing in cost (6) of the samples of the reported clearance
 

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from skywright.recordings.columns import has_columns
 from skywright.reports.figures.style import BLUE, draw_line, draw_panels
 from skywright.run.metrics import OUTAGE
-from skywright.run.run import RunResult
+from skywright.run.result import RunResult
 
 SHADE = "#f6e3d5"
 CAPTION = (

@@ -33,7 +33,7 @@ from skywright.reports.outlines import (
     outline_tube,
 )
 from skywright.run.kind import load_kind
-from skywright.run.run import RunResult
+from skywright.run.result import RunResult
 
 _PARTS: dict[str, tuple[str, float]] = {
     "pipe": ("#9a9a9a", 0.5), "box": ("#aa8866", 1.0), "disc": ("#5b7fa6", 0.8),

@@ -19,7 +19,7 @@ from skywright.reports.figures.style import (
     shade_phases,
     stack_panels,
 )
-from skywright.run.run import RunResult
+from skywright.run.result import RunResult
 
 
 def draw_plan(result: RunResult) -> Figure | None:

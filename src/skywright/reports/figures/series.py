@@ -26,7 +26,7 @@ from skywright.reports.figures.style import (
     stack_panels,
 )
 from skywright.run.metrics import quat_angle
-from skywright.run.run import RunResult
+from skywright.run.result import RunResult
 
 TOUCHING = ("touch", "settle", "scan", "back_off", "leave")
 """Phases near the surface."""

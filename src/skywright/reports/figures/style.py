@@ -24,7 +24,7 @@ from skywright.core.arrays import Array
 from skywright.errors import InputError
 from skywright.run.flight import PhaseRecord
 from skywright.run.kind import load_kind
-from skywright.run.run import RunResult
+from skywright.run.result import RunResult
 from skywright.run.where import WHOLE, find_where
 
 BLUE, ORANGE, GREEN, RED = "#0072B2", "#E69F00", "#009E73", "#D55E00"
