@@ -76,8 +76,9 @@ nominal model. Each layer overrides the one before it: robot, world, mission, `-
 - The unit is part of the key. A key without a unit is dimensionless.
 - Every number may carry its source:
   `mass_kg = { value = 1.6, source = "paper", note = "Tognon 2018, Table I" }`. The source is
-  `paper`, `derived`, `datasheet`, `assumed` (which needs a `range = [low, high]`) or `set`.
-  Built-in robots have one on every number.
+  `paper`, `derived`, `datasheet`, `assumed` (which needs a `range = [low, high]`), `set`,
+  `imported` (from an imported file) or `asked` (entered during the import). Built-in robots have
+  one on every number.
 - Unknown keys are rejected, with the nearest valid ones.
 - `NAME` stands for a name that you choose.
 """

@@ -10,7 +10,13 @@ import pytest
 
 from skywright.analysis.campaign import campaign as campaign_module
 from skywright.analysis.campaign.campaign import run_campaign
-from skywright.analysis.campaign.spec import Campaign, _hash_laws, build_campaign, build_identity
+from skywright.analysis.campaign.spec import (
+    Campaign,
+    _hash_laws,
+    _list_task_files,
+    build_campaign,
+    build_identity,
+)
 from skywright.analysis.campaign.store import IDENTITY, Store
 from skywright.errors import InputError
 from skywright.missions.skills.operated import OperatedTask
@@ -89,6 +95,15 @@ def test_a_recorded_operator_is_part_of_the_identity() -> None:
     before = _hash_laws(campaign)
     path.write_text("2\n")
     assert _hash_laws(campaign) not in (before, None)
+
+
+def test_a_varied_operator_of_the_package_is_part_of_the_identity(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    campaign = build_campaign("tool-install", ('mission.task.operator=choice("careful","hasty")',))
+    files = _list_task_files(campaign)
+    assert [path.name for path in files] == ["careful.csv", "hasty.csv"]
+    assert all(path.is_file() for path in files)
 
 
 def test_a_campaign_that_another_one_overtook_at_its_start_is_refused(

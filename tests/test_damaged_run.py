@@ -55,6 +55,9 @@ def test_a_truncated_recording_gives_no_verdict(run: Path) -> None:
         assert done.exit_code == 0, done.output
         assert "r: interrupted: recording.mcap is truncated at t = " in done.stderr
     assert "recording.mcap is truncated" in (run / "report.html").read_text()
+    last = result.phases[-1]
+    assert last.outcome == "interrupted" and last.end_s == pytest.approx(result.samples["t"][-1])
+    assert [p.outcome for p in result.phases[:-1]] == ["done"] * (len(result.phases) - 1)
 
 
 def test_an_export_without_samples_is_refused(run: Path) -> None:

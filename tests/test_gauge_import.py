@@ -92,6 +92,8 @@ def test_the_dates_of_a_table_are_inspections(tmp_path: Path) -> None:
         ("spot,thickness [mm]\n1,6.1\n", None, 6.1),
         ("spot,Thickness (in)\n1,0.25\n", None, 6.35),
         ("spot,Dicke [mm]\n1,6.1\n", "value=Dicke[mm]", 6.1),
+        ("spot,Wall [µm]\n1,6100\n", "value=Wall", 6.1),
+        ("spot,Wall\n1,6100\n", "value=Wall[µm]", 6.1),
         ("spot,Dicke [in]\n1,0.25\n", "value=dicke", 6.35),
         ("spot,Dicke [mm],Dicke [in]\n1,9,0.25\n", "value=Dicke[in]", 6.35),
         ("spot,Dicke (max),Dicke (min)\n1,9,6.1\n", "value=Dicke (min)", 6.1),
@@ -133,7 +135,10 @@ def test_the_value_has_the_unit_that_the_table_states(
         ("Time,spot,thickness_mm\n20.5,1,9\n", None, "or --columns t=Time[s] for times since"),
         ("date,t_s,spot,thickness_mm\n2026-03-01,1,A,6\n", None, "two columns give t: date, t_s"),
         ("spot,thickness [mils]\n1,250\n", None, "no column gives the value"),
-        ("spot,Dicke [Zoll]\n1,0.25\n", "value=Dicke", "the column Dicke [Zoll] has no unit"),
+        ("spot,Dicke [Zoll]\n1,0.25\n", "value=Dicke", "'Dicke [Zoll]' states no unit"),
+        ("spot,Wall (mil)\n1,250\n", "value=Wall", "give it as wall[UNIT] with one of m, mm"),
+        ("X [ft],y_m,z_m,thickness_mm\n1,1,1,6\n", "x=X", "'X [ft]' states no unit"),
+        ("Time [h],spot,thickness_mm\n1,1,6\n", "t=Time", "'Time [h]' states no unit"),
         ("spot,Dicke [mm],dicke\n1,6,9\n", "value=Dicke (max)", "no column 'dicke (max)'"),
         ("spot,Dicke [mm],Dicke (mm)\n1,6,9\n", "value=Dicke[mm]", "several columns 'dicke'"),
         ("spot;thickness_mm;u95_mm\n1;9,1;0.1\n", None, "both , and . (such as 9,1 and 0.1)"),
@@ -373,15 +378,19 @@ def test_an_option_without_effect_is_refused(tmp_path: Path) -> None:
         (("--radius", "1"), "--radius: valid with --at or --thickness"),
         (
             ("--readings", "--spot", "1", "--local", tmp_path / "o.json"),
-            "--spot: not valid with --local, which contains what --structure, --component, "
-            "--flight",
+            "--spot: not valid with --local, whose content is selected by --structure, "
+            "--component, --flight",
         ),
-        (("--report", tmp_path / "o.html", "--component", "pipe"), "--component: valid for"),
+        (
+            ("--report", tmp_path / "o.html", "--component", "pipe"),
+            "--component: not valid with --report, whose content is selected by --flight",
+        ),
         (("--thickness", "--radius", "nan"), "--radius nan"),
         (("--thickness", "--at", "0,0"), "--at: valid for contact measurements"),
         (("--readings", "--geojson", tmp_path / "o.geojson"), "--geojson: valid for contact"),
         (("--thickness", "--flight", "x"), "merges the flights"),
         (("--import", table, "--flight", "x"), "not for --import"),
+        (("--import", table, "--spot", "1"), "--spot: valid for"),
     ):
         code, out = call(db, *args)
         assert code == 2 and says in out and len(out.strip().splitlines()) == 1, out

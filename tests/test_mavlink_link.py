@@ -229,7 +229,7 @@ def test_without_a_heartbeat_the_state_is_unknown() -> None:
     vehicle = Autopilot()
     vehicle.armed, vehicle.mode = True, modes.OFFBOARD
     vehicle.down.lost = lambda t: True
-    assert "no heartbeat arrives" in land_and_disarm(vehicle.link)
+    assert "its heartbeat is missing" in land_and_disarm(vehicle.link)
     assert not vehicle.armed  # the commands arrive
 
 

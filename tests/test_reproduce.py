@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 
+import click
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
 from skywright.errors import InputError, SimulationError
+from skywright.evidence.command import Command
 from skywright.evidence.reproduce import cache as cache_module
 from skywright.evidence.reproduce import elastic, runner
 from skywright.evidence.reproduce.cache import Cache, Record
@@ -456,3 +460,15 @@ def test_the_page_is_complete_in_itself(measured):
     assert 'src="http' not in page and "?" not in report.claims[0].explanation
     for claim in report.claims:
         assert claim.claim.statement in page
+
+
+def test_a_command_reports_a_full_disk_in_one_line() -> None:
+    """Such an error has no file name."""
+
+    @click.command("table", cls=Command)
+    def write() -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    found = CliRunner().invoke(write)
+    assert found.exit_code == 2
+    assert found.stderr == "table: an output file: No space left on device\n"

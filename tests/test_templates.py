@@ -107,12 +107,15 @@ def test_there_is_no_template_of_everything(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("what", "name", "says"),
     [
-        ("robot", "othex", "othex is a built-in robot; choose another"),
-        ("law", "waypoints", "waypoints is a built-in mission; choose another"),
-        ("effect", "wind", "wind is a built-in effect; choose another"),
-        ("rule", "Rotor-Lost", "rotor_lost is a built-in rule; choose another"),
-        ("law", "None", "None is a word of Python; choose another"),
+        ("robot", "othex", "othex is the name of an existing robot; choose another"),
+        ("law", "waypoints", "waypoints is the name of an existing mission"),
+        ("effect", "wind", "wind is the name of an existing effect"),
+        ("rule", "Rotor-Lost", "rotor_lost is the name of an existing rule"),
+        ("law", "None", "None is a keyword of Python; choose another"),
+        ("law", "lambda", "lambda is a keyword of Python"),
         ("robot", "a" * 55, "at most 54 characters"),
+        ("world", "a" * 55, "at most 54 characters; its mission is named a+-waypoints"),
+        ("thing", "a" * 55, "at most 54 characters"),
     ],
 )
 def test_a_name_that_means_something_else_is_refused(
@@ -124,7 +127,12 @@ def test_a_name_that_means_something_else_is_refused(
     assert not list(tmp_path.iterdir())
 
 
-def test_the_longest_name_of_a_robot_is_valid(tmp_path: Path) -> None:
-    folder = tmp_path / ("a" * 54)
-    write_template("robot", folder)
-    assert "valid" in call("check", str(folder))
+@pytest.mark.parametrize(
+    ("what", "name"),
+    [("robot", "a" * 54), ("world", "a" * 54), ("mission", "a" * 64), ("robot", "lambda")],
+)
+def test_the_longest_name_and_a_word_without_python_are_valid(
+    what: str, name: str, tmp_path: Path
+) -> None:
+    write_template(what, tmp_path / name)
+    assert "valid" in call("check", str(tmp_path / name))

@@ -47,6 +47,13 @@ PHASES = [
 ]
 
 
+def test_interrupted_phases_are_omitted_where_the_work_must_be_whole() -> None:
+    ends = ("done", "taken over", "drawn back", "retry", "interrupted")
+    phases = [PhaseRecord("hold", float(i), i + 1.0, end) for i, end in enumerate(ends)]
+    assert Where(("hold",)).find(phases) == [0, 1, 2, 3, 4]
+    assert Where(("hold",), whole=True).find(phases) == [0, 3]
+
+
 @pytest.mark.parametrize(
     ("where", "found", "text"),
     [

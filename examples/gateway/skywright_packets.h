@@ -35,7 +35,7 @@ enum skw_code {
     SKW_CODE_GRASP = 11, /* grasping */
     SKW_CODE_FORCE = 12, /* force control */
     SKW_CODE_VISUAL = 13, /* visual servoing */
-    SKW_CODE_ALIVE = 14, /* keeps the session open; needed if nothing else is sent for 5 s */
+    SKW_CODE_ALIVE = 14, /* keeps the session open, which ends after 10 s without a message */
 };
 enum skw_result {
     SKW_RESULT_ACCEPTED = 0, /* is done now */

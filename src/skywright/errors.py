@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import errno
 from collections.abc import Iterable
 
 
@@ -39,6 +40,17 @@ class SimulationError(SkywrightError):
     """The simulation diverged or produced NaN."""
 
     exit_code = 3
+
+
+DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
+"""Errors of writing, which have no file name."""
+
+
+def describe_os_error(error: OSError) -> str | None:
+    """Return "FILE: reason" for an error of a file or a disk; None for other errors."""
+    if not error.filename and error.errno not in DISK_ERRORS:
+        return None
+    return f"{error.filename or 'an output file'}: {error.strerror}"
 
 
 LONGEST_NAME = 100

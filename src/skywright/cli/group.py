@@ -1,6 +1,5 @@
 """Common behaviour of all commands: order, errors in one line, exit codes."""
 
-import errno
 import gc
 import os
 import sys
@@ -11,12 +10,10 @@ import click
 
 from skywright.cli.options import print_json
 from skywright.core.interrupt import listen
-from skywright.errors import InfeasibleError, SkywrightError, neighbours
+from skywright.errors import InfeasibleError, SkywrightError, describe_os_error, neighbours
 
 LONGEST = 4000
 """Longest message, in characters."""
-DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
-"""Errors of writing, which have no file name."""
 
 
 class Group(click.Group):
@@ -78,8 +75,8 @@ def _report(error: BaseException, as_json: bool) -> int:
     elif isinstance(error, BrokenPipeError):  # the reader of the output has closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    elif isinstance(error, OSError) and (error.filename or error.errno in DISK_ERRORS):
-        code, message = 2, f"{error.filename or 'an output file'}: {error.strerror}"
+    elif isinstance(error, OSError) and (found := describe_os_error(error)):
+        code, message = 2, found
     else:
         code = 3
         message = (

@@ -138,14 +138,14 @@ def records_(
     ):  # fmt: skip
         if target is not None:
             check_writable(target, endings)
+    run = source if source is not None and source.is_dir() else None
+    if run is not None and given.intersection((*TABLE, "structure", "component")):
+        raise InputError(f"--import {run}: the options of a table are not valid for a run")
     store = RecordStore(file, create=source is not None)
     flights = [] if flight is None else [flight]
     notes: tuple[str, ...] = ()
     try:
-        run = source if source is not None and source.is_dir() else None
         if run is not None:
-            if given.intersection((*TABLE, "structure", "component")):
-                raise InputError(f"--import {run}: the options of a table are not valid for a run")
             from skywright.run.records_import import import_run
 
             flights = [import_run(file, run)]

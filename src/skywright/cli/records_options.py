@@ -22,16 +22,16 @@ TABLE = ("columns", "lag", "measured", "required", "registration")
 _MORE = {*EXPORTS, "deviations"}
 VALID = {
     "readings": {"readings", "structure", "component", "flight", "spot", "table", *_MORE},
-    "import": {"source", "structure", "component", "spot", "table", *TABLE, *_MORE},
+    "import": {"source", "structure", "component", "table", *TABLE, *_MORE},
     "thickness": {"thickness", "structure", "component", "spot", "radius", *_MORE},
     "indications": {"indications", "decide", "who", "structure", "component", "flight", *_MORE},
-    "report": {"flight", *_MORE},
+    "report": {"flight", "component", *_MORE},
     "datums": {"datums", "structure", "flight"},
     "contacts": {"structure", "spot", "at", "radius", "table", "geojson", "origin"},
 }
 """Valid options of each list, besides --json."""
 LABELS = {"contacts": "contact measurements"}
-HINTS = {"thickness": ", which merges the flights", "datums": "; export after it"}
+HINTS = {"thickness": ", which merges the flights", "datums": "; export in a second command"}
 """Reasons in messages, by the list for which an option is not valid."""
 CHOICES = ("readings", "thickness", "indications", "decide", "source", "datums")
 """Options of which one is valid."""
@@ -68,13 +68,15 @@ def check_options(context: click.Context) -> tuple[str, set[str]]:
         raise InputError(
             f"{flags[name]}: valid for {valid}; not for {labels[listing]}{HINTS.get(listing, '')}"
         )
+    # an import and a DICOM file state their structure or component
     owner = {"structure", "component"} if listing == "import" else set()
+    owner |= {"component"} if "dicom" in given else set()
     for export in (export for export in EXPORTS if export in given):
         for name in SELECTION:
             if name in given - EXPORTS[export] - owner:
                 raise InputError(
-                    f"{flags[name]}: not valid with {flags[export]}, which contains what "
-                    f"{', '.join(flags[one] for one in SELECTION if one in EXPORTS[export])} select"
+                    f"{flags[name]}: not valid with {flags[export]}, whose content is selected by "
+                    + ", ".join(flags[one] for one in SELECTION if one in EXPORTS[export])
                 )
     return listing, given
 

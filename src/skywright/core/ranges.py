@@ -92,5 +92,5 @@ def check_range(key: str, value: object, may_vanish: bool = False) -> None:
             if may_vanish and key.endswith(PLACES):
                 low = 0.0
             if not low <= abs(number) <= high:
-                shown = f"{number:g}" if abs(number) < 2**1024 else "a number beyond 1e308"
+                shown = "a number beyond 1e308" if abs(number) > 1e308 else f"{number:g}"
                 raise ValueError(f"{shown} is implausible; valid: {low:g} to {high:g}")

@@ -8,6 +8,7 @@ modules use plain trees.
 from __future__ import annotations
 
 import math
+import sys
 import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -132,7 +133,7 @@ def _read_source(wrapper: Mapping[str, Any], key: str, label: str) -> Source:
     if (
         not isinstance(bounds, list)
         or len(bounds) != 2
-        or not all(_is_number(b) and abs(b) < 2**1024 for b in bounds)
+        or not all(_is_number(b) and abs(b) <= sys.float_info.max for b in bounds)
         or bounds[0] > bounds[1]
     ):
         raise InputError(
@@ -157,7 +158,7 @@ def iterate_numbers(value: object) -> Iterator[float]:
         for child in value:
             yield from iterate_numbers(child)
     elif isinstance(value, int | float) and not isinstance(value, bool):
-        yield float(value) if abs(value) < 2**1024 else math.inf  # an int has no limit
+        yield math.inf if abs(value) > sys.float_info.max else float(value)  # an int has no limit
 
 
 def describe_value(value: object) -> str:

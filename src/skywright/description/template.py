@@ -14,7 +14,7 @@ from pathlib import Path
 from skywright.errors import InputError, neighbours
 
 TEMPLATES = Path(__file__).parent / "templates"
-LONGEST_ROBOT = 54
+LONGEST = 64  # characters of a name of a mission, a robot or a world
 
 
 def list_templates() -> list[str]:
@@ -36,8 +36,7 @@ def write_template(what: str, folder: Path) -> list[Path]:
             f"{what} name {name!r}: use letters, digits, dots, dashes and underscores (at most "
             "64), a letter first"
         )
-    if what == "robot" and len(name) > LONGEST_ROBOT:  # its mission is NAME-waypoints
-        raise InputError(f"robot name {name!r}: at most {LONGEST_ROBOT} characters are possible")
+    _check_length(what, name)
     words = [word for word in re.split(r"[._-]+", name) if word]
     marks = {
         "@NAME@": name,
@@ -63,6 +62,19 @@ def write_template(what: str, folder: Path) -> list[Path]:
     return list(files)
 
 
+def _check_length(what: str, name: str) -> None:
+    """Raise InputError if the name of the template's mission, such as NAME-waypoints, is too
+    long."""
+    texts = (file.read_text(encoding="utf-8") for file in (TEMPLATES / what).iterdir())
+    tails = [tail for text in texts for tail in re.findall(r'^name = "@NAME@(.*)"', text, re.M)]
+    tail = max(tails, key=len, default="")
+    if len(name) + len(tail) > LONGEST:
+        raise InputError(
+            f"{what} name {name!r}: at most {LONGEST - len(tail)} characters; its mission is named "
+            f"{name}{tail}"
+        )
+
+
 def _check_free(what: str, name: str, module: str, class_name: str) -> None:
     """Raise InputError for a name that commands or Python would read as something else."""
     from skywright.core.find import list_kinds
@@ -70,8 +82,10 @@ def _check_free(what: str, name: str, module: str, class_name: str) -> None:
     from skywright.description.robot.loader import list_robots
     from skywright.description.world.loader import list_worlds
 
-    if keyword.iskeyword(module) or keyword.iskeyword(class_name):
-        raise InputError(f"{what} name {name!r}: {class_name} is a word of Python; choose another")
+    has_module = any("@MODULE@" in file.name for file in (TEMPLATES / what).iterdir())
+    for word in (module, class_name):
+        if has_module and keyword.iskeyword(word):
+            raise InputError(f"{what} name {name!r}: {word} is a keyword of Python; choose another")
     listings = {"robot": list_robots, "world": list_worlds, "mission": list_missions}
     taken = {entry.name: kind for kind, listing in listings.items() for entry in listing()}
     if what not in listings:
@@ -79,5 +93,6 @@ def _check_free(what: str, name: str, module: str, class_name: str) -> None:
     for one in (name, module):
         if one in taken:
             raise InputError(
-                f"{what} name {name!r}: {one} is a built-in {taken[one]}; choose another"
+                f"{what} name {name!r}: {one} is the name of an existing {taken[one]}; choose "
+                "another"
             )

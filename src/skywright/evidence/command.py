@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from skywright.errors import SkywrightError
+from skywright.errors import SkywrightError, describe_os_error
 
 
 class Command(click.Command):
@@ -20,8 +20,8 @@ class Command(click.Command):
         except SkywrightError as error:
             code, message = error.exit_code, str(error)
         except OSError as error:
-            if not error.filename:
+            code, message = 2, describe_os_error(error) or ""
+            if not message:
                 raise
-            code, message = 2, f"{error.filename}: {error.strerror}"
         click.echo(f"{self.name}: {message}", err=True)
         sys.exit(code)

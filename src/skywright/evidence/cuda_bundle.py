@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.description.loader import load_description
-from skywright.errors import InputError, SkywrightError
+from skywright.errors import InputError, SkywrightError, describe_os_error
 from skywright.evidence.bench.machine import (
     collect_all_versions,
     describe_machine,
@@ -391,6 +391,9 @@ def main() -> None:
     except SkywrightError as error:
         print(f"error: {error}", file=sys.stderr)
         raise SystemExit(error.exit_code) from None
+    except OSError as error:
+        print(f"error: {describe_os_error(error) or error}", file=sys.stderr)
+        raise SystemExit(2) from None
 
 
 if __name__ == "__main__":

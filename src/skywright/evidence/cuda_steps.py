@@ -31,7 +31,7 @@ from skywright.core import scratch
 from skywright.core.compiled import Helper, HelperType, integers, table, words
 from skywright.core.find import list_kinds
 from skywright.description.loader import list_missions, load_description
-from skywright.errors import InputError
+from skywright.errors import InputError, describe_os_error
 from skywright.run.backends import build_vehicle
 from skywright.vehicle.assembly import Assembly
 from skywright.vehicle.component import Draws
@@ -293,11 +293,16 @@ def main() -> None:
     p.add_argument("--out", type=Path, help="JSON")
     asked = p.parse_args()
     try:
-        flights = [(mission, None, "") for mission in asked.mission] or list_flights()
-        found = compile_all(flights, asked.only)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
+        _run(asked.mission, asked.only, asked.out)
+    except (InputError, OSError) as error:
+        text = describe_os_error(error) if isinstance(error, OSError) else None
+        print(f"error: {text or error}", file=sys.stderr)
         raise SystemExit(2) from None
+
+
+def _run(missions: list[str], only: list[str], out: Path | None) -> None:
+    flights = [(mission, None, "") for mission in missions] or list_flights()
+    found = compile_all(flights, only)
     for one in found:
         told = (
             f"{one.ptx_bytes} bytes of PTX, {one.registers} registers, {one.stack_bytes} bytes of "
@@ -306,13 +311,13 @@ def main() -> None:
             else f"does not compile: {one.why}"
         )
         print(f"{one.step}: {told}")
-    if asked.out is not None:
-        told_ = {
+    if out is not None:
+        table = {
             "architecture": list(ARCHITECTURE), "numba_cuda": version("numba-cuda"),
             "flights": [" ".join(filter(None, flight)) for flight in flights],
             "steps": [one._asdict() for one in found],
         }  # fmt: skip
-        asked.out.write_text(json.dumps(told_, indent=1) + "\n", encoding="utf-8")
+        out.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -44,7 +44,7 @@ def parse_order(text: str) -> Order:
         raise InputError(f"a message of {len(text)} characters; valid: up to {LARGEST}")
     found = parse(text)
     if found is None:
-        raise InputError("a message that is no JSON object with its kind in k")
+        raise InputError("not a JSON object with a text k, the kind of the message")
     kind = found.pop("k")
     if kind in PLAIN:
         return Order(kind, {})
@@ -112,7 +112,7 @@ def _read_start(found: dict[str, Any]) -> dict[str, Any]:
         raise _wrong("seed", seed, f"a whole number from 0 to {WHOLE}")
     operated, backend = found.get("operated", False), found.get("backend", PHYSICS)
     if not isinstance(operated, bool):
-        raise _wrong("operated", operated, "true, false")
+        raise _wrong("operated", operated, "true or false")
     if not isinstance(backend, str):
         raise _wrong("backend", backend, "the name of a back end")
     sets = _read_sets(found.get("sets", []))
@@ -159,7 +159,7 @@ def _get_number(found: dict[str, Any], name: str, low: float, high: float) -> fl
 def _get_switch(found: dict[str, Any], name: str) -> bool:
     value = found.get(name)
     if not isinstance(value, bool):
-        raise _wrong(name, value, "true, false")
+        raise _wrong(name, value, "true or false")
     return value
 
 

@@ -80,9 +80,13 @@ def load_replay(directory: Path) -> str:
     import json
 
     from skywright.reports.replay import build_replay_data
+    from skywright.run.directory import UNFINISHED
     from skywright.run.run import evaluate_directory
 
-    return json.dumps(build_replay_data(evaluate_directory(directory)), allow_nan=False)
+    result = evaluate_directory(directory)
+    if result.outcome in UNFINISHED:
+        print(f"{directory}: {result.outcome}: {result.reason}", file=sys.stderr)
+    return json.dumps(build_replay_data(result), allow_nan=False)
 
 
 def list_choices(

@@ -8,6 +8,7 @@ import numpy as np
 from skywright.errors import InputError
 from skywright.inspection.scan_file import MIN_ROWS, Scan
 from skywright.recordings.columns import has_columns
+from skywright.recordings.mcap_file import CUT
 from skywright.recordings.recording import read_recording
 
 CALIBRATING, SCANNING = ("touch", "settle"), "scan"
@@ -51,5 +52,9 @@ def load_recorded_scan(path: Path) -> tuple[Scan, tuple[float, float]]:
     keep &= np.all(np.isfinite(s["meas_p_WT"]), axis=1)
     if np.count_nonzero(keep) < MIN_ROWS or begin == first:
         raise InputError(f"{file}: the recording of touch and scan is too short")
-    s, notes = s[keep], (f"of {recording.info.get('mission', 'a run')}, from its recording",)
-    return Scan(s["t"], s["ec"], s["meas_p_WT"], None, notes), (starts[begin][0], ends[first - 1])
+    notes = [f"of {recording.info.get('mission', 'a run')}, from its recording"]
+    if not recording.complete:
+        notes.append(CUT)
+    s = s[keep]
+    scan = Scan(s["t"], s["ec"], s["meas_p_WT"], None, tuple(notes))
+    return scan, (starts[begin][0], ends[first - 1])

@@ -31,9 +31,9 @@ BESIDE_FEET = 0.02
 feet 15 mm off the surface. If friction holds the tip, it comes no nearer to the robot's axis, and
 the elbow's stop leaves 7 of the 20 mm to the arm of f550-bridge."""
 GRID = 91
-"""Angles of each joint that the search for a posture tries, of up to three joints."""
+"""Angles per joint in the grid of postures of an arm with up to three joints."""
 SAMPLES = 300_000
-"""Postures that it tries for more joints."""
+"""Random postures of an arm with more joints."""
 
 
 class ContactStance(NamedTuple):
@@ -101,7 +101,9 @@ def find_free_stance(robot: Robot, facing: str) -> ContactStance:
     if facing == "down" and robot.docking is not None:
         top = farthest - BESIDE_FEET
         near = [stance for reach, stance in found if top - 0.005 <= reach <= top]
-        return min(near or [stance for _, stance in found], key=lambda stance: stance.lean)
+        if not near:
+            return min(found, key=lambda one: abs(one[0] - top))[1]
+        return min(near, key=lambda stance: stance.lean)
     near = [stance for reach, stance in found if reach >= farthest - RESERVE]
     return max(near, key=lambda stance: _compute_lever(model, stance))
 

@@ -62,12 +62,12 @@ def compute_hold(
     wind_W: Array,
     f_push_W: Array | None = None,
     p_push_B: Array | None = None,
-    lean: float | Array = 0.0,
+    lean: float = 0.0,
 ) -> tuple[Array, Array]:
     """Return (thrust (m, n) N, tilt (m,) rad) that hold position in the winds (m, 3) m/s.
 
     `f_push_W` (m, 3) N at `p_push_B` (3,) m: force of the robot on its environment. Yaw is zero.
-    Robots with lateral force hold their attitude, leaning `lean` (rad, a number or (m,)) against
+    Robots with lateral force hold their attitude, leaning `lean` (rad) against
     the horizontal load. The others take the tilt at which thrust along z_B balances the load (a
     fixed point, since drag turns with the body). Thrusts may exceed the limits; the caller checks
     them.
@@ -77,8 +77,7 @@ def compute_hold(
     point = np.zeros(3) if p_push_B is None else p_push_B
     weight = body.mass * body.gravity
     up = np.array([0.0, 0.0, 1.0])
-    leans = np.broadcast_to(np.asarray(lean, dtype=np.float64), (m,))
-    level = layout.full and not np.any(leans)
+    level = layout.full and lean == 0.0
     thrust = np.full((m, n), weight / n)
     tilt = np.zeros(m)
     R = np.broadcast_to(np.eye(3), (m, 3, 3)).copy()
@@ -92,8 +91,8 @@ def compute_hold(
             flat = load_W * np.array([1.0, 1.0, 0.0])
             size = np.linalg.norm(flat, axis=1, keepdims=True)
             toward = np.where(size > 1e-12, flat / np.maximum(size, 1e-12), 0.0)
-            R = _leaning(np.cos(leans)[:, None] * up + np.sin(leans)[:, None] * toward)
-            tilt = leans
+            R = _leaning(math.cos(lean) * up + math.sin(lean) * toward)
+            tilt = np.full(m, lean)
         elif not layout.full:
             R = _leaning(need_W)
             tilt = np.arccos(np.clip(R[:, 2, 2], -1.0, 1.0))
@@ -144,18 +143,17 @@ def compute_largest(
 
 
 def compute_wind_limits(
-    layout: Layout, body: DragBody, directions: Array, tilt_max: float, lean: float | Array = 0.0
+    layout: Layout, body: DragBody, directions: Array, tilt_max: float
 ) -> Array:
     """Return the wind (m,) m/s toward each direction (m,) rad that the robot can hold.
 
-    Level attitude (or leaning `lean` rad, a number or (m,)) for robots with lateral force; the
-    others tilt by at most `tilt_max` rad. NaN if the robot does not hold in calm air; at most
-    FASTEST.
+    Robots with lateral force stay level; the others tilt by at most `tilt_max` rad. NaN if the
+    robot does not hold in calm air; at most FASTEST.
     """
     d = np.column_stack([np.cos(directions), np.sin(directions), np.zeros(len(directions))])
 
     def holds(speed: Array) -> Mask:
-        thrust, tilt = compute_hold(layout, body, speed[:, None] * d, lean=lean)
+        thrust, tilt = compute_hold(layout, body, speed[:, None] * d)
         return is_held(layout, thrust, tilt, tilt_max)
 
     return compute_largest(holds, len(directions), FASTEST)

@@ -216,6 +216,10 @@ def _join(group: Sequence[records.McapRecord]) -> bytes:
     return b"".join(map(_serialise, group))
 
 
+CUT = "the recording was cut short; read up to the cut"
+"""Note on a file that is not complete."""
+
+
 class McapContents(NamedTuple):
     """Contents of an MCAP file: messages of each topic as raw bytes, in the order of the file."""
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 from skywright.core.bounded import read_bytes
 from skywright.errors import InputError
 
+MICRO = str.maketrans("\N{MICRO SIGN}\N{GREEK SMALL LETTER MU}", "uu")
 _NUMBER = re.compile(r"[-+]?[\d.,]+(?:[eE][-+]?\d+)?")
 
 
@@ -116,9 +117,10 @@ def plain_name(name: str) -> str:
 def split_unit(name: str, units: Collection[str]) -> tuple[str, str]:
     """Split "Depth [mm]", "depth (mm)" or "depth_mm" into ("depth", "mm").
 
-    Returns the name in lower case and "" if it states none of the `units`.
+    Returns the name in lower case and "" if it states none of the `units`. The letter µ is read as
+    u.
     """
-    plain = name.strip().lower()
+    plain = name.strip().lower().translate(MICRO)
     match = re.fullmatch(
         r"(.*?[^\s_])(?:[\s_]*\[\s*(\w+)\s*\]|[\s_]*\(\s*(\w+)\s*\)|[\s_]+([^\W_]+))", plain
     )
@@ -136,6 +138,7 @@ def parse_columns(text: str, units: Mapping[str, Collection[str]]) -> dict[str, 
     for part in text.split(","):
         match = re.fullmatch(r"\s*(\w+)\s*=\s*([^\[\]]+?)\s*(?:\[\s*(\w*)\s*\])?\s*", part)
         what, name, unit = match.groups() if match else (part.strip()[:40], "", None)
+        unit = unit.translate(MICRO) if unit else unit
         if not match or what not in units:
             raise InputError(
                 f"--columns: {what!r}; valid: QUANTITY=NAME[UNIT],... with a quantity of "
@@ -171,14 +174,25 @@ def match_columns(
 def find_column(
     path: Path, header: Sequence[str], name: str, unit: str, units: Collection[str]
 ) -> tuple[int, str]:
-    """Return the (index, unit) of `match_columns`. Raises InputError unless it is one column."""
+    """Return the (index, unit) of `match_columns`.
+
+    Raises InputError unless it is one column, and if its header has a part in brackets that is
+    neither in `name` nor one of the `units`: it may be another unit.
+    """
     fits = match_columns(header, name, unit, units)
     if len(fits) != 1:
         raise InputError(
             f"{path}: --columns: {'several columns' if fits else 'no column'} {name!r}; found: "
             + list_names(header)
         )
-    return fits[0]
+    index, found = fits[0]
+    extra = plain_name(header[index]) != re.sub(r"\s", "", header[index].lower())
+    if units and not found and extra and not re.search(r"[\[(]", name):
+        raise InputError(
+            f"{path}: --columns: {header[index][:40]!r} states no unit that is valid here; give it "
+            f"as {name}[UNIT] with one of {', '.join(units)}"
+        )
+    return index, found
 
 
 def list_names(names: Sequence[str], limit: int = 14) -> str:

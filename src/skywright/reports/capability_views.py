@@ -130,7 +130,7 @@ def _print_sweep(found: TiltSweep, picture: Path) -> None:
             cells = ["-" if "nan" in cell else cell for cell in cells]
             table.add_row(f"{tilt} deg{' (own)' if tilt == own else ''}", *cells)
     console.print(table)
-    console.print(f"picture: {picture}", markup=False)
+    console.print(f"picture: {picture}")
 
 
 def _print_docked(found: DockedMap, fine: ForceResolution | None, picture: Path) -> None:
@@ -154,4 +154,4 @@ def _print_docked(found: DockedMap, fine: ForceResolution | None, picture: Path)
             f"smallest controllable force {fine.smallest:.2f} N (one servo count), "
             f"{fine.rms:.2f} N rms of a held one"
         )
-    console.print(f"picture: {picture}", markup=False)
+    console.print(f"picture: {picture}")

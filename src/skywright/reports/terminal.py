@@ -21,13 +21,12 @@ if TYPE_CHECKING:
 
 
 def new_console(*, stderr: bool = False, width: int = 110) -> Console:
-    """Return a console that prints text as it is; lines of standard output do not wrap.
+    """Return a console that prints text as it is and does not wrap lines.
 
     Without a terminal it is `width` characters wide.
     """
-    console = Console(
-        stderr=stderr, highlight=False, markup=False, emoji=False, soft_wrap=not stderr
-    )
+    console = Console(stderr=stderr, highlight=False, markup=False, emoji=False)
+    console.soft_wrap = not stderr or not console.is_terminal  # a bar on a terminal is cropped
     if not console.is_terminal:
         console.width = width
     return console
@@ -67,18 +66,18 @@ def print_result(result: Any) -> None:
         table.add_row(name, "-", "-", "-", Text("not judged", "dim"))
     console.print(table)
     for why in dict.fromkeys(result.waived.values()):
-        console.print(f"not judged: {why}", markup=False)
+        console.print(f"not judged: {why}")
     failed = sum(not r.passed for r in result.requirements)
     verdict = "all requirements met" if not failed else f"{failed} not met"
     said = not result.reason or result.reason.startswith(NOT_MET)  # already in the table
     reason = "" if said else f" ({result.reason})"
-    console.print(f"{result.outcome}{reason}: {verdict}", markup=False)
+    console.print(f"{result.outcome}{reason}: {verdict}")
     directory = Path(result.directory)
     for name in ("report.html", "replay.html"):
         if (directory / name).is_file():
-            console.print(str(directory / name), markup=False)
+            console.print(str(directory / name))
     if result.outcome in UNFINISHED:
-        console.print(_describe_kept(result), markup=False)
+        console.print(_describe_kept(result))
 
 
 def _describe_kept(result: Any) -> str:
@@ -140,9 +139,9 @@ def print_campaign(verdict: Verdict, folder: Path) -> None:
         console.print(f"of the {verdict.flown} runs that took off {rate:.1%} succeeded")
     colour = {"GO": "bold green", "NO-GO": "bold red"}.get(verdict.answer, "bold yellow")
     console.print(Text(f"{verdict.answer}: ", colour) + Text(verdict.headline))
-    console.print(verdict.limited_by, markup=False)
+    console.print(verdict.limited_by)
     for name in ("campaign.html", "results.csv"):
-        console.print(str(folder / name), markup=False)
+        console.print(str(folder / name))
 
 
 def print_capability(
@@ -195,15 +194,15 @@ def print_summary(summary: Summary) -> None:
         console.print(f"\n{section.title}", style="bold")
         width = max(len(name) for name, _ in section.rows)
         for name, value in section.rows:
-            console.print(f"  {name:{width}}  {value}", markup=False)
+            console.print(f"  {name:{width}}  {value}")
     if summary.guesses:
         console.print(f"\nGuesses ({len(summary.guesses)})", style="bold")
         for line in summary.guesses:
-            console.print(f"  {line.removeprefix('assumed ')}", markup=False)
+            console.print(f"  {line.removeprefix('assumed ')}")
     if summary.picture:
-        console.print(f"\npicture: {summary.picture}", markup=False)
+        console.print(f"\npicture: {summary.picture}")
     if summary.urdf:
-        console.print(f"\nURDF: {summary.urdf}", markup=False)
+        console.print(f"\nURDF: {summary.urdf}")
 
 
 def print_weld(report: Any, picture: Path) -> None:
@@ -230,5 +229,5 @@ def print_weld(report: Any, picture: Path) -> None:
         table.add_row(f"threshold {name}", format_number(value))
     console.print(table)
     for note in found.get("notes", []):
-        console.print(f"note: {note}", markup=False)
-    console.print(f"map: {picture}", markup=False)
+        console.print(f"note: {note}")
+    console.print(f"map: {picture}")

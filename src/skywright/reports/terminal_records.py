@@ -19,7 +19,7 @@ def print_records(records: Sequence[Record], path: Path) -> None:
     flights = list(dict.fromkeys(r.flight for r in records))
     console.print(
         f"{len(records)} measurements of {len(flights)} flights in {path}",
-        style="bold", markup=False,
+        style="bold",
     )  # fmt: skip
     if not records:
         return
@@ -43,7 +43,7 @@ def print_history(places: Sequence[Location], path: Path) -> None:
     The notes of the locations follow. A location without a valid reading has dashes.
     """
     console = new_console()
-    console.print(f"{len(places)} locations in {path}", style="bold", markup=False)
+    console.print(f"{len(places)} locations in {path}", style="bold")
     if not places:
         return
     for asset in dict.fromkeys(p.asset for p in places):
@@ -52,7 +52,7 @@ def print_history(places: Sequence[Location], path: Path) -> None:
     console.print(f"readings of a location within {MERGE_DAYS:g} days are one inspection")
     for p in places:
         for note in p.notes:
-            console.print(f"{p.asset} {p.component} {p.name}: {note}", markup=False)
+            console.print(f"{p.asset} {p.component} {p.name}: {note}")
 
 
 def _build_history_table(asset: str, places: Sequence[Location]) -> Table:
@@ -81,7 +81,7 @@ def _write_rate(rate: Rate | None) -> str:
 def print_indications(found: Sequence[StoredIndication], path: Path) -> None:
     """Print the indications with size, position and disposition."""
     console = new_console()
-    console.print(f"{len(found)} indications in {path}", style="bold", markup=False)
+    console.print(f"{len(found)} indications in {path}", style="bold")
     if not found:
         return
     table = new_table(
@@ -102,16 +102,14 @@ def print_indications(found: Sequence[StoredIndication], path: Path) -> None:
     console.print(table)
     for i in found:
         decided = f"; {i.disposition}: {i.decided}" if i.decided else ""
-        console.print(f"{i.id}: flight {i.flight}, {i.time_utc}{decided}", markup=False)
+        console.print(f"{i.id}: flight {i.flight}, {i.time_utc}{decided}")
 
 
 def print_readings(found: Sequence[StoredReading], path: Path) -> None:
     """Print the readings with uncertainty, position and acceptance."""
     console = new_console()
     accepted = sum(r.reading.accepted for r in found)
-    console.print(
-        f"{len(found)} readings in {path}, {accepted} accepted", style="bold", markup=False
-    )
+    console.print(f"{len(found)} readings in {path}, {accepted} accepted", style="bold")
     if not found:
         return
     table = new_table(
@@ -132,7 +130,7 @@ def print_readings(found: Sequence[StoredReading], path: Path) -> None:
 def print_registrations(found: Mapping[str, Registration | None], asset: str, points: int) -> None:
     """Print the registration of each flight in the frame of its asset, and its notes."""
     console = new_console()
-    console.print(f"{points} datum points of {asset}", style="bold", markup=False)
+    console.print(f"{points} datum points of {asset}", style="bold")
     table = new_table("", "flight", "common", "shift (mm)", "turn (deg)", "residual (mm)")
     for flight, one in found.items():
         if one is None:
@@ -146,4 +144,4 @@ def print_registrations(found: Mapping[str, Registration | None], asset: str, po
     console.print(table)
     for flight, one in found.items():
         for note in one.notes if one else ():
-            console.print(f"{flight}: {note}", markup=False)
+            console.print(f"{flight}: {note}")

@@ -184,6 +184,10 @@ def load_run(directory: Path) -> StoredRun:
         until = phases[-1].end_s if phases else end
         reason = f"recording.mcap is truncated at t = {end:.1f} s of {until:.1f} s: copy it again"
         outcome = "interrupted"
+        phases = [
+            p if p.end_s <= end else p._replace(end_s=end, outcome=outcome)
+            for p in phases if p.start_s <= end
+        ]  # fmt: skip
     return StoredRun(recording, phases, outcome, reason, read.timing, tuple(read.faults), old)
 
 

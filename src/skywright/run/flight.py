@@ -27,12 +27,12 @@ class PhaseRecord(NamedTuple):
     end_s: float
     outcome: str
     """ "done", "failed", "retry" (the mission tries again), "taken over" (by a pilot), "drawn back"
-    (by an operator's order)."""
+    (by an operator's order), "interrupted" (the last phase of a recording that was cut)."""
 
     @property
     def is_interrupted(self) -> bool:
-        """Whether a pilot or an operator's order ended it: its samples are not a result."""
-        return self.outcome in ("taken over", "drawn back")
+        """Whether it was ended before its work was done, by a pilot, an operator or a cut."""
+        return self.outcome in ("taken over", "drawn back", "interrupted")
 
 
 class Flight(NamedTuple):

@@ -137,7 +137,7 @@ def compute_tracking(run: Flown[Any, Any]) -> dict[str, float]:
     last = held[-1] if held else moving
     passed = list[tuple[float, float]]()
     for i, phase in enumerate(phases[:-1]):  # a segment without a hold is passed
-        whole = phase.outcome != "taken over"
+        whole = not phase.is_interrupted
         if phase.name in run.plan.segments and whole and not phases[i + 1].name.startswith("hold"):
             passed.append(_judge_passage(samples, np.flatnonzero(samples["phase"] == i)))
     passed += [_judge_hold(samples, h) for h in held if np.any(h)]

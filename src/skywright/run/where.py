@@ -23,10 +23,12 @@ class Where(NamedTuple):
     """Whether all phases except these are selected."""
     planned: bool = False
     """Whether phases that fly a segment of the plan are selected as well."""
+    whole: bool = False
+    """Whether interrupted phases are omitted."""
 
     def find(self, phases: Sequence[PhaseRecord], segments: Container[str] = ()) -> list[int]:
         """Return the indices of the phases; `segments` are the names of those that are planned."""
-        return [
+        found = [
             i
             for i, p in enumerate(phases)
             if any(
@@ -35,6 +37,7 @@ class Where(NamedTuple):
             != self.others
             or (self.planned and p.name in segments)
         ]
+        return [i for i in found if not (self.whole and phases[i].is_interrupted)]
 
     def select(
         self, samples: NDArray[Any], phases: Sequence[PhaseRecord], segments: Container[str] = ()

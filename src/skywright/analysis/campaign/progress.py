@@ -39,7 +39,7 @@ class CampaignProgress:
     def say(self, text: str) -> None:
         """Write one line."""
         if not self._quiet:
-            self._console.print(text, markup=False)
+            self._console.print(text)
 
     def on_row(self, row: Row) -> None:
         """Count a finished run and update the display."""

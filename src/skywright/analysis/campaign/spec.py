@@ -235,7 +235,8 @@ def _list_task_files(campaign: Campaign) -> list[Path]:
         root, _, key = variation.key.rpartition(".")
         if root == "mission.task" and key in type(task).model_fields:
             for value in (v for v in variation.values if isinstance(v, str)):
-                files += task.model_copy(update={key: value}).list_files()
+                varied = task.model_copy(update={key: value})
+                files += varied.find_files(Path(campaign.mission).parent).list_files()
     return files
 
 

@@ -122,9 +122,9 @@ def print_comparison(c: Comparison, page: Path) -> None:
         for r in c.rows for name, note in zip(names, r.notes, strict=True) if note
     }  # fmt: skip
     for note in notes:
-        console.print(note, markup=False)
+        console.print(note)
     table = new_table("Suarez 2020, table 3", "about", "statement", "")
     for s in c.statements:
         table.add_row(s.about, s.text, Text(s.verdict, STYLES.get(s.verdict, "")))
     console.print(table)
-    console.print(str(page), markup=False)
+    console.print(str(page))

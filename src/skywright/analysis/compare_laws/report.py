@@ -67,10 +67,10 @@ def print_laws(c: LawComparison, page: Path) -> None:
     console.print(table)
     for f in c.flown:
         if f.refused or f.reason:
-            console.print(f"{f.law}, {f.case}: {f.refused or f.reason}", markup=False)
+            console.print(f"{f.law}, {f.case}: {f.refused or f.reason}")
     if c.runs < FEWEST:
         console.print(f"--runs {c.runs}: no interval and no test below {FEWEST} runs")
-    console.print(f"page: {page}", markup=False)
+    console.print(f"page: {page}")
 
 
 def tell_state(f: Flown) -> str:

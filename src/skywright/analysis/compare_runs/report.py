@@ -38,8 +38,8 @@ def print_overlay(found: Overlay, page: Path) -> None:
         table.add_row(m.name, *map(format_number, (m.a, m.b, m.difference)), _tell(m))
     console.print(table)
     for key, a, b in found.settings:
-        console.print(f"{key}: {a} | {b}", markup=False)
-    console.print(f"page: {page}", markup=False)
+        console.print(f"{key}: {a} | {b}")
+    console.print(f"page: {page}")
 
 
 def format_number(x: float) -> str:

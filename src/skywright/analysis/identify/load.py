@@ -27,6 +27,7 @@ from skywright.models.allocation import allocate, build_allocator, thrust_to_spe
 from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.rotors import build_rotors
 from skywright.recordings.columns import has_columns
+from skywright.recordings.mcap_file import CUT
 from skywright.recordings.period import compute_period
 from skywright.recordings.recording import Recording, read_recording
 
@@ -106,7 +107,7 @@ def _load_recording(path: Path, robot: Robot | None) -> FlightLog:
             f"those of {robot.name!r}, which was given",
             *log.notes,
         ))  # fmt: skip
-    return log
+    return log if recording.complete else log._replace(notes=(*log.notes, CUT))
 
 
 def parse_description(text: bytes) -> Description:

@@ -78,8 +78,8 @@ def print_identification(found: Identification, page: Path, robot_file: Path) ->
     each = ", ".join(f"{r:.4f}" for r in r2)
     console.print(f"angular acceleration predicted with R² {each} (x, y, z) on held-out parts")
     for line in found.list_unknown():
-        console.print(f"not identified: {line}", markup=False)
+        console.print(f"not identified: {line}")
     for note in found.notes:
-        console.print(f"note: {note}", markup=False)
-    console.print(f"page: {page}", markup=False)
-    console.print(f"robot file: {robot_file}", markup=False)
+        console.print(f"note: {note}")
+    console.print(f"page: {page}")
+    console.print(f"robot file: {robot_file}")

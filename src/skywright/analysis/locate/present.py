@@ -11,7 +11,7 @@ from skywright.reports.terminal import new_console, new_table
 def print_locate(report: LocateReport, folder: Path) -> None:
     """Print the result, its accuracy and the written file."""
     console = new_console()
-    console.print(build_headline(report), style="bold", markup=False)
+    console.print(build_headline(report), style="bold")
     if report.errors:
         table = new_table(
             "Errors against the reference", "", "rms", "median", "largest", "over 1 s"
@@ -43,5 +43,5 @@ def print_locate(report: LocateReport, folder: Path) -> None:
             place = ", ".join(f"{x:.4f}" for x in f.pose.p_WS)
             console.print(f"station at ({place}) m in the time-consistent frame")
     for note in report.notes:
-        console.print(f"note: {note}", markup=False)
-    console.print(f"{folder / 'locate.html'}", markup=False)
+        console.print(f"note: {note}")
+    console.print(f"{folder / 'locate.html'}")

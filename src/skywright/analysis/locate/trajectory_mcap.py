@@ -11,7 +11,7 @@ import numpy as np
 
 from skywright.errors import InputError, neighbours
 from skywright.models.localisation.trajectory import Trajectory, clean
-from skywright.recordings.mcap_file import McapContents, read_mcap
+from skywright.recordings.mcap_file import CUT, McapContents, read_mcap
 
 # Number of strings after the header's, and whether an orientation follows the position.
 KINDS = {
@@ -89,7 +89,7 @@ def _decode(path: Path, contents: McapContents, topic: TopicInfo) -> Trajectory:
             continue
     if not len(rows):
         raise InputError(f"{path}: topic {topic.name} contains no messages")
-    notes = [] if contents.complete else ["the recording was cut short; read up to the cut"]
+    notes = [] if contents.complete else [CUT]
     q = rows[:, [7, 4, 5, 6]] if turned else None
     t = rows[:, 0]
     known = t[np.isfinite(t)]

@@ -145,7 +145,8 @@ def compute_pod(table: Inspections, method: Method | None = None) -> Pod:
         raise refused
     curve = _draw(flawed, *best)
     tried.sort(key=lambda one: float(one["aic"]))
-    warnings = warn_of_samples(merged, counted, method.model or "", curve.a90, curve.a90_95)
+    warnings = list(table.notes)
+    warnings += warn_of_samples(merged, counted, method.model or "", curve.a90, curve.a90_95)
     warnings += _warn_of_curve(flawed, best[0], curve, tried)
     return Pod(table.unit, merged, counted, curve, tried, calls, warnings)
 

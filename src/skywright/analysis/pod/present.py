@@ -22,10 +22,10 @@ def describe_curve(curve: Curve) -> str:
 def print_pod(pod: Pod, compared: Compared | None, picture: Path | None) -> None:
     """Print sizes, false calls, groups and warnings."""
     console, c, unit = new_console(), pod.curve, pod.unit
-    console.print(f"{describe_curve(c)}", style="bold", markup=False)
+    console.print(f"{describe_curve(c)}", style="bold")
     n = pod.counted
     merged = f", {n.passes_merged} further passes merged" if n.passes_merged else ""
-    console.print(f"{n.found} of {n.flaws} flaws found{merged}", markup=False)
+    console.print(f"{n.found} of {n.flaws} flaws found{merged}")
     table = new_table("", "", "POD 50 %", "POD 90 %", f"90 % with {CONFIDENCE:.0%} confidence")
     whole = "all flaws" if c.ceiling is None else "total"
     table.add_row(whole, *(_write(v, unit) for v in (c.a50, c.a90, c.a90_95)))
@@ -41,28 +41,25 @@ def print_pod(pod: Pod, compared: Compared | None, picture: Path | None) -> None
     if compared is not None:
         console.print(
             f"one curve for all groups has p = {compared.p_same:.2g} (likelihood-ratio test)",
-            markup=False,
         )
         for name, one in compared.groups.items():
             if isinstance(one, str):
-                console.print(f"{compared.column} {name}: no curve: {one}", markup=False)
+                console.print(f"{compared.column} {name}: no curve: {one}")
     if c.ceiling is not None:
         console.print(
             f"ceiling {c.ceiling.value:.3f}, at least {c.ceiling.lower:.3f} with "
             f"{CONFIDENCE:.0%} confidence ({c.ceiling.source})",
-            markup=False,
         )
     if pod.false_calls is not None:
         f = pod.false_calls
         console.print(
             f"false calls: {f.calls} at {f.sites} sites without a flaw, {f.rate:.3f}; at most "
             f"{f.upper_95:.4f} with {CONFIDENCE:.0%} confidence",
-            markup=False,
         )
     for warning in pod.warnings:
-        console.print(f"warning: {warning}", markup=False)
+        console.print(f"warning: {warning}")
     if picture is not None:
-        console.print(f"picture: {picture}", markup=False)
+        console.print(f"picture: {picture}")
 
 
 def _write(size: float | None, unit: str) -> str:

@@ -46,6 +46,7 @@ class Inspections(NamedTuple):
     contact: Array | None  # (n,) 0 or 1: the probe was in contact at the flaw
     flaw: tuple[str, ...] | None  # name of the flaw; rows with one name are passes over one flaw
     others: dict[str, tuple[str, ...]]  # further columns, as text
+    notes: tuple[str, ...] = ()  # on cells that were converted
 
     def select(self, kept: Mask) -> Inspections:
         """Return the rows (n,) where `kept` is true."""
@@ -60,7 +61,7 @@ class Inspections(NamedTuple):
         return Inspections(
             self.size[at], self.unit, pick(self.hit), pick(self.signal), pick(self.contact),
             None if self.flaw is None else pick_text(self.flaw),
-            {name: pick_text(cells) for name, cells in self.others.items()},
+            {name: pick_text(cells) for name, cells in self.others.items()}, self.notes,
         )  # fmt: skip
 
 
@@ -74,8 +75,10 @@ def load_inspections(path: Path, columns: str | None = None) -> Inspections:
     given = parse_columns(columns, COLUMNS) if columns else {}
     header, rows, delimiter = read_cells(path, MAX_BYTES)
     places, unit = _find_columns(path, header, given)
-    numeric = set(range(len(header))) - {places.get("flaw", -1)}
-    convert_commas(path, [cells for _, cells in rows], delimiter, numeric)
+    numeric = [index for what, index in places.items() if what != "flaw"]
+    notes = []
+    if convert_commas(path, [cells for _, cells in rows], delimiter, numeric):
+        notes.append("decimal commas read as decimal points")
 
     def numbers(what: str) -> Array | None:
         if what not in places:
@@ -101,8 +104,9 @@ def load_inspections(path: Path, columns: str | None = None) -> Inspections:
     if "flaw" in places:
         flaw = tuple(cells[places["flaw"]] for _, cells in rows)
     return Inspections(
-        size, unit, numbers("hit"), numbers("signal"), numbers("contact"), flaw, others
-    )
+        size, unit, numbers("hit"), numbers("signal"), numbers("contact"), flaw, others,
+        tuple(notes),
+    )  # fmt: skip
 
 
 def _find_columns(

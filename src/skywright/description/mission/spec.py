@@ -39,7 +39,7 @@ class Task(Spec):
     def list_files(self) -> tuple[Path, ...]:
         """Return the files that keys of the task name; a campaign notices that they change.
 
-        A relative path refers to the folder of the mission or to the current folder.
+        Relative paths are looked up in the mission's folder, then in the current folder.
         """
         return ()
 

@@ -22,11 +22,11 @@ class Tables:
         """Print the current benchmark."""
         text = f"{name}: {description} ..." if name else f"{description} ..."
         if not self._err.is_terminal:
-            self._err.print(text, markup=False)
+            self._err.print(text)
             return
         self.close()
         # no animation: its thread would disturb the measurement
-        self._err.print(text, markup=False, end="\r")
+        self._err.print(text, end="\r")
 
     def end(self, name: str, rows: list[Row]) -> None:
         """Print the rows of a benchmark."""
@@ -75,7 +75,6 @@ def print_end(report: Report) -> None:
     console.print(
         f"{len(judged) - len(missed)} of {len(judged)} limits met in {report.wall_s:.0f} s on "
         f"{m['cores']} cores of {m['processor']}, load average before {load}",
-        markup=False,
     )
     for row in missed:
         sign = SIGNS[row.sense]
@@ -88,4 +87,4 @@ def print_end(report: Report) -> None:
             "the machine was busy: ratios hold roughly, times do not; measure again on an idle one"
         )
     if report.file is not None:
-        console.print(str(report.file), markup=False)
+        console.print(str(report.file))

@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from skywright.errors import InputError
 from skywright.evidence.reproduce.cache import Record
 from skywright.evidence.reproduce.figures import ClaimFigure, Curve, Panel
 from skywright.evidence.reproduce.measured import Measured, Records
-from skywright.evidence.reproduce.series import cut
+from skywright.evidence.reproduce.series import cut, read_metric
 
 
 def _values(records: list[Record], **names: str) -> dict[str, float]:
@@ -14,11 +13,8 @@ def _values(records: list[Record], **names: str) -> dict[str, float]:
     missing."""
     out = {}
     for key, name in names.items():
-        found = [r.info["metrics"].get(f"bench.{name}") for r in records]
-        if None in found:
-            reason = records[found.index(None)].info.get("reason") or "the trial was not finished"
-            raise InputError(f"no bench.{name}: {reason}")
-        out[key] = max(found, key=lambda v: -v if name == "box_lift_m" else v)
+        found = read_metric(records, f"bench.{name}")
+        out[key] = min(found) if name == "box_lift_m" else max(found)
     return {**out, "flights": float(len(records))}
 
 

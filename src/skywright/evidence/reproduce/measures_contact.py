@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from skywright.core.arrays import Array
 from skywright.description.robot.loader import load_robot
-from skywright.errors import InputError
 from skywright.evidence.reproduce.cache import Record
 from skywright.evidence.reproduce.figures import (
     Band,
@@ -20,7 +19,7 @@ from skywright.evidence.reproduce.figures import (
     Panel,
 )
 from skywright.evidence.reproduce.measured import Measured, Records
-from skywright.evidence.reproduce.series import cut
+from skywright.evidence.reproduce.series import cut, read_metric
 from skywright.missions.flight_modes.figures import MODES
 from skywright.models.drawing import rotate_vectors
 from skywright.models.force_sensor import build_force_sensor, compute_count, compute_force
@@ -34,18 +33,9 @@ def _count_failed(records: list[Record]) -> float:
     return float(sum(r.info["outcome"] != "succeeded" for r in records))
 
 
-def _read_each(records: list[Record], name: str) -> list[float]:
-    """Return the values of a metric. Raises InputError if a flight lacks it."""
-    for record in records:
-        value = record.info["metrics"].get(name)
-        if value is None or math.isnan(value):
-            raise InputError(f"a flight has no {name}: {record.info['reason'] or 'not reached'}")
-    return [record.info["metrics"][name] for record in records]
-
-
 def _worst(records: list[Record], name: str) -> float:
     """Return the largest value of a metric over flights. Raises InputError if a flight lacks it."""
-    return max(_read_each(records, name))
+    return max(read_metric(records, name))
 
 
 def _press(a: dict[str, NDArray[Any]]) -> Array:
@@ -156,15 +146,15 @@ def measure_modes(records: Records) -> Measured:
     ]  # fmt: skip
     exact = records["exact"][0].info["metrics"]
     values = {
-        "tilt_deg": min(_read_each(flown, "modes.tilt_deg")),
+        "tilt_deg": min(read_metric(flown, "modes.tilt_deg")),
         "asked_deg": float(np.max(asked)),
         "exact_deg": exact.get("modes.tilt_deg", math.nan),
         "exact_mm": exact.get("modes.position_error_mm", math.nan),
         "off_mm": _worst(flown, "modes.position_error_mm"),
         "level_deg": _worst(flown, "modes.translate_tilt_deg"),
         "drift_m": _worst(flown, "modes.standard_drift_m"),
-        "coupling": min(_read_each(flown, "modes.standard_coupling")),
-        "angle_coupling": max(map(abs, _read_each(flown, "modes.angle_coupling"))),
+        "coupling": min(read_metric(flown, "modes.standard_coupling")),
+        "angle_coupling": max(map(abs, read_metric(flown, "modes.angle_coupling"))),
     }
     caption = (
         "The paper's colours. Green, standard stabilisation: it tilts by 2 deg and drifts, for "

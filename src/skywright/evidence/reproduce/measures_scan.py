@@ -14,6 +14,7 @@ from skywright.evidence.reproduce.series import (
     attitude_error,
     cut,
     phase_time,
+    read_metric,
     smooth,
     tangential,
 )
@@ -24,16 +25,12 @@ from skywright.reports.figures.style import BLUE, ORANGE
 TIME = "time since the start of the run (s)"
 
 
-def _metric(record: Record, name: str) -> float:
-    return float(record.info["metrics"].get(name, math.nan))
-
-
 def _worst(records: list[Record], name: str) -> float:
-    return float(np.max([_metric(r, name) for r in records]))
+    return float(np.max(read_metric(records, name)))
 
 
 def _mean(records: list[Record], name: str) -> float:
-    return float(np.mean([_metric(r, name) for r in records]))
+    return float(np.mean(read_metric(records, name)))
 
 
 def lift_off(ec: Array) -> Array:
@@ -179,7 +176,7 @@ def measure_weld(records: Records) -> Measured:
     """Detected crossings of the weld, and the error of its line."""
     runs = records["scan"]
     values = {
-        "crossings": float(np.min([_metric(r, "weld.crossings") for r in runs])),
+        "crossings": float(np.min(read_metric(runs, "weld.crossings"))),
         "offset_mm": _mean(runs, "weld.offset_error_mm"),
         "offset_worst_mm": _worst(runs, "weld.offset_error_mm"),
         "angle_deg": _mean(runs, "weld.angle_error_deg"),
@@ -189,8 +186,8 @@ def measure_weld(records: Records) -> Measured:
     s = cut(runs[0], "scan")
     phase = Instrument().phase
     across = s["ec"] @ np.array([-math.sin(phase), math.cos(phase)])
-    offsets = [_metric(r, "weld.offset_error_mm") for r in runs]
-    angles = [_metric(r, "weld.angle_error_deg") for r in runs]
+    offsets = read_metric(runs, "weld.offset_error_mm")
+    angles = read_metric(runs, "weld.angle_error_deg")
     panels: list[Part] = [
         Panel(
             "Signal across the lift-off direction", TIME, "instrument units",
@@ -230,7 +227,7 @@ def measure_degraded(records: Records) -> Measured:
         "lift_off_max": max(float(np.max(lift_off(cut(r, "scan")["ec"]))) for r in flown),
         "gap_max_mm": _worst(flown, "contact.gap_max_mm"),
         "tilt_max_deg": _worst(flown, "contact.tilt_max_deg"),
-        "crossings": float(np.min([_metric(r, "weld.crossings") for r in flown])),
+        "crossings": float(np.min(read_metric(flown, "weld.crossings"))),
         "failed": float(sum(len(r.info["failed"]) for r in flown)),
         "bad_flights": float(sum(bool(r.info["failed"]) for r in flown)),
         "flights": float(len(flown)),

@@ -5,11 +5,10 @@ import numpy as np
 
 from skywright.core.arrays import Array
 from skywright.description.loader import load_description
-from skywright.errors import InputError
 from skywright.evidence.reproduce.cache import Record
 from skywright.evidence.reproduce.figures import Bars, ClaimFigure, Curve, Panel
 from skywright.evidence.reproduce.measured import Measured, Records
-from skywright.evidence.reproduce.series import cut, phase_time
+from skywright.evidence.reproduce.series import cut, phase_time, read_metric
 from skywright.models.planar import build_planar_lrm, fill_equations
 from skywright.models.scene import build_scene
 
@@ -58,14 +57,7 @@ def measure_follow(records: Records) -> Measured:
 
 def _find_worst(flights: list[Record]) -> dict[str, float]:
     """Return the worst of all flights. Raises InputError if one was interrupted."""
-    values = {}
-    for key, (name, worst) in METRICS.items():
-        found = [r.info["metrics"].get(name) for r in flights]
-        if None in found:
-            reason = flights[found.index(None)].info.get("reason") or "the flight was cut short"
-            raise InputError(f"no {name}: {reason}")
-        values[key] = float(worst(found))
-    return values
+    return {key: worst(read_metric(flights, name)) for key, (name, worst) in METRICS.items()}
 
 
 def measure_similar(records: Records) -> Measured:

@@ -94,7 +94,7 @@ def print_reports(reports: Sequence[Report], page: Path) -> None:
     console = new_console()
     for report in reports:
         _print_report(report, console)
-    console.print(f"{page}  a figure a claim", markup=False)
+    console.print(f"{page}  a figure a claim")
 
 
 def _print_report(report: Report, console: Console) -> None:
@@ -117,7 +117,7 @@ def _print_report(report: Report, console: Console) -> None:
             console.print(Text(f"{c.claim.id}: ", style="bold") + Text(c.explanation))
     console.print(count_verdicts(report))
     for note in report.notes:
-        console.print(note, markup=False)
+        console.print(note)
 
 
 class Bar(Steps):
@@ -145,7 +145,7 @@ class Bar(Steps):
         self._done += 1
         if self._bar is None or self._task is None:
             if not cached:
-                self._console.print(f"flying {name}", markup=False)
+                self._console.print(f"flying {name}")
             return
         self._bar.update(self._task, description=name, completed=self._done)
         self._bar.refresh()

@@ -1,5 +1,6 @@
 """Evaluation of stored missions: phases, errors, smoothing, spectra."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,15 @@ def cut(record: Record, *phases: str) -> dict[str, NDArray[Any]]:
         reason = record.info.get("reason") or record.info["outcome"]
         raise InputError(f"the flight has no phase {' or '.join(phases)}: {reason}")
     return {k: v[keep] for k, v in record.arrays.items() if k != "watched"}
+
+
+def read_metric(records: Sequence[Record], name: str) -> list[float]:
+    """Return a metric of every flight. Raises InputError if a flight lacks it."""
+    for record in records:
+        if name not in record.info["metrics"]:
+            reason = record.info.get("reason") or "not reached"
+            raise InputError(f"a flight has no {name}: {reason}")
+    return [float(record.info["metrics"][name]) for record in records]
 
 
 def phase_time(record: Record, name: str) -> tuple[float, float]:

@@ -7,6 +7,7 @@ positions. A table that `skywright records --csv` wrote reads back with quantity
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -316,8 +317,8 @@ def _find_columns(
         k, unit = found.get(what, (-1, "mm"))
         if unit or "unit" in found:
             continue
-        if what not in given or "[" in header[k]:
-            plain = header[k].partition("[")[0].strip()
+        if what not in given:
+            plain = re.split(r"[\[(]", header[k])[0].strip()
             raise InputError(
                 f"{path}: the column {header[k]} has no unit; valid: {what}_mm, a column unit, or "
                 f"--columns {what}={plain}[mm] (units: {', '.join(LENGTHS)})"

@@ -37,7 +37,7 @@ STALE_S = 0.25
 FORGET_S, BUCKET_S = 30.0, 1.0
 """s of validity of a clock's smallest delay, and its resolution."""
 AHEAD_S = 1.0
-"""s by which the smallest delay may fall at once; a larger step counts from its second sample."""
+"""s by which the smallest delay may fall at once; a larger step counts from its second time."""
 STREAMS_MAX, CLOCKS_MAX = 64, 64
 AT_ONCE = 256  # datagrams per poll
 MAVLINK_2 = 0xFD
@@ -58,20 +58,20 @@ class DelayClock:
 
     def __init__(self) -> None:
         self._buckets: deque[tuple[float, float]] = deque()  # bucket's time, smallest difference
-        self._ahead = False  # whether the last sample was ahead of the clock
+        self._ahead = math.inf  # s, time of the last sample if it was ahead of the clock
 
     def take(self, t: float, arrival: float) -> float:
         """Add a sample; return its age (s) on arrival.
 
         The first of consecutive samples that are ahead of the clock by more than AHEAD_S does not
-        change the offset: its age is negative.
+        change the offset, nor do others with the same time: their ages are negative.
         """
         difference, at = arrival - t, math.floor(arrival / BUCKET_S)
         ahead = bool(self._buckets) and difference < self.offset - AHEAD_S
-        if ahead and not self._ahead:
-            self._ahead = True
+        if ahead and not t > self._ahead:  # the streams of one frame have the same time
+            self._ahead = t
             return difference - self.offset
-        self._ahead = False
+        self._ahead = math.inf
         if self._buckets and self._buckets[-1][0] == at:
             if difference < self._buckets[-1][1]:
                 self._buckets[-1] = (at, difference)

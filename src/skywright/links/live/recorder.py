@@ -62,7 +62,8 @@ class LiveRecorder:
             file.write(",".join([*cells, str(sample.clock), f"{arrived.arrival:.6f}"]) + "\n")
         except OSError as error:
             raise InputError(f"{self.folder}: {error.strerror or error}") from None
-        self._rows[key].append((sample.t, float(sample.clock), *sample.values))
+        if arrived.age >= 0.0:  # a wrong time stays in the stream's file only
+            self._rows[key].append((sample.t, float(sample.clock), *sample.values))
         self._offsets[sample.clock] = arrived.arrival - sample.t - arrived.age
 
     def finish(self) -> list[Path]:

@@ -85,9 +85,10 @@ class Offboard(SimulatedVehicle):
                 f"MAV_AUTOPILOT {autopilot} (system {system}, component {component})"
                 for (system, component), autopilot in link.heard.others.items()
             )
+            what = "PX4" if others else "MAVLink vehicle"
+            heard = f"; heard: {others}; valid: MAV_AUTOPILOT {PX4} (PX4)" if others else ""
             raise InputError(
-                f"no MAVLink vehicle was heard on {url} within {CONNECT_S:g} s"
-                f"{f'; found: {others}; valid: {PX4}, PX4' if others else ''}{self._explain()}"
+                f"no {what} was heard on {url} within {CONNECT_S:g} s{heard}{self._explain()}"
             )
         placed = link.wait(lambda h: self._is_placed(h) and h.flags is not None, CONNECT_S)
         if not placed:

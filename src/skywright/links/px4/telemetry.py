@@ -122,16 +122,13 @@ class Telemetry:
             return
         self._came.add(kind)
 
-    def _to_platform(self, m: Any) -> Array:
-        """Return B's origin (3,) m in W for the centre of mass in `m`."""
-        p: Array = NED_FROM_ENU @ np.array([m.x, m.y, m.z]) - self._notes.R_WB @ self._p_BC
-        return p
-
     def _take_target(self, m: Any) -> None:
-        """Record a set-point; parts that PX4 does not control are NaN."""
+        """Record a set-point of B's origin; parts that PX4 does not control are NaN."""
         nan = np.full(3, np.nan)
         given = m.type_mask & IGNORE_POSITION == 0 and is_finite(m, "x", "y", "z")
-        p = self._to_platform(m) if given else nan
-        self._notes.p_WB_des[:] = p if self._shift is None else p + self._shift
+        p = NED_FROM_ENU @ np.array([m.x, m.y, m.z]) if given else nan
         given = m.type_mask & IGNORE_VELOCITY == 0 and is_finite(m, "vx", "vy", "vz")
-        self._notes.v_WB_des[:] = NED_FROM_ENU @ np.array([m.vx, m.vy, m.vz]) if given else nan
+        v = NED_FROM_ENU @ np.array([m.vx, m.vy, m.vz]) if given else nan
+        p, v = move_point(p, v, self._notes.R_WB, self._w_WB_B, -self._p_BC)
+        self._notes.p_WB_des[:] = p if self._shift is None else p + self._shift
+        self._notes.v_WB_des[:] = v

@@ -123,7 +123,7 @@ CODES = {
     "grasp": (11, "grasping"),
     "force": (12, "force control"),
     "visual": (13, "visual servoing"),
-    "alive": (14, "keeps the session open; needed if nothing else is sent for 5 s"),
+    "alive": (14, "keeps the session open, which ends after 10 s without a message"),
 }
 """Operation -> code and description: the tasks of Suarez 2020, section III-C, and a session."""
 

@@ -76,7 +76,8 @@ MEASURES: Measures = {
 }
 """Metric -> unit and meaning, for the metrics that only this kind has."""
 
-HOLD, FREE, SLIDE = Where(("hold *",)), Where(("free hold *",)), Where(("slide*",))
+HOLD, FREE = Where(("hold *",), whole=True), Where(("free hold *",), whole=True)
+SLIDE = Where(("slide*",), whole=True)
 FELT = Where((TOUCH, PRESS))  # by an operator, if there is one
 DOCKING = Where(("dock", "seat", PHASE), "just before the feet touch")
 WHERE = {
@@ -125,8 +126,7 @@ def compute_metrics(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
     if np.any(flying):
         out.update(_judge_holds(samples, phases, FREE, "free"))
         out["free.wander_mm"] = 1e3 * _find_wander(samples, phases, FREE)
-    slides = [i for i in SLIDE.find(phases) if not phases[i].is_interrupted]
-    s = samples[np.isin(samples["phase"], slides)]
+    s = samples[SLIDE.select(samples, phases)]
     if len(s):
         out["slide.rms_error_n"] = _judge_force(s, "force")["force.rms_error_n"]
         out["slide.lost_s"] = compute_period(s["t"]) * float(
@@ -137,7 +137,7 @@ def compute_metrics(run: Flown[BridgeContact, ContactPlan]) -> dict[str, float]:
         gone = min(
             (
                 float(np.max(np.linalg.norm(tip - tip[0], axis=1)))
-                for i in slides
+                for i in SLIDE.find(phases)
                 if phases[i].outcome != "retry"  # it is repeated
                 and len(tip := samples["p_WT"][samples["phase"] == i])
             ),
@@ -163,9 +163,8 @@ def _find_place_error(run: Flown[BridgeContact, ContactPlan], deck: Surface) -> 
     for spot, visit in zip(task.spots, list_visits(phases, task.dock), strict=False):
         place, R = locate_point(deck, np.array([spot.x_m, spot.y_m]))
         for i in holds.intersection(visit):
-            if not phases[i].is_interrupted:
-                off = (samples["p_WT"][samples["phase"] == i] - place) @ R[:, :2]
-                worst = max(worst, float(np.max(np.linalg.norm(off, axis=1), initial=0.0)))
+            off = (samples["p_WT"][samples["phase"] == i] - place) @ R[:, :2]
+            worst = max(worst, float(np.max(np.linalg.norm(off, axis=1), initial=0.0)))
     seen = read_datum(run.setup, samples, phases) is not None  # then the map is not used
     return max(worst - (0.0 if seen else run.setup.description.plant.map_error_m), 0.0)
 
@@ -208,7 +207,7 @@ def _judge_holds(
     samples: Samples, phases: list[PhaseRecord], where: Where, name: str
 ) -> dict[str, float]:
     """Return the worst metrics of the force over all holds that nobody interrupted."""
-    held = [samples["phase"] == i for i in where.find(phases) if not phases[i].is_interrupted]
+    held = [samples["phase"] == i for i in where.find(phases)]
     each = [_judge_force(samples[h], name) for h in held if np.any(h)]
     return {key: max(one[key] for one in each) for key in each[0]} if each else {}
 

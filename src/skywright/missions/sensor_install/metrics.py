@@ -60,7 +60,8 @@ MEASURES: Measures = {
 """Metric -> unit and meaning, for the metrics that only this kind has."""
 
 BEFORE_S = 2.0  # s before the touch, over which the platform's position is averaged
-HOLD, HOVER, SWING = Where(("force",)), Where(("hover check",)), Where(("swing check",))
+HOLD = Where(("force",), whole=True)
+HOVER, SWING = Where(("hover check",)), Where(("swing check",))
 PRESSED = Where(("press", "leave singularity", "force"))
 FELT, TOUCHED = Where(("touch", *PRESSED.phases)), Where((PHASE,))
 WHERE = {

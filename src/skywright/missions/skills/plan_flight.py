@@ -57,7 +57,7 @@ def load_plan_description(
             "follow-plan (used by --plan alone)"
         )
     d = load_description(mission, robot, world, {**more, **dict(given)}, seed)
-    chosen = d.world.name != plan.world or d.world.scenario_seed is not None
+    chosen = d.world.name != plan.world or "world.scenario_seed" in dict(given)
     if plan.scenario_seed is None or chosen:
         return d
     more |= {"world.scenario_seed": plan.scenario_seed, "world.difficulty": plan.difficulty}

@@ -85,8 +85,8 @@ def plan_transit(
     """Plan from `start` to `goal`, `margin` (m) from world and ground, no lower than `low_z` (m).
 
     `key` names the input that sets the margin; the robot's parts keep `margin_self` (m) apart.
-    Parts that are closer than that at an end come at most `SLACK` closer on the path, and do not
-    touch.
+    Parts that are closer than that at an end come at most `SLACK` closer on the path, or any closer
+    if the cores of their shapes are within `SLACK`; they do not touch.
 
     If possible, the path keeps `wanted` (m) or half of it, except at corners: a corner is removed
     if the rest keeps `CORNER` of it, because a flight slows down at each corner. `passive` names a
@@ -221,7 +221,7 @@ def _excuse_ends(
     scene: PlanningScene, coordinates: list[Coordinate], fixed: dict[str, float], ends: Array,
     margin: float, margin_self: float, passive: str | None,
 ) -> tuple[Space, Array]:  # fmt: skip
-    """Build the space; parts of the robot that are close at an end may be as close on the path.
+    """Build the space; parts of the robot that are close at an end may be closer on the path.
 
     Shapes are coarse: the platform is one box, and a folded arm may lie inside it. `_find_touch`
     checks the path of such parts.

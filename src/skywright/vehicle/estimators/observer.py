@@ -32,8 +32,9 @@ from skywright.vehicle.estimates import EstimatorState, RotorForce
 from skywright.vehicle.readings import ImuBatch, MocapSample
 from skywright.vehicle.tip import fill_tip
 
-HISTORY = 64
-"""Control ticks of estimates kept for delayed samples."""
+HISTORY = 128
+"""Control ticks of estimates kept for delayed samples: 0.1 s, the largest latency, is 100 ticks
+at 1000 Hz."""
 
 
 class Observer(Estimator):

@@ -72,7 +72,7 @@ RATE_TIME = 60.0  # s in which the heading drift's rate walks by its initial sig
 FUSE_EVERY = 0.02  # s, between moves of the horizon; each integrates the state again from there
 LAG = 4.0
 """Lag of the horizon, less the station's shortest latency, over the mean excess of the latency: 98
-% of the station's samples arrive sooner."""
+% of the station's samples arrive sooner, unless the stored samples limit the lag."""
 # changes since the calibration, 1 sigma
 TILT_SINCE, HEADING_SINCE = math.radians(0.2), math.radians(1.0)
 SCALE_SINCE, CLOCK_SINCE = 0.005, 2e-3

@@ -21,7 +21,6 @@ class FuelGauge(Sensor):
 
     class Me(Record):
         watt_per_n15: float
-        period: float  # s, mean interval of the readings
         avionics: float  # W
         energy: float  # J, of the full battery
         used: float  # J
@@ -34,7 +33,6 @@ class FuelGauge(Sensor):
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Read the battery's data."""
         battery = context.robot.battery
-        me.period = max(PERIOD, context.dt)
         me.watt_per_n15 = compute_watt_per_n15(context.rotors, context.world.air_density_kg_m3)
         me.avionics, me.energy = battery.avionics_power_w, 3600.0 * battery.energy_wh
 
@@ -45,7 +43,7 @@ class FuelGauge(Sensor):
     @staticmethod
     def step(me: Me, rotors: RotorState, out: Out[Telemetry]) -> None:
         power = compute_power(rotors.thrust, rotors.n, me.watt_per_n15) + me.avionics
-        me.used += power * me.period
+        me.used += power * PERIOD
         out.charge = max(1.0 - me.used / me.energy, 0.0)
         for i in range(MAX_ROTORS):
             out.speed[i] = rotors.speed[i]

@@ -13,6 +13,7 @@ from skywright.errors import InputError
 from skywright.models.sight import Sight
 from skywright.vehicle.bus import Clock
 from skywright.vehicle.component import Normal, Out, Output, Recorded, Sensor, Streamed
+from skywright.vehicle.schedule import count_calls
 
 
 class TipDistance(Sensor):
@@ -65,7 +66,7 @@ class TipDistance(Sensor):
         me.low, me.high = table.range_min_m, table.range_max_m
         me.sigma, me.lsb, me.distance = table.noise_m, table.resolution_m, math.inf
         self._dt, self._due = context.dt, 0  # of the next sample: its number
-        self._period = max(1.0 / (table.rate_hz * self._dt), 1.0)  # control ticks
+        self._every, self._calls = count_calls(1.0 / table.rate_hz, context.dt)
         self._me, self._data = me, context.sim.data
         self._sight = Sight(context.scene, self._data)
 
@@ -81,7 +82,7 @@ class TipDistance(Sensor):
 
     def _is_before(self, tick: int) -> bool:
         """Return whether the next sample is due in a control tick before `tick`."""
-        return math.ceil(self._due * self._period - 1e-6) < tick
+        return -(-self._due * self._every // self._calls) < tick  # rounded up, as `is_due`
 
     def save(self) -> Any:
         """Return the number of the next sample."""
