@@ -18,6 +18,7 @@ from skywright.analysis.campaign.spec import (
     build_identity,
 )
 from skywright.analysis.campaign.store import IDENTITY, Store
+from skywright.description.loader import find_mission
 from skywright.errors import InputError
 from skywright.missions.skills.operated import OperatedTask
 from skywright.planning.motion.plan_file import name_files
@@ -97,13 +98,26 @@ def test_a_recorded_operator_is_part_of_the_identity() -> None:
     assert _hash_laws(campaign) not in (before, None)
 
 
-def test_a_varied_operator_of_the_package_is_part_of_the_identity(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+CAREFUL = ('mission.task.operator=choice("careful")',)
+
+
+def test_a_varied_operator_of_the_package_is_part_of_the_identity() -> None:
     campaign = build_campaign("tool-install", ('mission.task.operator=choice("careful","hasty")',))
     files = _list_task_files(campaign)
     assert [path.name for path in files] == ["careful.csv", "hasty.csv"]
     assert all(path.is_file() for path in files)
+
+
+def test_varied_files_of_a_mission_in_a_folder_are_part_of_the_identity() -> None:
+    folder = Path("mine")
+    folder.mkdir()
+    (folder / "mission.toml").write_text(find_mission("tool-install").path.read_text())
+    careful = _list_task_files(build_campaign("tool-install", CAREFUL))[0]
+    (folder / "mine.csv").write_bytes(careful.read_bytes())
+    campaign = build_campaign("mine", ('mission.task.operator=choice("mine.csv")',))
+    before = build_identity(campaign)["law"]
+    (folder / "mine.csv").write_bytes(careful.read_bytes() + b"\n")
+    assert build_identity(campaign)["law"] not in (before, None)
 
 
 def test_a_campaign_that_another_one_overtook_at_its_start_is_refused(

@@ -137,6 +137,7 @@ def test_the_value_has_the_unit_that_the_table_states(
         ("spot,thickness [mils]\n1,250\n", None, "no column gives the value"),
         ("spot,Dicke [Zoll]\n1,0.25\n", "value=Dicke", "'Dicke [Zoll]' states no unit"),
         ("spot,Wall (mil)\n1,250\n", "value=Wall", "give it as wall[UNIT] with one of m, mm"),
+        ("spot,Wall (mil)\n1,250\n", "value=Wall (mil)", "give it as wall[UNIT] with one of m"),
         ("X [ft],y_m,z_m,thickness_mm\n1,1,1,6\n", "x=X", "'X [ft]' states no unit"),
         ("Time [h],spot,thickness_mm\n1,1,6\n", "t=Time", "'Time [h]' states no unit"),
         ("spot,Dicke [mm],dicke\n1,6,9\n", "value=Dicke (max)", "no column 'dicke (max)'"),

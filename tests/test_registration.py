@@ -173,7 +173,7 @@ def test_a_refused_table_leaves_the_database_as_it_was(tmp_path: Path) -> None:
     done = CliRunner().invoke(main, call)
     assert done.exit_code == 2 and "x_m is '1e300'; valid: -1e+08 to 1e+08" in done.output
     done = CliRunner().invoke(main, [*call, "--report", str(tmp_path / "r.html")])
-    assert done.exit_code == 2 and "export after it" in done.output
+    assert done.exit_code == 2 and "export in a second command" in done.output
 
 
 def test_the_table_of_flights_has_a_value_below_each_heading(tmp_path: Path) -> None:

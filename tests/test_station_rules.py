@@ -76,7 +76,7 @@ def test_whatever_an_order_holds_is_finite_and_within_limits(kind: str, content:
     ],
 )
 def test_orders_out_of_order_are_refused(text: str) -> None:
-    with pytest.raises(InputError, match=r"valid: |no JSON object"):
+    with pytest.raises(InputError, match=r"valid: |not a JSON object"):
         parse_order(text)
 
 

@@ -14,6 +14,8 @@ from typing import NamedTuple
 from skywright.core.bounded import read_bytes
 from skywright.errors import InputError
 
+FOREIGN = {"mil", "mils", "thou", "inches", "ft", "feet", "yd", "nm", "km", "h", "hr", "us", "ns"}
+"""Units that a column's name may state and that not every quantity has."""
 MICRO = str.maketrans("\N{MICRO SIGN}\N{GREEK SMALL LETTER MU}", "uu")
 _NUMBER = re.compile(r"[-+]?[\d.,]+(?:[eE][-+]?\d+)?")
 
@@ -176,8 +178,8 @@ def find_column(
 ) -> tuple[int, str]:
     """Return the (index, unit) of `match_columns`.
 
-    Raises InputError unless it is one column, and if its header has a part in brackets that is
-    neither in `name` nor one of the `units`: it may be another unit.
+    Raises InputError unless it is one column, and if its header has a part in brackets that may be
+    a unit and is none of the `units`: one that is not in `name`, or one of FOREIGN.
     """
     fits = match_columns(header, name, unit, units)
     if len(fits) != 1:
@@ -186,11 +188,11 @@ def find_column(
             + list_names(header)
         )
     index, found = fits[0]
-    extra = plain_name(header[index]) != re.sub(r"\s", "", header[index].lower())
-    if units and not found and extra and not re.search(r"[\[(]", name):
+    extra = set(re.findall(r"[\[(]\s*(.*?)\s*[\])]", header[index].lower()))
+    if units and not found and (extra & FOREIGN or (extra and not re.search(r"[\[(]", name))):
         raise InputError(
             f"{path}: --columns: {header[index][:40]!r} states no unit that is valid here; give it "
-            f"as {name}[UNIT] with one of {', '.join(units)}"
+            f"as {plain_name(name)}[UNIT] with one of {', '.join(units)}"
         )
     return index, found
 

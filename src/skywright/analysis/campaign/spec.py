@@ -20,6 +20,7 @@ from skywright.description.dump import dump_description, list_sources, write_lit
 from skywright.description.loader import (
     Description,
     Sets,
+    find_mission,
     load_description,
     split_assignments,
     to_plain,
@@ -217,7 +218,7 @@ def _hash_laws(campaign: Campaign) -> str | None:
     digest, found = hashlib.sha256(), False
     for name in dict.fromkeys(n for n in names if n):
         file = name.rpartition(":")[0] if ".py:" in name else name
-        for path in (Path(campaign.mission).parent / file, Path(file)):
+        for path in (_find_folder(campaign) / file, Path(file)):
             for one in sorted(path.glob("*.toml")) if path.is_dir() else [path]:
                 if one.is_file():
                     read = read_sources(one) if one.suffix == ".py" else {one: one.read_bytes()}
@@ -236,8 +237,13 @@ def _list_task_files(campaign: Campaign) -> list[Path]:
         if root == "mission.task" and key in type(task).model_fields:
             for value in (v for v in variation.values if isinstance(v, str)):
                 varied = task.model_copy(update={key: value})
-                files += varied.find_files(Path(campaign.mission).parent).list_files()
+                files += varied.find_files(_find_folder(campaign)).list_files()
     return files
+
+
+def _find_folder(campaign: Campaign) -> Path:
+    """Return the folder of the mission's file, to which its files are relative."""
+    return find_mission(campaign.mission).path.parent
 
 
 def check_unchanged(campaign: Campaign, identity: dict[str, Any]) -> None:

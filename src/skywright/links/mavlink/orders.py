@@ -12,7 +12,7 @@ SET_MODE, ARM_DISARM = 176, 400
 MODE_S, SPIN_S = 2.0, 8.0  # s, time limits for a change of mode and for arming
 FRESH_S, DOWN_S = 3.0, 10.0
 """s, time limits for a heartbeat, and for a landing from a few decimetres."""
-UNKNOWN = "its heartbeat is missing, so it may still be armed: use its own controls"
+UNKNOWN = "its heartbeat is missing; it may still be armed: use its own controls"
 
 
 def choose_mode(link: VehicleLink, mode: modes.Mode) -> str:

@@ -87,7 +87,7 @@ WHERE = {
     "dock.": HOLD,
     "dock.touch_speed_mps": DOCKING,
     "press.": Where(note="the request, against the capability analysis"),
-    "press.place_error_mm": Where((*HOLD.phases, *FREE.phases)),
+    "press.place_error_mm": Where((*HOLD.phases, *FREE.phases), whole=True),
     "free.": FREE,
     "slide.": SLIDE,
     "operator.": FELT,

@@ -84,7 +84,7 @@ def describe(result: RunResult[SensorInstall, InstallPlan]) -> str:
     force = result.metrics.get("force.mean_n")
     did = f"{d.robot.name} in world {d.world.name} "
     if force is None:
-        return did + "did not reach the press"
+        return did + "completed no press"
     return did + f"pressed with a mean force of {force:.2f} N"
 
 

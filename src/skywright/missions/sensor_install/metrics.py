@@ -136,8 +136,10 @@ def compute_metrics(run: Flown[SensorInstall, InstallPlan]) -> dict[str, float]:
     if np.any(hold):
         around, along = find_place(find_balls(run.setup, samples[hold]), true)
         out |= {"sensor.around_mm": 1e3 * around, "sensor.along_mm": 1e3 * along}
-        room = ALONG_M + run.setup.description.plant.map_error_m
-        if "sensor.installed" in out and (around > AROUND_M or along > room):
+    bonded = HOLD._replace(whole=False).select(samples, phases)
+    if "sensor.installed" in out and np.any(bonded):
+        around, along = find_place(find_balls(run.setup, samples[bonded]), true)
+        if around > AROUND_M or along > ALONG_M + run.setup.description.plant.map_error_m:
             out["sensor.installed"] = 0.0
     if np.any(flown):
         out["arm.lever_min"] = _find_least_lever(run.setup, samples["q"][flown])
