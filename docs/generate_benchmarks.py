@@ -56,7 +56,7 @@ def _build_measurements(results: list[Result]) -> list[str]:
             commit += " and changes"
         load = _number(r["load"]["before"])
         if r["busy"]:
-            load += " (**busy**: times do not hold)"
+            load += " (**busy**: ratios hold roughly, times are unreliable)"
         cores = m["cores"] or "–"
         versions = ", ".join(v.get(n, "–") for n in ("python", "mujoco", "numba"))
         when = r["when"].replace("T", " ").removesuffix("Z")[:16]

@@ -63,7 +63,7 @@ def build_flights() -> str:
         + f". The blocks of {most} worlds take {most * gb:.0f} GB.",
         "",
         "| mission | worlds | control tick of all worlds (ms) | rows alone (ms) | "
-        "MuJoCo Warp alone (ms) | control ticks of a world per second | "
+        "MuJoCo Warp alone (ms) | control ticks per second, all worlds together | "
         "processor cores of the same speed |",
         "|---|---|---|---|---|---|---|",
     ]

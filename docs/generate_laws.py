@@ -103,6 +103,20 @@ def build_matrix(found: Iterable[dict[str, Any]], refusals: Refusals) -> str:
     return "\n".join(lines)
 
 
+def tell_changes(asked: dict[str, Any]) -> str:
+    """Return sentences on the keys that all cases set, and on those of the cases defined here."""
+    told = "".join(
+        f" {what}: {', '.join(f'`{key}`' for key in asked[name])}."
+        for name, what in (("sets", "All cases set"), ("vary", "All cases vary")) if name in asked
+    )  # fmt: skip
+    cases: dict[str, list[str]] = {}
+    for case in asked["cases"]:
+        label, _, key = case.partition(":")
+        if key:
+            cases.setdefault(label, []).append(f"`{key}`")
+    return told + "".join(f" Case {label}: {', '.join(keys)}." for label, keys in cases.items())
+
+
 def build_table(name: str, asked: dict[str, Any], refusals: Refusals) -> str:
     """Return one comparison: a line a law and case."""
     found = json.loads((KEPT / f"{name}.json").read_text(encoding="utf-8"))
@@ -116,7 +130,7 @@ def build_table(name: str, asked: dict[str, Any], refusals: Refusals) -> str:
         f"### {asked['task'][0].upper()}{asked['task'][1:]}",
         "",
         f"Mission `{found['mission']}`, robot `{found['robot']}`, commit `{found['commit']}`, "
-        f"{found['when']}: `python benchmarks/fly_laws.py {name}{few}`.",
+        f"{found['when']}: `python benchmarks/fly_laws.py {name}{few}`.{tell_changes(asked)}",
         "",
         "| law | case | succeeded | " + " | ".join(f"`{m}`" for m in shown) + " | a step (µs) |",
         "|---|---|---|" + "---|" * (len(shown) + 1),

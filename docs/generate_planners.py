@@ -128,8 +128,9 @@ def build_section(found: Found, effort: Effort = FULL) -> str:
         "more. *Closest beyond the margin* is the least clearance of any seed's path less 0.2 m, "
         "evaluated at every millimetre.", "",
         *build_own_table(found, effort),
-        f"References. In brackets: by how much the default planner is cheaper, after {early} than "
-        f"OMPL's RRT\\* and Informed RRT\\* after {star}, after {late} than the others as late.",
+        "References. In brackets: by how much the default planner is cheaper. Its cost after "
+        f"{early} is compared with OMPL's RRT\\* and Informed RRT\\* after {star}, its cost after "
+        f"{late} with the others after {late}.",
         "", *build_reference_table(found, effort),
         f"Joint planning against decoupled planning (platform first, arms after), "
         f"{effort.decoupled_s:g} s each; costs are of the plans that were found.", "",

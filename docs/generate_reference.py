@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 import inspect
 import io
+import re
 import tokenize
 import types
 import typing
@@ -38,6 +39,7 @@ UNITS = {
     "_ns_per_m": "N s/m",
     "_count": "counts",
     "_n_per_rads_mps": "N/((rad/s)(m/s))",
+    "_nms_per_rad": "N m s/rad",
     "_nm_per_rad": "N m/rad",
     "_rad_s2_sqrthz": "rad/s²/√Hz",
     "_rad_s_sqrthz": "rad/s/√Hz",
@@ -50,6 +52,7 @@ UNITS = {
     "_rad_s": "rad/s",
     "_mps2": "m/s²",
     "_mps": "m/s",
+    "_m_per_s": "m/s",
     "_kbps": "kbit/s",
     "_deg": "deg",
     "_rad": "rad",
@@ -81,6 +84,8 @@ nominal model. Each layer overrides the one before it: robot, world, mission, `-
   one on every number.
 - Unknown keys are rejected, with the nearest valid ones.
 - `NAME` stands for a name that you choose.
+- Keys of components (laws, estimators, sensors, actuators, effects, faults, rules) are on the pages
+  of the components.
 """
 
 
@@ -209,9 +214,10 @@ def _tables(path: str, model: type[Spec]) -> list[str]:
         value = ", ".join(p for p in (_type_name(field.annotation), _bounds(field)) if p)
         meaning = comments.get(key, "").replace("|", "\\|")
         rows.append(f"| `{key}` | {_unit(key)} | {_default(field)} | {value} | {meaning} |")
-    title = f"## {path}" if "." not in path else f"### {path}"
+    shown = f"[[{path[:-2]}]] (one table for each)" if path.endswith(".0") else path
+    title = f"## {path}" if "." not in path else f"### {shown}"
     of_kind = path == "robot.arm.NAME" or issubclass(model, OpenSpec)
-    name = f" ({model.__name__.lower()})" if of_kind else ""
+    name = f" ({re.sub(r'(?<!^)(?=[A-Z])', '_', model.__name__).lower()})" if of_kind else ""
     lines = [title + name, "", inspect.cleandoc(model.__doc__ or ""), ""]
     if rows:
         lines += ["| key | unit | default | value | meaning |", "|---|---|---|---|---|", *rows, ""]

@@ -50,6 +50,8 @@ if TYPE_CHECKING:
     from skywright.run.planning import MissionPlan
     from skywright.run.result import RunResult
     from skywright.run.results import Run, open_run
+    from skywright.run.supervisor import NoEstimate
+    from skywright.vehicle.motions import Arrival
     from skywright.vehicle.uav import Uav
 
     __version__: str
@@ -64,17 +66,21 @@ _PARTS = {
     "skywright.planning.motion.transit": ("Configuration",),
     "skywright.planning.shapes": ("Box", "Cylinder", "Sphere"),
     "skywright.run.results": ("Run", "open_run"),
+    "skywright.run.supervisor": ("NoEstimate",),
+    "skywright.vehicle.motions": ("Arrival",),
     "skywright.vehicle.uav": ("Uav",),
 }  # fmt: skip
 """Public names by the module that defines them; a module is imported at first use."""
 
 __all__ = [
+    "Arrival",
     "Box",
     "Configuration",
     "Cylinder",
     "InfeasibleError",
     "InputError",
     "Live",
+    "NoEstimate",
     "Run",
     "SimulationError",
     "SkywrightError",

@@ -39,7 +39,7 @@ class ReferenceRow(Record):
     dead_zone: float  # m, of the integral along z_S; 0 trims all directions (free flight)
     track_tip: float  # 1: close the position loop at the tip (law 4); 0: at the platform
     active: float  # 1: rotors on; 0: motors off
-    # hands of compliant arms (control/arms): one task each, see below
+    # hands of compliant arms (vehicle/arms): one task each, see below
     task: Annotated[Array, MAX_HANDS]
     p_WH: Annotated[Array, MAX_HANDS, 3]  # m, desired hand position
     v_WH: Annotated[Array, MAX_HANDS, 3]  # m/s
@@ -49,7 +49,7 @@ class ReferenceRow(Record):
     tau: Annotated[Array, MAX_JOINTS]  # N m, torque of a joint's spring (18)
     delta: Annotated[Array, MAX_JOINTS]  # (22): 1 output position `q`, 0 torque `tau`
     tare: float  # 1: the present estimated contact forces become zero
-    # pressing with a probe that measures its force (control/backstepping.py)
+    # pressing with a probe that measures its force (laws/backstepping.py)
     press: float  # 1: the arm controls the force, 0: its joints
     force: float  # N, of the tip along the probe's axis
     docked: float  # 1: feet rest on the structure: platform integrals freeze

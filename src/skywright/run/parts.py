@@ -35,7 +35,8 @@ def build_law(description: Description[Any], nominal: Nominal) -> Law:
     if law.needs_full_actuation and not nominal.allocator.full:
         raise InputError(
             f"control law {part.kind!r} requires a fully actuated platform; the rotors of "
-            f"{nominal.robot.name!r} produce no lateral force: use 'thrust_vectoring'"
+            f"{nominal.robot.name!r} produce no lateral force; valid: a law without this "
+            "requirement, such as 'cascade', 'model_inversion' or 'thrust_vectoring'"
         )
     _check_servos(part.kind, law, nominal.robot)
     law.check_robot(nominal.robot)

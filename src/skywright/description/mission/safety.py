@@ -61,5 +61,5 @@ class Checklist(Spec):
     fix_age_max_s: Positive = 0.5  # largest time since the last position fix
     tilt_max_deg: float = Field(default=10.0, gt=0, le=90)  # of the platform on the ground
     speed_max_mps: Positive = 0.2  # estimated speed of the platform on the ground
-    spin: bool = False  # run the motors at low thrust for 1 s, and compare their speeds
+    spin: bool = False  # run the motors at low thrust for 0.5 s, and compare their speeds
     spin_spread_fraction: Fraction = 0.25  # largest deviation of a rotor's speed from the median

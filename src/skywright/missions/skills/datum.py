@@ -40,7 +40,7 @@ DATUM_MEASURES: Measures = {
     "datum.error_mm": (
         "mm",
         "distance along the surface of the datum mark, as the robot found it, from its true place, "
-        "less what the measured tip is off by while it works",
+        "minus the error of the measured tip, which is the same during the work",
     ),
     "datum.std_mm": ("mm", "standard deviation of the datum mark's place, each way, as stated"),
     "datum.place_std_mm": (
