@@ -178,15 +178,13 @@ def load_run(directory: Path) -> StoredRun:
         raise InputError(f"{file}: is damaged: {error}") from error
     phases, outcome, reason = read.phases, read.outcome, read.reason
     end = float(recording.samples["t"][-1]) if len(recording.samples) else 0.0
+    if not recording.complete and outcome not in UNFINISHED:  # the flight ended, the file does not
+        until = phases[-1].end_s if phases else end
+        reason = f"recording.mcap is truncated at t = {end:.1f} s of {until:.1f} s: copy it again"
+        outcome = "interrupted"
     if not phases:
         phases = _phases_of(recording.events, end)
-    if not recording.complete:
-        if outcome not in UNFINISHED:  # the flight ended, the file does not
-            until = phases[-1].end_s if phases else end
-            reason = (
-                f"recording.mcap is truncated at t = {end:.1f} s of {until:.1f} s: copy it again"
-            )
-            outcome = "interrupted"
+    elif not recording.complete:
         phases = [
             p if p.end_s <= end else p._replace(end_s=end, outcome="interrupted")
             for p in phases if p.start_s <= end

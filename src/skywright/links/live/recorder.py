@@ -62,8 +62,10 @@ class LiveRecorder:
             file.write(",".join([*cells, str(sample.clock), f"{arrived.arrival:.6f}"]) + "\n")
         except OSError as error:
             raise InputError(f"{self.folder}: {error.strerror or error}") from None
-        if arrived.age >= 0.0:  # a wrong time stays in the stream's file only
-            self._rows[key].append((sample.t, float(sample.clock), *sample.values))
+        rows = self._rows[key]
+        if rows and rows[-1][1] == sample.clock and sample.t < rows[-1][0]:
+            rows.pop()  # its time was ahead of its clock, and wrong
+        rows.append((sample.t, float(sample.clock), *sample.values))
         self._offsets[sample.clock] = arrived.arrival - sample.t - arrived.age
 
     def finish(self) -> list[Path]:
