@@ -60,12 +60,12 @@ def test_a_scan_keeps_its_times_in_unix_time(tmp_path: Path, clocks: tuple[int, 
 def test_a_scan_omits_a_time_that_later_ones_disprove(tmp_path: Path, ahead: float) -> None:
     bench, recorder = Bench(), LiveRecorder(tmp_path / "a")
     for k in range(400):
-        t = 0.01 * k
+        t, s = 0.01 * k, 0.01 * k + 0.004
         bench.t += 0.01
         sent = [Sample("position", "tip", 7, 2 * k, t, (t, 0.0, 0.0))]
         if k == 200:
             sent.append(Sample("position", "tip", 7, 2 * k + 1, t + ahead, (t, 0.0, 0.0)))
-        for data in (*map(pack_pose, sent), format_line(Sample("SKYEC", "e", 7, k, t, (t, 0.0)))):
+        for data in (*map(pack_pose, sent), format_line(Sample("SKYEC", "e", 7, k, s, (s, 0.0)))):
             for arrived in bench.send(data):
                 recorder.write(arrived)
     scan = np.genfromtxt(recorder.finish()[-1], delimiter=",", names=True)
