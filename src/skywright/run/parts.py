@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from skywright.core.find import blame, find, list_kinds
@@ -33,14 +34,19 @@ def build_law(description: Description[Any], nominal: Nominal) -> Law:
     part = get_law(description, nominal)
     law: Law = build_part("law", part, "law")
     if law.needs_full_actuation and not nominal.allocator.full:
+        fit = _list_laws(lambda cls: not cls.needs_full_actuation)
         raise InputError(
             f"control law {part.kind!r} requires a fully actuated platform; the rotors of "
-            f"{nominal.robot.name!r} produce no lateral force; valid: a law without this "
-            "requirement, such as 'cascade', 'model_inversion' or 'thrust_vectoring'"
+            f"{nominal.robot.name!r} produce no lateral force; valid: {fit}"
         )
     _check_servos(part.kind, law, nominal.robot)
     law.check_robot(nominal.robot)
     return law
+
+
+def _list_laws(fits: Callable[[type[Law]], bool]) -> str:
+    """Return the names of the laws whose class fits."""
+    return ", ".join(name for name in list_kinds("law") if fits(find("law", name).cls))
 
 
 def _check_servos(kind: str, law: Law, robot: Robot) -> None:
@@ -48,12 +54,11 @@ def _check_servos(kind: str, law: Law, robot: Robot) -> None:
     if not list_servos(robot) or law.commands_torque == takes_torque(robot):
         return
     told = "torques" if law.commands_torque else "speeds"
-    laws = {name: find("law", name).cls for name in list_kinds("law")}
-    fit = [name for name, cls in laws.items() if cls.commands_torque != law.commands_torque]
+    fit = _list_laws(lambda cls: cls.commands_torque != law.commands_torque)
     raise InputError(
         f"control law {kind!r} commands {told} of the arm, but its servos have another "
         f"mode (robot.arm.{list_servos(robot)[0][0]}.mode of {robot.name!r}); laws that "
-        f"command {('speeds' if law.commands_torque else 'torques')}: {', '.join(fit)}"
+        f"command {('speeds' if law.commands_torque else 'torques')}: {fit}"
     )
 
 

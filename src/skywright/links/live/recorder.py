@@ -63,7 +63,7 @@ class LiveRecorder:
         except OSError as error:
             raise InputError(f"{self.folder}: {error.strerror or error}") from None
         rows = self._rows[key]
-        if rows and rows[-1][1] == sample.clock and sample.t < rows[-1][0]:
+        while rows and rows[-1][1] == sample.clock and sample.t < rows[-1][0]:
             rows.pop()  # its time was ahead of its clock, and wrong
         rows.append((sample.t, float(sample.clock), *sample.values))
         self._offsets[sample.clock] = arrived.arrival - sample.t - arrived.age
