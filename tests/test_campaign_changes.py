@@ -103,7 +103,7 @@ CAREFUL = ('mission.task.operator=choice("careful")',)
 
 def test_a_varied_operator_of_the_package_is_part_of_the_identity() -> None:
     campaign = build_campaign("tool-install", ('mission.task.operator=choice("careful","hasty")',))
-    files = _list_task_files(campaign)
+    files = _list_task_files(campaign, Path())
     assert [path.name for path in files] == ["careful.csv", "hasty.csv"]
     assert all(path.is_file() for path in files)
 
@@ -112,7 +112,7 @@ def test_varied_files_of_a_mission_in_a_folder_are_part_of_the_identity() -> Non
     folder = Path("mine")
     folder.mkdir()
     (folder / "mission.toml").write_text(find_mission("tool-install").path.read_text())
-    careful = _list_task_files(build_campaign("tool-install", CAREFUL))[0]
+    careful = _list_task_files(build_campaign("tool-install", CAREFUL), Path())[0]
     (folder / "mine.csv").write_bytes(careful.read_bytes())
     campaign = build_campaign("mine", ('mission.task.operator=choice("mine.csv")',))
     before = build_identity(campaign)["law"]

@@ -211,14 +211,15 @@ def _hash_laws(campaign: Campaign) -> str | None:
     These are source files and files of the task, fixed or varied, and varied robots and worlds. A
     fixed robot or world is part of the description.
     """
+    folder = find_mission(campaign.mission).path.parent
     names = [f"{path}:" for path in list_sources(campaign.base)]
-    names += [str(path) for path in _list_task_files(campaign)]
+    names += [str(path) for path in _list_task_files(campaign, folder)]
     texts = [v for x in campaign.variations for v in x.values if isinstance(v, str)]
     names += [v for v in texts if not v.startswith(("[", "{"))]  # a list or a table is no file
     digest, found = hashlib.sha256(), False
     for name in dict.fromkeys(n for n in names if n):
         file = name.rpartition(":")[0] if ".py:" in name else name
-        for path in (_find_folder(campaign) / file, Path(file)):
+        for path in (folder / file, Path(file)):
             for one in sorted(path.glob("*.toml")) if path.is_dir() else [path]:
                 if one.is_file():
                     read = read_sources(one) if one.suffix == ".py" else {one: one.read_bytes()}
@@ -228,8 +229,11 @@ def _hash_laws(campaign: Campaign) -> str | None:
     return digest.hexdigest()[:16] if found else None
 
 
-def _list_task_files(campaign: Campaign) -> list[Path]:
-    """Return the files that the task names, with its fixed and with its varied values."""
+def _list_task_files(campaign: Campaign, folder: Path) -> list[Path]:
+    """Return the files that the task names, with its fixed and with its varied values.
+
+    Relative paths refer to `folder`.
+    """
     task = campaign.base.mission.task
     files = [*task.list_files()]
     for variation in campaign.variations:
@@ -237,13 +241,8 @@ def _list_task_files(campaign: Campaign) -> list[Path]:
         if root == "mission.task" and key in type(task).model_fields:
             for value in (v for v in variation.values if isinstance(v, str)):
                 varied = task.model_copy(update={key: value})
-                files += varied.find_files(_find_folder(campaign)).list_files()
+                files += varied.find_files(folder).list_files()
     return files
-
-
-def _find_folder(campaign: Campaign) -> Path:
-    """Return the folder of the mission's file, to which its files are relative."""
-    return find_mission(campaign.mission).path.parent
 
 
 def check_unchanged(campaign: Campaign, identity: dict[str, Any]) -> None:

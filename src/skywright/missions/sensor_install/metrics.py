@@ -60,7 +60,7 @@ MEASURES: Measures = {
 """Metric -> unit and meaning, for the metrics that only this kind has."""
 
 BEFORE_S = 2.0  # s before the touch, over which the platform's position is averaged
-HOLD = Where(("force",), whole=True)
+FORCE, HOLD = Where(("force",)), Where(("force",), whole=True)
 HOVER, SWING = Where(("hover check",)), Where(("swing check",))
 PRESSED = Where(("press", "leave singularity", "force"))
 FELT, TOUCHED = Where(("touch", *PRESSED.phases)), Where((PHASE,))
@@ -73,8 +73,8 @@ WHERE = {
     "platform.excursion_m": PRESSED,
     "swing.": SWING,
     "sensor.": ALOFT,
-    "sensor.around_mm": HOLD,
-    "sensor.along_mm": HOLD,
+    "sensor.around_mm": FORCE,
+    "sensor.along_mm": FORCE,
     "operator.": FELT,
     "arm.lever_min": ALOFT,
     "arm.lever_felt_min": Where((PHASE, *FELT.phases)),
@@ -133,13 +133,12 @@ def compute_metrics(run: Flown[SensorInstall, InstallPlan]) -> dict[str, float]:
         out |= measure_operated(samples[felt], np.linalg.norm(samples["left_f_W"][felt], axis=1))
     flown = ALOFT.select(samples, phases)
     out.update(_judge_tape(samples[flown], normal[flown], up, run.setup.world))
-    if np.any(hold):
-        around, along = find_place(find_balls(run.setup, samples[hold]), true)
+    forced = FORCE.select(samples, phases)  # the sensor stays even if the press is interrupted
+    if np.any(forced):
+        around, along = find_place(find_balls(run.setup, samples[forced]), true)
         out |= {"sensor.around_mm": 1e3 * around, "sensor.along_mm": 1e3 * along}
-    bonded = HOLD._replace(whole=False).select(samples, phases)
-    if "sensor.installed" in out and np.any(bonded):
-        around, along = find_place(find_balls(run.setup, samples[bonded]), true)
-        if around > AROUND_M or along > ALONG_M + run.setup.description.plant.map_error_m:
+        room = ALONG_M + run.setup.description.plant.map_error_m
+        if "sensor.installed" in out and (around > AROUND_M or along > room):
             out["sensor.installed"] = 0.0
     if np.any(flown):
         out["arm.lever_min"] = _find_least_lever(run.setup, samples["q"][flown])
