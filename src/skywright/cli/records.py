@@ -139,7 +139,8 @@ def records_(
         if target is not None:
             check_writable(target, endings)
     run = source if source is not None and source.is_dir() else None
-    if run is not None and given.intersection((*TABLE, "structure", "component")):
+    owner = {"structure"} if dicom is not None else {"structure", "component"}
+    if run is not None and given.intersection((*TABLE, *owner)):
         raise InputError(f"--import {run}: the options of a table are not valid for a run")
     store = RecordStore(file, create=source is not None)
     flights = [] if flight is None else [flight]
@@ -269,8 +270,7 @@ def _report(
         write_inspection_report,
     )
 
-    if flight is None:
-        raise InputError("--report requires --flight ID")
+    assert flight is not None  # checked with the options
     built = build_inspection_report(store, flight, deviations)
     if page.suffix.lower() == ".html":
         write_inspection_report(built, page, store.path.parent)
@@ -306,8 +306,7 @@ def _export(
     if dicom is not None:
         from skywright.inspection.files.diconde import Result, write_diconde
 
-        if flight is None or component is None:
-            raise InputError("--dicom requires --flight ID and --component NAME")
+        assert flight is not None and component is not None  # checked with the options
         one = next(f for f in store.list_flights() if f.id == flight)
         part = next((c for c in store.list_components(one.asset) if c.name == component), None)
         if part is None:

@@ -23,7 +23,7 @@ _MORE = {*EXPORTS, "deviations"}
 VALID = {
     "readings": {"readings", "structure", "component", "flight", "spot", "table", *_MORE},
     "import": {"source", "structure", "component", "table", *TABLE, *_MORE},
-    "thickness": {"thickness", "structure", "component", "spot", "radius", *_MORE},
+    "thickness": {"thickness", "structure", "component", "spot", "radius", "parquet", "local"},
     "indications": {"indications", "decide", "who", "structure", "component", "flight", *_MORE},
     "report": {"flight", "component", *_MORE},
     "datums": {"datums", "structure", "flight"},
@@ -31,8 +31,13 @@ VALID = {
 }
 """Valid options of each list, besides --json."""
 LABELS = {"contacts": "contact measurements"}
-HINTS = {"thickness": ", which merges the flights", "datums": "; export in a second command"}
-"""Reasons in messages, by the list for which an option is not valid."""
+HINTS = {
+    ("thickness", "flight"): ", which merges the flights",
+    **{("datums", export): "; export in a second command" for export in EXPORTS},
+}
+"""Reasons in messages, by the list and the option that is not valid for it."""
+NEEDED = {"report": ("flight",), "dicom": ("flight", "component")}
+"""Options that an export requires; an import states its flight."""
 CHOICES = ("readings", "thickness", "indications", "decide", "source", "datums")
 """Options of which one is valid."""
 REQUIRED = {
@@ -65,9 +70,8 @@ def check_options(context: click.Context) -> tuple[str, set[str]]:
     labels = {one: LABELS.get(one, f"--{one}") for one in VALID}
     for name in (name for name in flags if name in given - VALID[listing]):
         valid = ", ".join(labels[one] for one, options in VALID.items() if name in options)
-        raise InputError(
-            f"{flags[name]}: valid for {valid}; not for {labels[listing]}{HINTS.get(listing, '')}"
-        )
+        hint = HINTS.get((listing, name), "")
+        raise InputError(f"{flags[name]}: valid for {valid}; not for {labels[listing]}{hint}")
     # an import and a DICOM file state their structure or component
     owner = {"structure", "component"} if listing == "import" else set()
     owner |= {"component"} if "dicom" in given else set()
@@ -78,6 +82,9 @@ def check_options(context: click.Context) -> tuple[str, set[str]]:
                     f"{flags[name]}: not valid with {flags[export]}, whose content is selected by "
                     + ", ".join(flags[one] for one in SELECTION if one in EXPORTS[export])
                 )
+        needed = [n for n in NEEDED.get(export, ()) if n != "flight" or listing != "import"]
+        if not given.issuperset(needed):
+            raise InputError(f"{flags[export]} requires {' and '.join(flags[n] for n in needed)}")
     return listing, given
 
 

@@ -17,7 +17,7 @@ from skywright.errors import InputError
 from skywright.recordings.text_table import (
     convert_commas,
     decode,
-    find_column,
+    find_columns,
     list_names,
     match_columns,
     parse_columns,
@@ -92,8 +92,7 @@ def _read_header(
         best = max(best, (sum(_quantity(n) is not None for n in names), delimiter))
     header = [cell.lower() for cell in split_row(line, best[1])]
     names = _rename(header, given)
-    for quantity, (name, unit) in given.items():
-        find_column(path, header, name, unit, UNITS[quantity])
+    find_columns(path, header, given, UNITS)
     columns: dict[str, tuple[int, float]] = {}
     ignored = []
     for index, name in enumerate(names):

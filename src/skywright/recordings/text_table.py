@@ -17,7 +17,8 @@ from skywright.errors import InputError
 FOREIGN = {"mil", "mils", "thou", "inches", "ft", "feet", "yd", "nm", "km", "h", "hr", "us", "ns"}
 """Units that a column's name may state and that not every quantity has."""
 MICRO = str.maketrans("\N{MICRO SIGN}\N{GREEK SMALL LETTER MU}", "uu")
-_NUMBER = re.compile(r"[-+]?[\d.,]+(?:[eE][-+]?\d+)?")
+_NUMBER = re.compile(r"(?!\d+\.\d+\.\d)[-+]?[\d.,]+(?:[eE][-+]?\d+)?")
+"""A number with a decimal comma or point; no date such as 01.03.2026."""
 
 
 class Cells(NamedTuple):
@@ -82,8 +83,8 @@ def convert_commas(
         return False
     if point is not None:
         raise InputError(
-            f"{path}: numbers contain both , and . (such as {comma[:20]} and {point[:20]}); use a "
-            "decimal point only"
+            f"{path}: numbers contain both , and . (such as "
+            f"{' and '.join(dict.fromkeys((comma[:20], point[:20])))}); use a decimal point only"
         )
     for row in rows:
         for k in columns:
@@ -113,7 +114,7 @@ def split_row(line: str, delimiter: str) -> list[str]:
 
 def plain_name(name: str) -> str:
     """Return a column's name in lower case, without spaces and units in brackets."""
-    return re.sub(r"\[.*?\]|\(.*?\)|\s", "", name.lower())
+    return re.sub(r"\[.*?\]|\(.*?\)|\s", "", name.lower().translate(MICRO))
 
 
 def split_unit(name: str, units: Collection[str]) -> tuple[str, str]:
@@ -165,21 +166,46 @@ def match_columns(
     several such columns, those whose header states `unit` are selected. A column without `unit`
     has that of its header, "" if the header states none of the `units`.
     """
-    wanted = re.sub(r"\s", "", name.lower())
-    whole = [k for k, cell in enumerate(header) if re.sub(r"\s", "", cell.lower()) == wanted]
+    wanted, *cells = (re.sub(r"\s", "", x.lower().translate(MICRO)) for x in (name, *header))
+    whole = [k for k, cell in enumerate(cells) if cell == wanted]
     fits = whole or [k for k, cell in enumerate(header) if plain_name(cell) == wanted]
     stated = {k: split_unit(header[k], units)[1] for k in fits}
     same = [k for k in fits if unit and stated[k] == unit]
     return [(k, unit or stated[k]) for k in same or fits]
 
 
-def find_column(
+def find_columns(
+    path: Path,
+    header: Sequence[str],
+    given: Mapping[str, tuple[str, str]],
+    units: Mapping[str, Collection[str]],
+) -> dict[str, tuple[int, str]]:
+    """Return {quantity: (index, unit)} of what `parse_columns` gives.
+
+    Raises InputError if two quantities have one column, and unless each selects one column whose
+    header contradicts no unit.
+    """
+    found: dict[str, tuple[int, str]] = {}
+    owners: dict[int, str] = {}
+    for what, (name, unit) in given.items():
+        index, _ = found[what] = _find_column(path, header, name, unit, units[what])
+        if index in owners:
+            raise InputError(
+                f"{path}: --columns: {owners[index]} and {what} are both {header[index][:40]!r}; "
+                "valid: a column for each"
+            )
+        owners[index] = what
+    return found
+
+
+def _find_column(
     path: Path, header: Sequence[str], name: str, unit: str, units: Collection[str]
 ) -> tuple[int, str]:
     """Return the (index, unit) of `match_columns`.
 
-    Raises InputError unless it is one column, and if its header has a part in brackets that may be
-    a unit and is none of the `units`: one that is not in `name`, or one of FOREIGN.
+    Raises InputError unless it is one column, if its header states another unit than `unit`, and,
+    without a known unit, if the header may state one: by a part in brackets that is not in `name`,
+    or by one of FOREIGN, in brackets or as a suffix.
     """
     fits = match_columns(header, name, unit, units)
     if len(fits) != 1:
@@ -188,8 +214,14 @@ def find_column(
             + list_names(header)
         )
     index, found = fits[0]
-    extra = set(re.findall(r"[\[(]\s*(.*?)\s*[\])]", header[index].lower()))
-    if units and not found and (extra & FOREIGN or (extra and not re.search(r"[\[(]", name))):
+    stated = split_unit(header[index], units)[1]
+    if unit and stated and {stated, unit} not in ({unit}, {"in", "inch"}):
+        raise InputError(
+            f"{path}: --columns: {header[index][:40]!r} states {stated}, but {unit} is given; "
+            "correct one of them"
+        )
+    extra = re.search(r"[\[(]", header[index]) and not re.search(r"[\[(]", name)
+    if units and not found and (extra or split_unit(header[index], FOREIGN)[1]):
         raise InputError(
             f"{path}: --columns: {header[index][:40]!r} states no unit that is valid here; give it "
             f"as {plain_name(name)}[UNIT] with one of {', '.join(units)}"

@@ -10,10 +10,13 @@ import numpy as np
 
 from skywright.core.arrays import Array, Mask
 from skywright.description.robot.spec import Robot
+from skywright.errors import InputError
 from skywright.models.localisation.trajectory import find_covered, find_gap_limit
 from skywright.models.rigid_body import build_body_model, compute_body, posture
 from skywright.recordings.period import compute_period
 
+MOST = 10_000_000
+"""Largest number of samples of the common time axis."""
 FASTEST = 250.0  # Hz, maximum rate of the common time axis
 GRAVITY = 9.80665
 AIRBORNE = 0.35  # of the maximum sum of rotor speeds: idling is at 0.2 or less; a robot that
@@ -51,6 +54,20 @@ class FlightLog(NamedTuple):
     def period(self) -> float:
         """Time (s) between two samples; 0 for one sample."""
         return compute_period(self.t)
+
+
+def build_axis(name: str, stamps: Array) -> Array:
+    """Return even times (n,) s from the first to the last of `stamps` (k,) s, at their mean rate.
+
+    Raises InputError for a span that one wrong time makes too long.
+    """
+    period = compute_period(stamps)
+    if (stamps[-1] - stamps[0]) / period > MOST:
+        raise InputError(
+            f"{name}: its samples span {stamps[-1] - stamps[0]:.3g} s at {1.0 / period:.3g} Hz, "
+            f"more than {MOST} samples: a time in it is wrong"
+        )
+    return np.arange(stamps[0], stamps[-1], period)
 
 
 def find_airborne(speed: Array, t: Array, force: Array | None, robot: Robot) -> Mask:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from skywright.analysis.identify.flight_log import (
     FlightLog,
     align_signs,
+    build_axis,
     find_rotations,
     find_sampled,
     leave_out_gaps,
@@ -28,7 +29,6 @@ from skywright.models.rigid_body import build_body_model, compute_body
 from skywright.models.rotors import build_rotors
 from skywright.recordings.columns import has_columns
 from skywright.recordings.mcap_file import CUT
-from skywright.recordings.period import compute_period
 from skywright.recordings.recording import Recording, read_recording
 
 TOUCHING = 1e-3  # m, deflection of the probe's spring in contact; less in free flight
@@ -133,7 +133,7 @@ def build_log(
     """
     notes: list[str] = []
     stamps = s["t"]
-    t = np.arange(stamps[0], stamps[-1], compute_period(stamps))
+    t = build_axis(name, stamps)
     place = np.interp(t, stamps, np.arange(len(s)))
     s, phases = _resample(s, place), phases[np.rint(place).astype(int)]
     n, rotors = len(joints), len(robot.rotors.azimuth_deg)

@@ -13,7 +13,7 @@ from skywright.core.arrays import Array, Mask
 from skywright.errors import InputError
 from skywright.recordings.text_table import (
     convert_commas,
-    find_column,
+    find_columns,
     list_names,
     parse_columns,
     read_cells,
@@ -114,10 +114,7 @@ def _find_columns(
 ) -> tuple[dict[str, int], str]:
     """Return ({what: column}, unit of the size)."""
     shown = list_names(header)
-    found = {
-        what: find_column(path, header, name, stated, COLUMNS[what])
-        for what, (name, stated) in given.items()
-    }
+    found = find_columns(path, header, given, COLUMNS)
     taken = {index for index, _ in found.values()}
     for what, names in NAMES.items():
         if what in found:

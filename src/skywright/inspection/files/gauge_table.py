@@ -20,10 +20,11 @@ from skywright.errors import InputError
 from skywright.inspection.history.database import parse_stamp
 from skywright.inspection.history.entries import Reading
 from skywright.recordings.text_table import (
+    FOREIGN,
     Cells,
     check_widths,
     convert_commas,
-    find_column,
+    find_columns,
     list_names,
     parse_columns,
     plain_name,
@@ -206,6 +207,9 @@ def _find_factor(table: _Table, k: int, what: str, quantity: str) -> float:
     if unit:
         if unit not in units:
             raise table.refuse(k, "quantity", f"a length, because {what} is in {unit}")
+        other = table.text(k, "unit").lower()
+        if other and units.get(other) != units[unit]:
+            raise table.refuse(k, "unit", f"{unit}, which the header states")
         return units[unit] / units[stored.lower()]
     unit = table.text(k, "unit").lower()
     if unit not in units:
@@ -289,13 +293,16 @@ def _find_columns(
     An empty unit means: the table's column `unit` states it, row by row.
     """
     shown = list_names(header)
-    found = {
-        what: find_column(path, header, name, unit, COLUMNS[what])
-        for what, (name, unit) in given.items()
-    }
+    found = find_columns(path, header, given, COLUMNS)
     used = {k for k, _ in found.values()}
     for k, name in enumerate(header):
         what, unit = _match(name)
+        stem, foreign = split_unit(name, FOREIGN)
+        if foreign and NAMES.get(stem, stem) in set(NUMBERS) - set(given) and k not in used:
+            raise InputError(
+                f"{path}: the column {name} is in {foreign}; valid units: "
+                + ", ".join(COLUMNS[NAMES.get(stem, stem)])
+            )
         if not what or what in given or k in used:
             continue
         if what in found:
