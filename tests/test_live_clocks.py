@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from skywright.analysis.locate.trajectory_file import load_trajectory
 from skywright.links.live.odometry import pack_odometry
 from skywright.links.live.packets import Sample, format_line, pack_pose
 from skywright.links.live.receiver import CLOCKS_MAX, Arrived, LiveReceiver
@@ -72,6 +73,8 @@ def test_a_scan_omits_a_time_that_later_ones_disprove(tmp_path: Path, ahead: flo
     bench.receiver.close()
     assert len(scan) > 390
     np.testing.assert_allclose(scan["x_m"], scan["re"], atol=1e-6)
+    path = load_trajectory(str(tmp_path / "a" / "tip.csv"))
+    np.testing.assert_allclose(path.p[:, 0] - path.p[0, 0], path.t - path.t[0], atol=1e-6)
 
 
 def test_a_scan_is_written_after_more_clock_numbers_than_the_receiver_keeps(

@@ -10,7 +10,9 @@ import pytest
 import skywright
 from exact_map import EXACT
 from skywright.ground.operator_model import ModelOperator
+from skywright.recordings.recording import read_recording
 from skywright.run import orders
+from skywright.run.directory import _phases_of
 from skywright.run.flight import Flight
 from skywright.run.operator import FILE, load_recording
 from skywright.run.orders import WAITING
@@ -126,6 +128,8 @@ def test_a_press_is_drawn_back_held_and_tried_again(tmp_path):
     ]  # fmt: skip
     assert result.phases[at - 1].outcome == "drawn back"
     assert names.count("free hold 2 N") > 1
+    stored = _phases_of(read_recording(tmp_path / "run" / "recording.mcap").events, 0.0)
+    assert [p.outcome for p in stored[:-1]] == [p.outcome for p in result.phases[:-1]]
     s, waits = result.samples, result.phases[at + 1]
     inside = (s["t"] > waits.start_s + 0.5) & (s["t"] < waits.end_s)
     before = s["p_WB"][np.searchsorted(s["t"], result.phases[at - 1].end_s) - 1]

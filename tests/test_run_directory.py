@@ -19,10 +19,11 @@ from short_mission import HOP
 from skywright.core import interrupt
 from skywright.description.loader import load_description
 from skywright.errors import InputError
+from skywright.recordings.recording import Event
 from skywright.recordings.writer import RecordingWriter
 from skywright.reports import explain
 from skywright.reports.terminal import print_result
-from skywright.run.directory import load_run
+from skywright.run.directory import _phases_of, load_run
 from skywright.run.kind import load_kind
 from skywright.run.requirements import Verdict, describe_outcome
 from skywright.run.run import Observer, fly_and_evaluate, run_mission
@@ -197,3 +198,8 @@ def test_a_defect_of_the_evaluation_leaves_a_judged_run_behind(tmp_path, monkeyp
     assert "of test_run_directory.py" in written["reason"]
     assert written["metrics"]["flight.duration_s"] > 1.0
     assert len(load_run(tmp_path / "r").samples) == len(result.samples)
+
+
+def test_a_cut_recording_keeps_how_its_phases_ended():
+    events = [Event(0.0, "phase hold"), Event(1.0, "ended drawn back"), Event(1.0, "phase retract")]
+    assert [p.outcome for p in _phases_of(events, 2.0)] == ["drawn back", "interrupted"]

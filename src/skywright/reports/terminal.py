@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def new_console(*, stderr: bool = False, width: int = 110) -> Console:
-    """Return a console that prints text as it is and does not wrap lines.
+    """Return a console without markup; it wraps no lines but those of stderr on a terminal.
 
     Without a terminal it is `width` characters wide.
     """

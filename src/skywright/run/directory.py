@@ -195,9 +195,10 @@ def load_run(directory: Path) -> StoredRun:
 def _phases_of(events: list[Event], end: float) -> list[PhaseRecord]:
     """Return the phases of a killed run, from the events in its recording."""
     found = [(m.group(1), e.t) for e in events if (m := re.fullmatch(r"phase (.+)", e.text))]
+    ends = {e.t: m.group(1) for e in events if (m := re.fullmatch(r"ended (.+)", e.text))}
     stops = [t for _, t in found[1:]] + [max(end, found[-1][1])] if found else []
     last = len(found) - 1
     return [
-        PhaseRecord(name, start, stop, "interrupted" if i == last else "done")
+        PhaseRecord(name, start, stop, "interrupted" if i == last else ends.get(stop, "done"))
         for i, ((name, start), stop) in enumerate(zip(found, stops, strict=True))
     ]

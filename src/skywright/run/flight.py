@@ -27,7 +27,7 @@ class PhaseRecord(NamedTuple):
     end_s: float
     outcome: str
     """ "done", "failed", "retry" (the mission tries again), "taken over" (by a pilot), "drawn back"
-    (by an operator's order), "interrupted" (the last phase of a recording that was cut)."""
+    (by an operator's order), "interrupted" (the run or its recording stopped in it)."""
 
     @property
     def is_interrupted(self) -> bool:

@@ -65,8 +65,10 @@ class FlightRecording(RecordingWriter):
         if len(shown):
             self.append_stream("/tf", self._frames.compute(shown))
 
-    def phase(self, t: float, name: str) -> None:
-        """Record that a phase began at `t` (s)."""
+    def phase(self, t: float, name: str, ended: str = "done") -> None:
+        """Record that a phase began at `t` (s), and how the one before it `ended`."""
+        if ended != "done":
+            self.event(t, f"ended {ended}")
         self.text("/mission/phase", t, name)
         self.event(t, f"phase {name}")
 

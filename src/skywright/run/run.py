@@ -259,7 +259,8 @@ def _fly(
     def on_phase(index: int, name: str) -> None:
         vehicle.set_phase(index)
         if writer is not None:
-            writer.phase(vehicle.t, name)
+            before = supervisor.phases
+            writer.phase(vehicle.t, name, before[-1].outcome if before else "done")
 
     def on_acted(acted: Acted) -> None:
         hearing = [getattr(o, "on_acted", None) for o in observers]
@@ -294,7 +295,7 @@ def _fly(
         outcome, flight = "diverged", supervisor.conclude(str(error))
     except InputError as error:  # the recording cannot be written: the disk is full
         outcome, flight = "interrupted", supervisor.conclude(str(error))
-    supervisor.close(outcome or "done")
+    supervisor.end("interrupted" if outcome else "done")
     flight = flight._replace(checklist=tuple(c.to_json() for c in supervisor.checked))
     try:
         flush()

@@ -352,12 +352,8 @@ class Supervisor(Generic[T]):
             self._on_phase(len(self.phases), name)
 
     def end(self, outcome: str) -> None:
-        """End the open phase with an outcome of PhaseRecord."""
+        """End the open phase, if any, with an outcome of PhaseRecord."""
         if self._open is not None:
             name, start = self._open
             self.phases.append(PhaseRecord(name, start, self.vehicle.t, outcome))
             self._open = None
-
-    def close(self, outcome: str) -> None:
-        """End the open phase, if any, when a run stops early."""
-        self.end(outcome)

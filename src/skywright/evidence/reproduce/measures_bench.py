@@ -22,7 +22,7 @@ def measure_squeeze(records: Records) -> Measured:
     """A box without handles, held by friction: (31), (32)."""
     flights = records["bench"]
     values = _values(flights, lift_m="box_lift_m", slip_mm="box_slip_mm", off_n="squeeze_error_n")
-    values["press_n"] = float(np.mean([r.info["metrics"]["bench.squeeze_n"] for r in flights]))
+    values["press_n"] = float(np.mean(read_metric(flights, "bench.squeeze_n")))
     s = cut(flights[0], "squeeze", "lift", "hold box")
     t = s["t"] - s["t"][0]
     i = flights[0].info["objects"].index("box")
@@ -90,7 +90,7 @@ def measure_sensor(records: Records) -> Measured:
     """Estimation of the base's drift from arms that hold a fixed object."""
     flights = records["bench"]
     values = _values(flights, off_mm="drift_error_mm")
-    values["drift_mm"] = float(np.mean([r.info["metrics"]["bench.drift_rms_mm"] for r in flights]))
+    values["drift_mm"] = float(np.mean(read_metric(flights, "bench.drift_rms_mm")))
     values["share"] = values["off_mm"] / values["drift_mm"]
     s = cut(flights[0], "drift")
     t = s["t"] - s["t"][0]

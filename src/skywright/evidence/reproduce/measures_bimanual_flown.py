@@ -15,7 +15,7 @@ from skywright.evidence.reproduce.measures_bimanual import (
     compute_statics,
     judge_statement,
 )
-from skywright.evidence.reproduce.series import cut
+from skywright.evidence.reproduce.series import cut, read_metric
 from skywright.models.tip_force import Loaded
 
 
@@ -118,7 +118,7 @@ def measure_safer(records: Records) -> Measured:
 
 
 def _mean(records: list[Record], name: str) -> float:
-    return float(np.mean([r.info["metrics"].get(name, math.nan) for r in records]))
+    return float(np.mean(read_metric(records, name)))
 
 
 def measure_accuracy(records: Records) -> Measured:

@@ -47,11 +47,30 @@ class LiveRecorder:
         self.folder = folder
         self._files: dict[tuple[str, str], IO[str]] = {}
         self._rows: dict[tuple[str, str], list[tuple[float, ...]]] = {}
+        self._held: dict[tuple[str, str], list[Arrived]] = {}
+        """Samples of each stream that are ahead of their clock, which none has disproved yet."""
         self._offsets: dict[int, float] = {}
         """Clock number -> local clock minus the sender's (s), as of its newest sample."""
 
     def write(self, arrived: Arrived) -> None:
-        """Append a sample; raises InputError if the disk is full."""
+        """Append a sample; raises InputError if the disk is full.
+
+        A sample whose time is ahead of its clock is held back until a later time confirms it; an
+        earlier one proves it wrong, and it is dropped.
+        """
+        sample = arrived.sample
+        held = self._held.setdefault((sample.kind, sample.name), [])
+        held[:] = [h for h in held if h.sample.clock != sample.clock or h.sample.t <= sample.t]
+        held.append(arrived)
+        if arrived.age >= 0.0:
+            self._flush(held)
+
+    def _flush(self, held: list[Arrived]) -> None:
+        for arrived in held:
+            self._append(arrived)
+        held.clear()
+
+    def _append(self, arrived: Arrived) -> None:
         sample = arrived.sample
         key = sample.kind, sample.name
         file = self._files.get(key)
@@ -62,14 +81,13 @@ class LiveRecorder:
             file.write(",".join([*cells, str(sample.clock), f"{arrived.arrival:.6f}"]) + "\n")
         except OSError as error:
             raise InputError(f"{self.folder}: {error.strerror or error}") from None
-        rows = self._rows[key]
-        while rows and rows[-1][1] == sample.clock and sample.t < rows[-1][0]:
-            rows.pop()  # its time was ahead of its clock, and wrong
-        rows.append((sample.t, float(sample.clock), *sample.values))
+        self._rows[key].append((sample.t, float(sample.clock), *sample.values))
         self._offsets[sample.clock] = arrived.arrival - sample.t - arrived.age
 
     def finish(self) -> list[Path]:
         """Close the files, and write scan.csv if possible; return all files."""
+        for held in self._held.values():
+            self._flush(held)
         for file in self._files.values():
             file.close()
         paths = [Path(file.name) for file in self._files.values()]

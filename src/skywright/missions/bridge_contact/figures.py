@@ -93,8 +93,9 @@ def draw_force(result: RunResult[BridgeContact, ContactPlan]) -> Figure | None:
 def draw_measurements(result: RunResult[BridgeContact, ContactPlan]) -> Figure | None:
     """Draw the error of each held force: mean and spread, docked and in flight side by side."""
     rows = []
+    held = {*HOLD.find(result.phases), *FREE.find(result.phases)}
     for i, phase in enumerate(result.phases):
-        if "hold " in phase.name and phase.name.endswith(" N") and not phase.is_interrupted:
+        if i in held:
             s = result.samples[result.samples["phase"] == i]
             if len(s):
                 error = compute_press(s) - s["ref_force"]
@@ -130,9 +131,7 @@ def describe(result: RunResult[BridgeContact, ContactPlan]) -> str:
     """Return a sentence on the forces that were held, and their accuracy."""
     d, m = result.description, result.metrics
     did = f"{d.robot.name} in world {d.world.name} "
-    held = sum(
-        "hold " in p.name and p.name.endswith(" N") and not p.is_interrupted for p in result.phases
-    )
+    held = len(HOLD.find(result.phases)) + len(FREE.find(result.phases))
     if not held:
         return did + "made no measurement"
     parts = []

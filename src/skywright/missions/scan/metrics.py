@@ -37,7 +37,7 @@ from skywright.missions.skills.datum import (
     read_datum,
     spread_over_pipe,
 )
-from skywright.missions.skills.survey import PHASE, read_touches
+from skywright.missions.skills.survey import read_touches
 from skywright.missions.skills.surveyed import (
     SURVEY_MEASURES,
     SURVEY_WHERE,
@@ -51,7 +51,7 @@ from skywright.recordings.period import compute_period
 from skywright.run.flight import Flown
 from skywright.run.kind import Measures
 from skywright.run.metrics import OFF_SURFACE, quat_angle
-from skywright.run.where import WHOLE, Where
+from skywright.run.where import Where
 
 LIFT_OFF_THRESHOLD = 15.0  # instrument units, Tognon 2018 section VII
 WELD_THRESHOLD = 1.4
@@ -103,13 +103,14 @@ MEASURES: Measures = {
 
 
 TOUCH = Where(("touch", "settle"))
+RETRIED = Where((*TOUCH.phases, *SCAN.phases))
 WHERE = {
     **dict.fromkeys(("contact.", "force.", "tip.", "platform.", "rotors.", "weld."), SCAN),
     **COVERAGE_WHERE,
     **SURVEY_WHERE,
     **DATUM_WHERE,
     "touch.": TOUCH,
-    "contact.retries": WHOLE,
+    "contact.retries": RETRIED,
 }
 
 
@@ -144,7 +145,7 @@ def compute_metrics(run: Flown[Scan, ScanWay]) -> dict[str, float]:
         out["contact.no_force_max_s"] = float(np.max(s["off_s"]))
     out["contact.tilt_max_deg"] = math.degrees(float(np.max(s["tilt"])))
     out["contact.duration_s"] = dt * len(s)
-    out["contact.retries"] = float(sum(p.outcome == "retry" and p.name != PHASE for p in phases))
+    out["contact.retries"] = float(sum(phases[i].outcome == "retry" for i in RETRIED.find(phases)))
     out["force.mean_n"] = float(np.mean(s["f_normal"]))
     out["force.min_n"] = float(np.min(s["f_normal"]))
     out["force.max_n"] = float(np.max(s["f_normal"]))
