@@ -35,7 +35,7 @@ def fly(sets, fault=None):
         d.mission,
         plan,
         d.robot.platform.gear_height_m,
-        on_phase=lambda i, name: vehicle.set_phase(i),
+        on_phase=lambda before, name: vehicle.set_phase(len(before)),
         on_tick=None if fault is None else lambda t, phase: fault(vehicle, phase),
     )
     flight = supervisor.fly()

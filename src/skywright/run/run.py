@@ -256,10 +256,9 @@ def _fly(
         for observer in observers:
             observer.on_tick(t, phase, vehicle)
 
-    def on_phase(index: int, name: str) -> None:
-        vehicle.set_phase(index)
+    def on_phase(before: Sequence[PhaseRecord], name: str) -> None:
+        vehicle.set_phase(len(before))
         if writer is not None:
-            before = supervisor.phases
             writer.phase(vehicle.t, name, before[-1].outcome if before else "done")
 
     def on_acted(acted: Acted) -> None:

@@ -57,7 +57,7 @@ class Supervisor(Generic[T]):
         mission: Mission[T],
         plan: MissionPlan[Any],
         ground_height: float,
-        on_phase: Callable[[int, str], None] | None = None,
+        on_phase: Callable[[Sequence[PhaseRecord], str], None] | None = None,
         on_tick: Callable[[float, str], None] | None = None,
         on_measurement: Callable[[Measurement], None] | None = None,
         operator: Operator | None = None,
@@ -67,6 +67,7 @@ class Supervisor(Generic[T]):
     ) -> None:
         """`ground_height` (m): height of the platform's origin when the robot stands on the ground.
 
+        `on_phase` is called with the phases before and the name of each phase that begins.
         `on_measurement` is called with each contact measurement as soon as it is finished.
         `operator` is a live operator, who replaces that of the plan. `rules` define the responses
         to faults (default: the built-in ones); `on_acted` is called when one acts. `surroundings`
@@ -349,7 +350,7 @@ class Supervisor(Generic[T]):
         self.end("done")
         self._open = (name, self.vehicle.t)
         if self._on_phase is not None:
-            self._on_phase(len(self.phases), name)
+            self._on_phase(self.phases, name)
 
     def end(self, outcome: str) -> None:
         """End the open phase, if any, with an outcome of PhaseRecord."""
