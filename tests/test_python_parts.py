@@ -17,14 +17,22 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import skywright
+from skywright.analysis.campaign.campaign import CampaignResult
+from skywright.analysis.identify.fit import Fit
+from skywright.analysis.identify.identify import Identification
+from skywright.analysis.identify.identify import identify as identify_logs
+from skywright.analysis.locate.locate import LocateReport
 from skywright.analysis.locate.locate import locate as locate_files
 from skywright.core.compiled_code import _list_imports, find_dependents
 from skywright.errors import InfeasibleError, InputError
-from skywright.inspection.weld_data import process_file
+from skywright.inspection.weld import WeldResult
+from skywright.inspection.weld_data import WeldReport, process_file
 from skywright.models import as_mujoco
 from skywright.models.capability import Capability
+from skywright.models.localisation.trajectory import Trajectory
 from skywright.models.rigid_body import build_body_model, compute_body, posture
 from skywright.run.planning import MissionPlan
+from skywright.run.result import RunResult
 from skywright.run.results import read_name
 from skywright.vehicle.bus import Body
 
@@ -92,8 +100,10 @@ def test_script_is_what_the_page_shows(script):
     text = script.read_text(encoding="utf-8")
     body = text.partition('"""\n\n')[2]
     assert f"```python\n{body}```" in PAGE
-    statements = [n for n in ast.parse(body).body if not isinstance(n, ast.Import | ast.ImportFrom)]
-    assert len(statements) <= 10
+    lines = body.splitlines()
+    code = [n for n in ast.walk(ast.parse(body)) if isinstance(n, ast.stmt)]
+    code = [n for n in code if not isinstance(n, ast.Import | ast.ImportFrom)]
+    assert len(code) <= 10 and len(lines) <= 20
 
 
 def test_the_page_names_all_that_is_public():
@@ -107,10 +117,31 @@ def test_the_page_lists_the_keywords_of_the_commands():
     for row in table:
         function, keywords = row.split("|")[1:3]
         listed[function.strip(" `")] += re.findall(r"`(\w+)`", keywords)
-    functions = {"weld": process_file, "locate": locate_files, "identify": skywright.identify}
+    functions = {"weld": process_file, "locate": locate_files, "identify": identify_logs}
     for name, function in functions.items():
-        first, *keywords = inspect.signature(function).parameters
-        assert first in ("path", "data", "logs") and sorted(listed[name]) == sorted(keywords)
+        first, *keywords = inspect.signature(getattr(skywright, name)).parameters
+        assert first in ("data", "logs") and sorted(listed[name]) == sorted(keywords)
+        inner = inspect.signature(function).parameters
+        assert set(keywords) <= {"mass", *inner}
+        for key in keywords:  # the same defaults
+            mine = inspect.signature(getattr(skywright, name)).parameters[key].default
+            assert key not in inner or inner[key].default in (mine, inspect.Parameter.empty)
+
+
+def test_the_page_lists_attributes_that_results_have():
+    heads = {f" `{c.__name__}` |": c for c in (
+        RunResult, Capability, CampaignResult, WeldReport, LocateReport, Identification
+    )} | {"of a plan |": MissionPlan}  # fmt: skip
+    for head, cls in heads.items():
+        table = PAGE.partition(head)[2]
+        rows = table.partition("\n\n")[0].splitlines()[2:]
+        names = [n for row in rows for n in re.findall(r"`([\w.]+)(?:\(\))?`", row.split("|")[1])]
+        assert names
+        for name in names:
+            owner, _, inner = name.partition(".")
+            assert hasattr(cls, owner), f"{cls.__name__}.{name}"
+            part = {"result": WeldResult, "trajectory": Trajectory, "fit": Fit}.get(owner)
+            assert not inner or hasattr(part, inner), f"{cls.__name__}.{name}"
 
 
 # Results by name

@@ -74,7 +74,9 @@ def compute_capability(
     return capability.compute_capability(_as_robot(robot), posture=posture)
 
 
-def build_mjcf(robot: Robot | Path_, world: World | Path_ = "open", **more: Any) -> str:
+def build_mjcf(
+    robot: Robot | Path_, world: World | Path_ = "open", *, nominal: bool = False
+) -> str:
     """Return robot and world as MJCF, as simulated; with `nominal=True` the nominal model.
 
     SI and radians, numbers to six digits; MuJoCo's world frame is W. Rotors are forces on the
@@ -82,14 +84,16 @@ def build_mjcf(robot: Robot | Path_, world: World | Path_ = "open", **more: Any)
     """
     from skywright.models import as_mujoco
 
-    return as_mujoco.build_mjcf(_as_robot(robot), _as_world(world), **more)
+    return as_mujoco.build_mjcf(_as_robot(robot), _as_world(world), nominal=nominal)
 
 
-def build_model(robot: Robot | Path_, world: World | Path_ = "open", **more: Any) -> MjModel:
+def build_model(
+    robot: Robot | Path_, world: World | Path_ = "open", *, nominal: bool = False
+) -> MjModel:
     """Return the same as `build_mjcf` as a compiled mujoco.MjModel."""
     from skywright.models import as_mujoco
 
-    return as_mujoco.build_model(_as_robot(robot), _as_world(world), **more)
+    return as_mujoco.build_model(_as_robot(robot), _as_world(world), nominal=nominal)
 
 
 def build_urdf(robot: Robot | Path_) -> str:
@@ -264,30 +268,64 @@ def campaign(
     return run_campaign(plan, runs, out=None if out is None else Path(out), workers=workers)
 
 
-def weld(data: Path_, **options: Any) -> WeldReport:
+def weld(
+    data: Path_,
+    *,
+    calibrate: str | None = None,
+    calibration_file: Path_ | None = None,
+    surface_file: Path_ | None = None,
+    columns: str | None = None,
+    lift_off_threshold: float | None = None,
+    weld_threshold: float | None = None,
+) -> WeldReport:
     """Find the weld in a scan: a CSV file, a run's directory or its recording.
 
-    `options` are `calibrate` ("T0:T1", s), `calibration_file`, `surface_file`, `columns`,
-    `lift_off_threshold` and `weld_threshold`. `report.result` holds arrays,
-    `report.to_json()` what the command prints.
+    `calibrate` is "T0:T1" (s), the thresholds are in units of the instrument, `columns` names
+    columns and units: "t=Time[ms],x=X[mm]". `report.result` holds arrays, `report.to_json()` what
+    the command prints. Raises InputError.
     """
     from skywright.inspection.weld_data import process_file
 
-    return process_file(Path(data), **options)
+    return process_file(
+        Path(data),
+        calibrate,
+        None if calibration_file is None else Path(calibration_file),
+        lift_off_threshold,
+        weld_threshold,
+        None if surface_file is None else Path(surface_file),
+        columns,
+    )
 
 
-def locate(*data: Path_, **options: Any) -> LocateReport:
+def locate(
+    *data: Path_,
+    station: Path_ | None = None,
+    camera: Path_ | None = None,
+    reference: Path_ | None = None,
+    align: str = "similarity",
+    span: str | None = None,
+    time_offset: float | None = None,
+    prism: str | None = None,
+    frame: tuple[Path_, Path_] | None = None,
+    compare: str = "rigid",
+    reference_offset: float | None = None,
+) -> LocateReport:
     """Fuse the recordings of a total station and a tracking camera, or evaluate a trajectory.
 
-    `data` are files as of `skywright locate`; `options` are `station`, `camera`, `reference`,
-    `align`, `span` ("T0:T1", s, of `--calibrate`), `time_offset`, `prism`, `frame`, `compare` and
-    `reference_offset`.
-    `report.trajectory` has `t` (n,) s and `p` (n, 3) m.
+    `data` are files as of `skywright locate`. `span` is "T0:T1" (s), the offsets are in s, `prism`
+    is "X,Y,Z" (m, in the camera's frame), `frame` a pair of files of points (known, measured).
+    `report.trajectory` has `t` (n,) s and `p` (n, 3) m. Raises InputError.
     """
     from skywright.analysis.locate.locate import locate as locate_files
 
-    given = {k: os.fspath(v) if isinstance(v, os.PathLike) else v for k, v in options.items()}
-    return locate_files([os.fspath(file) for file in data], **given)
+    roles = [None if file is None else os.fspath(file) for file in (station, camera, reference)]
+    return locate_files(
+        [os.fspath(file) for file in data],
+        station=roles[0], camera=roles[1], reference=roles[2], align=align, span=span,
+        time_offset=time_offset, prism=prism,
+        frame=None if frame is None else (Path(frame[0]), Path(frame[1])),
+        compare=compare, reference_offset=reference_offset,
+    )  # fmt: skip
 
 
 def identify(

@@ -255,7 +255,7 @@ def process_file(
         if value is not None and not (math.isfinite(value) and value > 0):
             raise InputError(f"{name} threshold {value}; valid: a number above 0")
     if calibrate is not None and calibration_file is not None:
-        raise InputError("give either --calibrate T0:T1 or a calibration file, not both")
+        raise InputError("give either calibrate (T0:T1) or a calibration file, not both")
     span = parse_span(calibrate, "of the file", "0:6.5") if calibrate is not None else None
     if is_recording(path):
         if columns:
