@@ -204,7 +204,7 @@ def test_a_mark_that_may_be_out_of_view_is_refused() -> None:
     assert explain_view(setup, 0.08, 0.01, 0.03) == ""
     assert "the datum may be 230 mm aside" in explain_view(setup, 0.08, 0.01, 0.2)
     near = {**MARK, "robot.probe.camera.range_max_m": 0.1}
-    assert "sees 0.1 m far; the datum may be 0.17 m away" in explain_view(
+    assert "range_max_m = 0.1: the datum may be 0.17 m away" in explain_view(
         Setup(load_description("pipe-weld-scan", sets=near)), 0.08, 0.01, 0.03
     )
     rare = {**MARK, "robot.probe.camera.rate_hz": 2.0}

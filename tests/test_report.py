@@ -55,6 +55,7 @@ from skywright.reports.report import (
 )
 from skywright.run.flight import PhaseRecord
 from skywright.run.names import list_all_measures
+from skywright.run.need import OVERHEAD_S
 from skywright.run.requirements import judge
 from skywright.run.result import RunResult
 from skywright.run.run import run_mission
@@ -492,6 +493,21 @@ def test_progress_on_a_terminal_tells_phase_and_factor(flight: RunResult) -> Non
     buffer = io.StringIO()
     _watch(Progress(quiet=True, console=Console(file=buffer, force_terminal=True)), flight)
     assert buffer.getvalue() == ""
+
+
+def test_progress_states_the_time_that_is_left(
+    flight: RunResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [0.0]
+    monkeypatch.setattr("skywright.reports.progress.time.perf_counter", lambda: now[0])
+    buffer = io.StringIO()
+    progress = Progress(console=Console(file=buffer, width=100, force_terminal=True))
+    plan = flight.plan._replace(duration_s=100.0 - OVERHEAD_S)
+    progress.on_plan(plan, flight.description)
+    now[0] = 2.0
+    progress.on_tick(20.0, "take_off", None)  # type: ignore[arg-type]
+    progress.close()
+    assert "10 x real time, about 8 s left" in buffer.getvalue()
 
 
 def test_cache_of_compiled_code_is_recognised(

@@ -177,7 +177,7 @@ def test_the_answer_of_a_law_that_states_no_loop_is_measured(tmp_path):
     np.testing.assert_allclose(torque, -18.0 * np.diag([0.2, 0.3, 0.4])[:, :2], atol=1e-6)
     assert np.array_equal(before, v.assembly.arena)  # nothing of the flight has changed
     said = explain_noise(v, 3.0)
-    assert f"{key} = 0.6" in said and "N rms a rotor" in said
+    assert f"{key} = 0.6" in said and "N rms per rotor" in said and "valid: at most" in said
     strain = compute_strain(v.nominal, torque)
     assert strain.exceeds(3.0) and f"{strain.asked:.2f} N rms" in said
     quiet = quiet_law(1e-5)[1]

@@ -145,9 +145,9 @@ def _check_options(autopilot: str, params: str | None, binary: Path | None) -> N
     if params not in (None, "cli"):
         raise InputError(f"--params {params}; valid for betaflight: cli")
     for name, why in {
-        "speed": "Betaflight's clock is that of the wall: real time only",
+        "speed": "Betaflight runs in real time only",
         "port": "Betaflight's ports are fixed",
-        "telemetry": "Betaflight's state is heard on its own port",
+        "telemetry": "Betaflight sends its state to a fixed port",
     }.items():
         if given(name) == click.core.ParameterSource.COMMANDLINE:
             raise InputError(f"--{name}: {why}; leave it out")

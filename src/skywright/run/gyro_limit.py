@@ -71,10 +71,10 @@ def find_noisy_gyroscope(setup: Setup[Any]) -> str | None:
     most = max(strain.room / strain.asked, 0.0) * noise
     return (
         f"robot.sensors.gyro_noise_rad_s_sqrthz = {noise:.3g}: the attitude loop "
-        f"(robot.control.attitude_bandwidth_rad_s = {bandwidth:g}) answers it with "
-        f"{strain.asked:.2f} N rms a rotor, {sigmas:g} times that (mission.noise_sigmas) exceeds "
-        f"the {strain.room:.2f} N between hovering and the rotor's limit; at most "
-        f"{most / sigmas:.2g}, or a slower loop"
+        f"(robot.control.attitude_bandwidth_rad_s = {bandwidth:g}) converts it into "
+        f"{strain.asked:.2f} N rms per rotor; {sigmas:g} times that (mission.noise_sigmas) exceeds "
+        f"the {strain.room:.2f} N between hovering and the rotor's limit; valid: at most "
+        f"{most / sigmas:.2g}, or a lower bandwidth"
     )
 
 
@@ -93,8 +93,10 @@ def explain_noise(vehicle: Backend, sigmas: float) -> str:
     if not strain.exceeds(sigmas):
         return ""
     noise = vehicle.robot.sensors.gyro_noise_rad_s_sqrthz
+    most = max(strain.room / strain.asked, 0.0) * noise / sigmas
     return (
-        f"the law answers the gyroscope's noise (robot.sensors.gyro_noise_rad_s_sqrthz = "
-        f"{noise:.3g}) with {strain.asked:.2f} N rms a rotor, of {strain.room:.2f} N between "
-        "hovering and the rotor's limit: lower the noise, or the law's answer to rates"
+        f"the law converts the gyroscope's noise (robot.sensors.gyro_noise_rad_s_sqrthz = "
+        f"{noise:.3g}) into {strain.asked:.2f} N rms per rotor; {sigmas:g} times that "
+        f"(mission.noise_sigmas) exceeds the {strain.room:.2f} N between hovering and the rotor's "
+        f"limit; valid: at most {most:.2g}, or a lower rate gain of the law"
     )

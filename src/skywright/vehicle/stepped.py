@@ -173,7 +173,9 @@ class EstimatorRun(Stepped):
         """Raise InputError for a missing input, or for one that the estimator does not read."""
         inputs = {"R_fix": R_fix, "heading": heading}
         if mocap is None and fix is None:
-            raise InputError("the mission's estimator reads no fixes")
+            raise InputError(
+                "mission.estimator: reads no position fixes; valid: an estimator that reads them"
+            )
         poses = mocap is not None
         source = "poses of motion capture" if poses else "positions with a heading"
         needed, other = ("R_fix", "heading") if poses else ("heading", "R_fix")

@@ -80,7 +80,7 @@ def _load_recording(path: Path, robot: Robot | None) -> FlightLog:
     robot = robot or description.robot
     s = recording.samples
     if len(s) < 10:
-        raise InputError(f"{path}: contains only {len(s)} samples")
+        raise InputError(f"{path}: contains only {len(s)} samples; at least 10 are required")
     if not np.all(np.diff(s["t"]) > 0.0):
         raise InputError(
             f"{path}: the times of its samples do not rise; give the recording of a run"

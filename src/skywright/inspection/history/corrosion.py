@@ -112,7 +112,10 @@ def compute_rate(first: Inspected, last: Inspected, required_mm: float | None) -
     years = (last.time - first.time).total_seconds() / YEAR_S
     if years <= 0:
         before, after = (", ".join(one.flights) for one in (first, last))
-        raise InputError(f"the inspections by flights {before} and {after} have the same time")
+        raise InputError(
+            f"the inspections by flights {before} and {after} have the same time; correct the time "
+            "of one"
+        )
     loss = first.thickness_mm - last.thickness_mm
     loss_std = math.hypot(first.std_mm, last.std_mm)
     rate, rate_std = loss / years, loss_std / years

@@ -35,7 +35,7 @@ CAUSES = {
     "version": "a pose packet or line of another version",
     "crc": "a pose packet or line whose checksum is wrong",
     "fields": "a line with other fields than its kind has",
-    "numbers": "values that are not finite, or a quaternion that is none",
+    "numbers": "values that are not finite, or a quaternion whose norm is not 1",
     "frame": "an ODOMETRY message in another frame than NED with FRD",
     "extra": "MAVLink, which requires pymavlink: pip install 'skywright[mavlink]'",
     "old": "a sample that came before, or is older than the newest",

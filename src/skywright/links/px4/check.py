@@ -28,7 +28,7 @@ def find_losses(setup: Setup[Any], law: Law, force: bool) -> list[str]:
         gains = build_airframe(robot, setup.world).gains
         says.append(
             f"PX4 does not damp the swing of the link of {robot.name!r}: its attitude loop of "
-            f"{gains.attitude_p[:2].min():.1f} rad/s knows no link"
+            f"{gains.attitude_p[:2].min():.1f} rad/s has no model of the link"
         )
     if not force and not find_forceless(robot, law, setup.world.gravity_mps2):
         says.append(

@@ -87,12 +87,12 @@ def explain_view(setup: Setup[Any], stand_off: float, reach: float, aside: float
         )
     if away + reach > camera.range_max_m:
         return (
-            f"robot.probe.camera sees {camera.range_max_m:g} m far; the datum may be "
-            f"{away + reach:.2f} m away where the robot looks at it: raise range_max_m, {instead}"
+            f"robot.probe.camera.range_max_m = {camera.range_max_m:g}: the datum may be "
+            f"{away + reach:.2f} m away when the robot looks at it; raise range_max_m, {instead}"
         )
     if far > sees:
         return (
-            f"robot.probe.camera sees {1e3 * sees:.0f} mm to each side at {away - reach:.2f} m; "
+            f"robot.probe.camera covers {1e3 * sees:.0f} mm to each side at {away - reach:.2f} m; "
             f"the datum may be {1e3 * far:.0f} mm aside, plant.map_error_m = "
             f"{plant.map_error_m:g} included: raise field_of_view_deg, {instead}"
         )

@@ -89,11 +89,15 @@ class _Builder:
         above: dict[str, SdfJoint] = {}
         for joint in joints:
             if joint.child in above:
-                raise InputError(f"{path}: link {joint.child!r} hangs on two joints: no loops")
+                raise InputError(
+                    f"{path}: link {joint.child!r} is the child of two joints; valid: a tree of "
+                    "links without loops"
+                )
             above[joint.child] = joint
         roots = [name for name in links if name not in above]
         if len(roots) != 1:
-            what = f"links {', '.join(roots[:5])} hang on no joint" if roots else "a loop of joints"
+            alone = f"links {', '.join(roots[:5])} are the child of no joint"
+            what = alone if roots else "a loop of joints"
             raise InputError(f"{path}: {what}; one root link is required")
         spec = mujoco.MjSpec()
         spec.compiler.degree = False
