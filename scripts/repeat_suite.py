@@ -18,13 +18,13 @@ import time
 from datetime import UTC, datetime
 from pathlib import Path
 
-from skywright.evidence.bench.machine import read_commit
+from skywright.evidence.bench.machine import describe_machine, read_commit
 
 ROOT = Path(__file__).resolve().parent.parent
 TABLE = ROOT / "benchmarks" / "suite-runs.csv"
 COLUMNS = (
     "when_utc", "commit", "cores", "busy_processes", "passed", "failed", "wall_s", "processor_s",
-    "failures", "workers",
+    "failures", "workers", "processor",
 )  # fmt: skip
 
 
@@ -54,7 +54,7 @@ def run(load: int, workers: int, commit: str) -> list[object]:
         names = [f"exit code {done.returncode}"]
     return [
         when, commit, os.cpu_count(), load, int(passed[1]) if passed else 0, len(names),
-        round(wall), round(spent), " ".join(names), workers,
+        round(wall), round(spent), " ".join(names), workers, describe_machine()["processor"],
     ]  # fmt: skip
 
 
