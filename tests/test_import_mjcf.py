@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import pytest
 import imported_models as models
 from skywright.description.robot.loader import load_robot
 from skywright.errors import InputError
+from skywright.models.importing import opening
 from skywright.models.importing.importer import Imported, Request, import_robot
 from skywright.models.importing.opening import open_file
 from skywright.models.rigid_body import build_body_model, compute_body
@@ -135,7 +135,9 @@ def test_attached_files_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.parametrize("tag", ["include", "attach"])
-def test_files_that_name_others_twice_end_soon(tmp_path: Path, tag: str) -> None:
+def test_files_that_name_others_twice_end_soon(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tag: str
+) -> None:
     """Of 18 files each reads the next one twice: 2^18 in all."""
     for i in range(18):
         file = f"f{i + 1}.xml"
@@ -143,10 +145,9 @@ def test_files_that_name_others_twice_end_soon(tmp_path: Path, tag: str) -> None
                f'<asset><model name="a" file="{file}"/><model name="b" file="{file}"/></asset>')  # fmt: skip
         models.write(tmp_path / f"f{i}.xml", f"<mujoco>{use}</mujoco>")
     models.write(tmp_path / "f18.xml", '<mujoco><worldbody><body name="b"/></worldbody></mujoco>')
-    start = time.monotonic()
+    monkeypatch.setattr(opening, "read_mjcf", lambda path: pytest.fail("MuJoCo reads the file"))
     with pytest.raises(InputError, match="more than 200 times"):
         open_file(tmp_path / "f0.xml")
-    assert time.monotonic() - start < 10.0
 
 
 BODY = '<body><geom size=".1"/></body>'
@@ -165,7 +166,10 @@ COPIES = {
 
 
 @pytest.mark.parametrize("name", COPIES)
-def test_copies_are_counted_before_mujoco_makes_them(tmp_path: Path, name: str) -> None:
+def test_copies_are_counted_before_mujoco_makes_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.setattr(opening, "read_mjcf", lambda path: pytest.fail("MuJoCo reads the file"))
     text, says = COPIES[name]
     models.write(
         tmp_path / "part.xml",
@@ -175,10 +179,8 @@ def test_copies_are_counted_before_mujoco_makes_them(tmp_path: Path, name: str) 
     file = models.write(
         tmp_path / "many.xml", f"<mujoco>{asset}<worldbody>{text}</worldbody></mujoco>"
     )
-    start = time.monotonic()
     with pytest.raises(InputError, match=says):
         open_file(file)
-    assert time.monotonic() - start < 5.0
 
 
 def test_a_few_copies_are_read(tmp_path: Path) -> None:
