@@ -25,11 +25,12 @@ from skywright.analysis.campaign.local import count_cores
 from skywright.analysis.campaign.spec import draw_run, load_run
 from skywright.analysis.envs import starts
 from skywright.analysis.envs import vector as vectors
-from skywright.analysis.envs.env import ACT, JUDGE, OBSERVE
+from skywright.analysis.envs.env import ACT, DIVERGED, JUDGE, OBSERVE
 from skywright.analysis.envs.parts import Observation, Observe
 from skywright.analysis.envs.registry import PLACES, find_class
 from skywright.analysis.envs.vector import _Worker
 from skywright.analysis.envs.weld_press import SeeContact
+from skywright.analysis.envs.worker import Share
 from skywright.errors import InputError, SimulationError
 from skywright.run.backends import build_vehicle
 from skywright.vehicle.bus import Reference, Truth
@@ -171,19 +172,17 @@ def test_a_vector_gives_the_infos_of_gymnasiums(mode: str, monkeypatch: pytest.M
     two = [build("WeldPress", i) for i in range(2)]
     for env, steps in zip(two, (3, 8), strict=True):
         monkeypatch.setattr(env, "steps_max", steps)
-    real = two[1].fly
-
-    def fly_badly() -> None:
-        real()
-        two[1].broken = "not finite" if two[1]._step == 5 else ""
-
-    monkeypatch.setattr(two[1], "fly", fly_badly)
     monkeypatch.setattr(vectors, "make", lambda name, first, **options: two[first])
     actions = np.random.default_rng(3).uniform(-1, 1, (9, 2, 1)).astype(np.float32)
 
     def roll(vector: Any) -> list[Any]:
         listed = DictInfoToList(vector)
-        return [listed.reset(seed=5), *(listed.step(action) for action in actions)]
+        out = [listed.reset(seed=5)]
+        for k, action in enumerate(actions):
+            if k == 4:
+                two[1].vehicle.sim.qvel[:] = np.nan
+            out.append(listed.step(action))
+        return out
 
     vector = envs.VectorEnv("WeldPress", 2, workers=1, autoreset=mode)
     mine = roll(vector)
@@ -199,6 +198,30 @@ def test_a_vector_gives_the_infos_of_gymnasiums(mode: str, monkeypatch: pytest.M
     infos = [x[-1] for x in mine[1:]]
     assert all("force_n" in x for x in infos[0]) and "force_n" not in infos[4][1]
     assert "state" in infos[3 if mode == "next_step" else 2][0]
+    last = infos[4][1] if mode == "next_step" else infos[4][1]["final_info"]
+    assert last["reason"] == DIVERGED and "the state is not finite" in last["why"]
+
+
+def test_a_vector_flies_as_its_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where random numbers are drawn and samples delivered, which needs Python."""
+    env, called = build("WeldPress"), list[int]()
+    real = Share._fly
+    monkeypatch.setattr(Share, "_fly", lambda share, i: (called.append(i), real(share, i))[0])
+    vector = envs.VectorEnv(
+        "WeldPress", 1, workers=1, sets=QUICK["WeldPress"], states=2, episode_s=2.6
+    )
+    rng = np.random.default_rng(5)
+    mine = [vector.reset(seed=5)[0][0]]
+    rewards = []
+    for _ in range(129):
+        action = rng.uniform(-1, 1, (1, 1)).astype(np.float32)
+        seen, reward, terminated, truncated, _ = vector.step(action)
+        assert not (terminated or truncated)
+        mine.append(seen[0])
+        rewards.append(reward[0])
+    theirs = fly(env, 5, 129)
+    assert np.array_equal(np.array(mine), theirs[0]) and rewards == theirs[1]
+    assert 2 <= len(called) <= 6  # of 129 steps
 
 
 def test_the_force_that_is_judged_is_the_plants_and_more_push_gives_more() -> None:

@@ -58,6 +58,11 @@ class Watchdog:
             np.copyto(asked, held, where=~np.isfinite(asked))
         return again
 
+    @property
+    def is_pending(self) -> bool:
+        """Whether a restart is due later."""
+        return self._due < math.inf
+
     def look(self, t: float) -> None:
         """Restart the law when it is due."""
         if t >= self._due - 1e-9:

@@ -134,9 +134,14 @@ class Recorder(Component):
         return 1.0 / SAMPLE_RATE
 
     @property
+    def room(self) -> int:
+        """Rows until there is no room for another mission tick; below 0: it is full."""
+        return SAMPLES - SAMPLES_A_TICK - int(self._me.n)
+
+    @property
     def is_full(self) -> bool:
         """Whether there is no room for another mission tick."""
-        return int(self._me.n) > SAMPLES - SAMPLES_A_TICK
+        return self.room < 0
 
     @property
     def last(self) -> NDArray[Any]:

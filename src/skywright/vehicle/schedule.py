@@ -10,6 +10,7 @@ from fractions import Fraction
 
 import numpy as np
 from numba import carray
+from numpy.typing import NDArray
 
 from skywright.core.compiled import helper
 from skywright.core.pointers import as_pointer
@@ -33,6 +34,8 @@ ROW = np.dtype(
         ("fast", np.int64),  # 1: called after each physics step
     ]
 )
+CALL = 8
+"""Numbers of a call of `run_ticks`: its arguments, in their order."""
 MOST_CALLS = 1000
 """Largest `calls` of a row: bounds the error of its mean interval."""
 CLOCK = Clock.dtype
@@ -101,6 +104,15 @@ def run_ticks(
             clock.fast += 1
         if clock.fired:
             return
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def run_mission_tick(call: NDArray[np.int64]) -> bool:
+    """Run a mission tick without guards; returns False if it failed. `call` is (CALL,)."""
+    clock = carray(as_pointer(call[3]), 1, CLOCK)[0]
+    clock.mask = clock.fired = clock.stop = 0
+    run_ticks(call[0], call[1], call[2], call[3], call[4], call[5], call[6], call[7])
+    return not (clock.stop or clock.error)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

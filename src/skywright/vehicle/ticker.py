@@ -89,13 +89,21 @@ class Ticker:
             if interactive:
                 self._run_interactive(n)
             else:
-                a = self.assembly
-                run_ticks(
-                    self._at, a.n_control, len(a.rows), self._clock_at,
-                    self.physics.model_address, self.physics.data_address, n, self.n_steps,
-                )  # fmt: skip
+                run_ticks(*self.build_call(n))
         finally:
             self.since = None
+        self.check()
+
+    def build_call(self, n: int) -> tuple[int, ...]:
+        """Return the arguments of `run_ticks` for `n` control ticks."""
+        a, physics = self.assembly, self.physics
+        return (
+            self._at, a.n_control, len(a.rows), self._clock_at, physics.model_address,
+            physics.data_address, n, self.n_steps,
+        )  # fmt: skip
+
+    def check(self) -> None:
+        """Raise the error of a step that raised in compiled code."""
         if self._error[0]:
             error, place = read_error(int(self._error[0]))
             self._error[0] = 0

@@ -181,7 +181,7 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
         vehicle.restore(start.states[k], noise)  # its first tick draws noise, as every 50th does
         self._action, self._seen, self._judged = self._places[i]
         self._action[:] = 0.0
-        self._step, self.running, self.broken = 0, True, ""
+        self._left, self.running, self.broken = self.steps_max, True, ""
         return self._seen.astype(np.float32), {
             "condition": start.condition, "state": k, "noise": noise, "varied": dict(start.varied),
         }  # fmt: skip
@@ -193,17 +193,14 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
         shape or with non-finite values, and if no episode is running.
         """
         self._take(action)
+        self._left -= 1
         self.fly()
-        return self.conclude()
+        return self.conclude(self._left <= 0)
 
     def fly(self) -> None:
-        """Fly a step with the action that is in the vehicle; `conclude` returns the outcome.
-
-        A vector writes and reads the vehicles of all environments at once.
-        """
+        """Fly a step with the action that is in the vehicle; `conclude` returns the outcome."""
         judged = self._judged
         judged[:] = 0.0
-        self._step += 1
         try:
             for _ in range(self.ticks):
                 self.vehicle.tick()
@@ -212,8 +209,8 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
         except SimulationError as error:
             self.broken = str(error)
 
-    def conclude(self) -> tuple[Numbers, float, bool, bool, dict[str, Any]]:
-        """Return the result of `step` for the step that `fly` has flown."""
+    def conclude(self, is_last: bool) -> tuple[Numbers, float, bool, bool, dict[str, Any]]:
+        """Return the result of `step` for the step that was flown; `is_last`: of an episode."""
         if self.broken:
             self.running = False
             seen = np.clip(np.nan_to_num(self._seen), -LIMIT, LIMIT).astype(np.float32)
@@ -226,9 +223,8 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
             terminated, info["reason"] = True, self.reasons[int(ended)] or "success"
             reward += self.bonus if success and not ended else -self.penalty
             info["success"] = bool(success and not ended)
-        truncated = self._step >= self.steps_max
-        self.running = not (terminated or truncated)
-        return self._seen.astype(np.float32), reward, terminated, truncated, info
+        self.running = not (terminated or is_last)
+        return self._seen.astype(np.float32), reward, terminated, is_last, info
 
     @property
     def places(self) -> tuple[Any, Any, Any]:

@@ -22,8 +22,16 @@ from skywright.analysis.envs.shared import Layout, Shared, map_arrays
 from skywright.core.pointers import as_pointer
 from skywright.core.user_code import njit
 from skywright.errors import InputError
+from skywright.vehicle.free_ticks import build_call, count_free_ticks, explain, is_free
+from skywright.vehicle.schedule import CALL, run_mission_tick
 
-JUDGED = Judgement.dtype.itemsize // 8
+JUDGED_SIZE = Judgement.dtype.itemsize // 8
+ACTION, SEEN, JUDGED, LEFT, FREE, FLIGHT = range(6)
+"""Columns of the table of flights: addresses of action, observation and judgement, steps left of
+the episode (0: none is running), mission ticks that need no Python; and the number of columns."""
+FLOWN, PYTHON, FAILED, ENDS, ENDED = range(5)
+"""States of an environment in a step: it has flown, it needs Python to fly, its simulation failed,
+its episode ends, its episode ended before this step."""
 STEP, MORE = b"", b"m"
 """Commands: a step, and one that is followed by its arguments. An empty message is not pickled."""
 Info = tuple[int, str, dict[str, Any]]
@@ -31,47 +39,70 @@ Info = tuple[int, str, dict[str, Any]]
 
 
 @njit(cache=True, error_model="numpy")
-def give_actions(places: NDArray[np.int64], actions: NDArray[np.float32]) -> None:
-    """Write the actions (n, k), clipped to -1 to 1, to the vehicles."""
+def fly(
+    flights: NDArray[np.int64], calls: NDArray[np.int64], states: NDArray[np.int8],
+    actions: NDArray[np.float32], ticks: int,
+) -> bool:  # fmt: skip
+    """Fly a step of `ticks` mission ticks of each vehicle; return whether some need Python.
+
+    `calls` (n, CALL) are those of run_mission_tick. Sets the `states` (n,), and reduces the free
+    ticks in `flights` (n, FLIGHT). A vehicle with less of them is given its action only.
+    """
     n, k = actions.shape
+    all_flown = True
     for i in range(n):
-        action = carray(as_pointer(places[i, 0]), k, np.float64)
-        for j in range(k):
-            action[j] = min(max(np.float64(actions[i, j]), -1.0), 1.0)
+        if flights[i, LEFT] <= 0:
+            states[i] = ENDED
+        else:
+            action = carray(as_pointer(flights[i, ACTION]), k, np.float64)
+            for j in range(k):
+                action[j] = min(max(np.float64(actions[i, j]), -1.0), 1.0)
+            states[i] = FLOWN if flights[i, FREE] >= ticks else PYTHON
+        if states[i] == FLOWN:
+            judged = carray(as_pointer(flights[i, JUDGED]), JUDGED_SIZE, np.float64)
+            judged[:] = 0.0
+            for _ in range(ticks):
+                flights[i, FREE] -= 1
+                if not run_mission_tick(calls[i]):
+                    states[i] = FAILED
+                    break
+                if judged[2] != 0.0 or judged[3] != 0.0:  # ended, success
+                    break
+        all_flown &= states[i] == FLOWN
+    return not all_flown
 
 
 @njit(cache=True, error_model="numpy")
 def take_answers(
-    places: NDArray[np.int64], left: NDArray[np.int64], seen: NDArray[np.float32],
+    flights: NDArray[np.int64], states: NDArray[np.int8], seen: NDArray[np.float32],
     reward: NDArray[np.float64], values: NDArray[np.float64],
 ) -> bool:  # fmt: skip
-    """Read observations, rewards and the means for `info`; return whether an episode ends.
+    """Read observations, rewards and the means for `info` of the vehicles that have flown.
 
-    `places` (n, 3) are addresses of action, observation and judgement. `left` (n,) are the
-    remaining steps of the episodes; 0: no episode is running.
+    Returns whether an episode ends or begins.
     """
-    ends = False
-    for i in range(len(left)):
-        saw = carray(as_pointer(places[i, 1]), seen.shape[1], np.float64)
-        judged = carray(as_pointer(places[i, 2]), JUDGED, np.float64)
-        for j in range(seen.shape[1]):
-            seen[i, j] = saw[j]
-        ticks = max(judged[0], 1.0)
-        reward[i] = judged[1] / ticks
-        for j in range(values.shape[1]):
-            values[i, j] = judged[4 + j] / ticks
-        left[i] -= 1
-        if left[i] <= 0 or judged[2] != 0.0 or judged[3] != 0.0:
-            left[i] = min(left[i], 0)
-            ends = True
-    return ends
+    all_go_on = True
+    for i in range(len(states)):
+        if states[i] == FLOWN:
+            saw = carray(as_pointer(flights[i, SEEN]), seen.shape[1], np.float64)
+            judged = carray(as_pointer(flights[i, JUDGED]), JUDGED_SIZE, np.float64)
+            for j in range(seen.shape[1]):
+                seen[i, j] = saw[j]
+            count = judged[0]
+            reward[i] = judged[1] / count
+            for j in range(values.shape[1]):
+                values[i, j] = judged[4 + j] / count
+            flights[i, LEFT] -= 1
+            if flights[i, LEFT] <= 0 or judged[2] != 0.0 or judged[3] != 0.0:
+                states[i] = ENDS
+        all_go_on &= states[i] == FLOWN
+    return not all_go_on
 
 
 class Share:
     """The environments `first` to before `first + len(envs)` of a vector.
 
-    Between the compiled ticks little Python runs, because caches are cold after 0.2 ms of compiled
-    code: one call writes all actions, another reads all results.
+    One compiled call flies all environments that need no Python, another reads all results.
     """
 
     def __init__(self, envs: list[ContactEnv], first: int, shared: Shared, same: bool) -> None:
@@ -81,8 +112,11 @@ class Share:
         self.actions, self.seen, self.last = (a[mine] for a in shared[:3])
         self.reward, self.values = shared.reward[mine], shared.values[mine]
         self.terminated, self.truncated = shared.terminated[mine], shared.truncated[mine]
-        self._left = np.zeros(n, np.int64)
-        self._places = np.zeros((n, 3), np.int64)
+        self._flights = np.zeros((n, FLIGHT), np.int64)
+        self._calls = np.zeros((n, CALL), np.int64)
+        self._states = np.zeros(n, np.int8)
+        self._are_free = [False] * n
+        self._ticks = envs[0].ticks
 
     def reset(self, seeds: list[int | None], options: dict[str, Any] | None) -> list[Info]:
         """Begin an episode in each environment."""
@@ -92,32 +126,41 @@ class Share:
         env = self.envs[i]
         self.seen[i], info = env.reset(seed=seed, options=options)
         self.reward[i], self.terminated[i], self.truncated[i] = 0.0, False, False
-        self._left[i] = env.steps_max
-        self._places[i] = [array.ctypes.data for array in env.places]
+        self._flights[i] = [a.ctypes.data for a in env.places] + [env.steps_max, 0]
+        self._calls[i], self._are_free[i] = build_call(env.vehicle), is_free(env.vehicle)
         return self.first + i, "reset", info
 
     def step(self) -> list[Info]:
         """Step each environment with its action, or reset it if its episode has ended."""
-        flown = [env.running for env in self.envs]
-        give_actions(self._places, self.actions)
-        for env, flies in zip(self.envs, flown, strict=True):
-            if flies:
-                env.fly()
-        ends = take_answers(self._places, self._left, self.seen, self.reward, self.values)
-        if not ends and not any(env.broken for env in self.envs):
+        if fly(self._flights, self._calls, self._states, self.actions, self._ticks):
+            for i in np.flatnonzero(self._states == PYTHON).tolist():
+                self._fly(i)
+        if not take_answers(self._flights, self._states, self.seen, self.reward, self.values):
             return []
         out: list[Info] = []
-        for i, (env, flies) in enumerate(zip(self.envs, flown, strict=True)):
-            if not flies:
+        for i in np.flatnonzero(self._states).tolist():
+            if self._states[i] == ENDED:
                 self.values[i] = 0.0
                 out.append(self._begin(i))
-            elif self._left[i] <= 0 or env.broken:
+            else:
                 out += self._end(i)
         return out
 
+    def _fly(self, i: int) -> None:
+        """Fly a step in Python, and count the ticks after it that need none."""
+        env = self.envs[i]
+        env.fly()
+        self._states[i] = FAILED if env.broken else FLOWN
+        self._flights[i, FREE] = count_free_ticks(env.vehicle) if self._are_free[i] else 0
+
     def _end(self, i: int) -> list[Info]:
         env = self.envs[i]
-        self.seen[i], reward, terminated, truncated, info = env.conclude()
+        if self._states[i] == FAILED:
+            env.broken = env.broken or str(explain(env.vehicle))
+        self.seen[i], reward, terminated, truncated, info = env.conclude(
+            self._flights[i, LEFT].item() <= 0
+        )
+        self._flights[i, LEFT] = 0
         self.values[i] = [info.get(value.name, 0.0) for value in env.values]
         out: list[Info] = [(self.first + i, "ended", info)]
         if self.same:
