@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import importlib
+import json
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -15,11 +16,15 @@ NUMBERS = tomllib.loads((ROOT / "docs" / "numbers.toml").read_text(encoding="utf
 
 
 def read_names(number: dict[str, str]) -> dict[str, Any]:
-    """What the expression of a number may use: rows of a file of results, or a module's names."""
+    """Return what an expression may use: the content of a file of results, or a module's names."""
     if "module" in number:
         return dict(vars(importlib.import_module(number["module"])))
-    with (ROOT / number["file"]).open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    path = ROOT / number["file"]
+    text = path.read_text(encoding="utf-8")
+    if path.suffix == ".json":
+        return {"found": json.loads(text)}
+    lines = text.splitlines()
+    rows = [json.loads(x) for x in lines] if path.suffix == ".jsonl" else [*csv.DictReader(lines)]
     assert rows
     return {"rows": rows}
 
