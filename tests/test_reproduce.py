@@ -21,7 +21,7 @@ from skywright.evidence.reproduce.cache import Cache, Record
 from skywright.evidence.reproduce.flights import build_description, describe_content
 from skywright.evidence.reproduce.load import DATA, list_papers, load_claims
 from skywright.evidence.reproduce.measures import MEASURES
-from skywright.evidence.reproduce.series import band_rms, ring_growth, smooth
+from skywright.evidence.reproduce.series import band_rms, ring_growth, ring_remaining, smooth
 from skywright.evidence.reproduce.spec import Case, Claim
 from skywright.evidence.reproduce.spec import judge as judge_claim
 
@@ -133,6 +133,18 @@ def test_growth_of_a_ringing_tip(rate):
     assert ring_growth(tip + [0.3, 0.0, 0.1], 4.0, 20.0) == pytest.approx(rate, abs=0.1)
     tip[200:] = np.nan
     assert ring_growth(tip, 4.0, 20.0) == math.inf
+
+
+@pytest.mark.parametrize("rate", [-0.7, 0.0, 0.3])
+def test_share_of_a_ringing_that_remains(rate):
+    """Sustained by limits or growing: it remains. Of 0.5 s at the ends, 5.35 - 0.5 - 0.2 s apart."""
+    t = np.arange(600) / 100.0
+    tip = 1e-3 * np.exp(rate * t)[:, None] * np.sin(2 * np.pi * 28.0 * t)[:, None] * [1.0, 0.0, 0.5]
+    apart = (600 - 5 - 20 - 50) / 100.0
+    found = ring_remaining(tip + [0.3, 0.0, 0.1], 4.0, 45.0)
+    assert found == pytest.approx(math.exp(rate * apart), rel=0.03)
+    tip[200:] = np.nan
+    assert ring_remaining(tip, 4.0, 45.0) == math.inf
 
 
 def test_band_and_moving_mean():

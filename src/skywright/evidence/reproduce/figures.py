@@ -68,8 +68,7 @@ class Bars(NamedTuple):
 
 
 class Map(NamedTuple):
-    """Values in the cells of a grid, (rows, columns); negative and positive have different
-    colours."""
+    """Ratios in the cells of a grid, (rows, columns); colours tell those above the limit."""
 
     title: str
     x_label: str
@@ -77,6 +76,7 @@ class Map(NamedTuple):
     columns: Sequence[str]
     rows: Sequence[str]
     values: Array
+    limit: float
     value_label: str
     line_at: float | None = None  # column position of a vertical line, in cells
     line_label: str = ""
@@ -188,16 +188,16 @@ def _draw_bars(ax: Axes, bars: Bars) -> None:
 
 def _draw_map(ax: Axes, data: Map) -> None:
     values = np.asarray(data.values, float)
-    known = np.clip(values, -6.0, 6.0)
-    ax.imshow(known, cmap="RdBu_r", vmin=-6, vmax=6, aspect="auto", origin="lower", alpha=0.75)
+    known = np.clip(np.log10(np.maximum(values, 1e-9) / data.limit), -1.5, 1.5)
+    ax.imshow(known, cmap="RdBu_r", vmin=-1.5, vmax=1.5, aspect="auto", origin="lower", alpha=0.75)
     for r in range(values.shape[0]):
         for c in range(values.shape[1]):
             v = values[r, c]
-            text = "left" if np.isinf(v) else f"{v:+.1f}"
+            text = "lost" if np.isinf(v) else f"{v:.0%}"
             ax.text(
                 c, r, text, ha="center", va="center", fontsize=7.5,
-                color="white" if abs(v) > 4 else BLACK,
-                fontweight="bold" if v > 0 else "normal",
+                color="white" if abs(known[r, c]) > 1.0 else BLACK,
+                fontweight="bold" if v > data.limit else "normal",
             )  # fmt: skip
     ax.set_xticks(range(len(data.columns)), data.columns)
     ax.set_yticks(range(len(data.rows)), data.rows)

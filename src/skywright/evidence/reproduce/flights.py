@@ -56,7 +56,7 @@ CONTACT_FIELDS = (
 """Stored columns of missions with a force sensor, and of flight modes."""
 
 TAP = (1.0, 0.0, 1.0)  # N, on the probe's holder, for one mission tick (20 ms)
-RING = 3.0  # s, recorded after the tap
+RING = 6.0  # s, recorded after the tap
 LEFT = 0.5  # m, distance from the reference beyond which the platform counts as lost
 WATCH = 2.0  # s, recorded after a touch
 

@@ -16,6 +16,7 @@ from skywright.evidence.reproduce.series import (
     cut,
     phase_time,
     ring_growth,
+    ring_remaining,
     spectrum,
     tangential,
 )
@@ -24,7 +25,11 @@ from skywright.models.rigid_body import build_body_model, compute_body, posture
 from skywright.run.planning import plan_mission
 
 BAND = (4.0, 20.0)
-"""Hz, around the arm's first structural mode (8 to 10 Hz in free flight)."""
+"""Hz, around the arm's first structural mode (10 Hz in free flight)."""
+RING_BAND = (4.0, 45.0)
+"""Hz, of the vibration after a tap: with stiff servos the mode is at 28 Hz."""
+REMAINS = 0.25
+"""Share of the vibration after a tap that remains after 6 s in an unstable loop."""
 
 DAMPING_RATIOS = (0.5, 1.0, 2.0)
 """Kd in units of sqrt(Kp m), for the sweeps of the reduced model."""
@@ -96,7 +101,7 @@ def measure_vibration(records: Records) -> Measured:
     for role, label in labels.items():
         record = records[role][0]
         gains = np.array(record.info["gains"])
-        growth = np.array([ring_growth(tip, *BAND) for tip in record.arrays["tip"]])
+        growth = np.array([ring_growth(tip, *RING_BAND) for tip in record.arrays["tip"]])
         still = growth[0]  # the first gain is 0: no feedback to the arm
         rings.append(Curve(label, gains[1:], np.clip(growth[1:], -8.0, 8.0), "line+points"))
         unstable = gains[growth > 0.0]
@@ -236,7 +241,7 @@ def measure_reduced_displaced(records: Records) -> Measured:
 
 
 def measure_stability_map(records: Records) -> Measured:
-    """Growth of the tip's vibration in the full simulation: Kp, structural damping, two laws."""
+    """Vibration of the tip 6 s after a tap in the full simulation: Kp, damping, two laws."""
     rows = ("damping_00", "damping_01", "damping_03")
     groups = {
         "tip_shipped": "tip only, as shipped",
@@ -246,39 +251,39 @@ def measure_stability_map(records: Records) -> Measured:
     }
     model = build_elastic(load_description("pipe-weld-scan").robot)
     stiffness = model.k
-    ring = records["displaced_ideal_damping_00"][0].arrays["tip"][0]
-    f, power = spectrum(ring)
-    inside = (f > BAND[0]) & (f < BAND[1])
     values: dict[str, float] = {
         "stiffness": stiffness,
         "reduced_hz": model.frequency / (2.0 * math.pi),
-        "mode_hz": float(f[inside][np.argmax(power[inside])]),
     }
+    for kind in ("shipped", "ideal"):
+        f, power = spectrum(records[f"displaced_{kind}_damping_00"][0].arrays["tip"][0])
+        inside = (f > RING_BAND[0]) & (f < RING_BAND[1])
+        values[f"{kind}_hz"] = float(f[inside][np.argmax(power[inside])])
     panels: list[Part] = []
     for group, title in groups.items():
         gains = np.array(records[f"{group}_{rows[0]}"][0].info["gains"])
-        growth = np.array([
-            [ring_growth(tip, *BAND) for tip in records[f"{group}_{row}"][0].arrays["tip"]]
+        left = np.array([
+            [ring_remaining(tip, *RING_BAND) for tip in records[f"{group}_{row}"][0].arrays["tip"]]
             for row in rows
         ])  # fmt: skip
-        values[f"{group}_unstable"] = float(np.mean(growth > 0.0))
-        values[f"{group}_worst"] = float(np.max(growth))
-        values[f"{group}_first"], values[f"{group}_last"] = growth[0, 0], growth[0, -1]
-        unstable = gains[np.any(growth > 0.0, axis=0)]
+        values[f"{group}_unstable"] = float(np.mean(left > REMAINS))
+        values[f"{group}_undamped_unstable"] = float(np.mean(left[0] > REMAINS))
+        values[f"{group}_worst"] = float(np.max(left))
+        unstable = gains[np.any(left > REMAINS, axis=0)]
         values[f"{group}_from"] = float(unstable[0]) if len(unstable) else math.inf
-        below = growth[:, gains < stiffness]
-        values[f"{group}_stable_below"] = float(np.mean(below < 0.0))
+        below = left[:, gains < stiffness]
+        values[f"{group}_stable_below"] = float(np.mean(below < REMAINS))
         at = float(np.interp(stiffness, gains, np.arange(len(gains))))
         panels.append(
             Map(
                 title, "Kp (N/m)", "structural damping ratio", [f"{g:g}" for g in gains],
-                ["0", "0.01", "0.03"], growth, "growth of the ringing (1/s)",
+                ["0", "0.01", "0.03"], left, REMAINS, "vibration that remains after 6 s",
                 at if gains[0] < stiffness < gains[-1] else None, "elastic stiffness",
             )
         )  # fmt: skip
     caption = (
-        "The full simulation at the stand-off, after a tap on the probe. Blue dies out, red grows. "
-        "Ideal actuators: rotors ten times as fast, servos that hold like a rock."
+        "The full simulation at the stand-off, after a tap on the probe. Blue decays, red does not "
+        "(more than a quarter remains). Ideal actuators: rotors ten times as fast, stiff servos."
     )
     return Measured(values, ClaimFigure(panels, caption))
 

@@ -95,6 +95,20 @@ def ring_envelope(tip: Array, low: float, high: float) -> tuple[Array, Array]:
     return times, envelope
 
 
+def ring_remaining(tip: Array, low: float, high: float) -> float:
+    """Return the vibration (n, 3) at the end of a record relative to that at its start.
+
+    The rms within a band (Hz) over the last 0.5 s and the first; inf: robot lost. A vibration that
+    limits sustain does not grow, but remains.
+    """
+    if np.any(np.isnan(tip)):
+        return float("inf")
+    sos = butter(2, [low, high], "band", fs=RATE, output="sos")
+    size = np.linalg.norm(sosfiltfilt(sos, tip, axis=0), axis=1)[5:-20]  # without end effects
+    first, last = (np.sqrt(np.mean(part**2)) for part in (size[:50], size[-50:]))
+    return float(last / first)
+
+
 def ring_growth(tip: Array, low: float, high: float) -> float:
     """Return the growth rate (1/s) of the tip's vibration (n, 3); negative decays, inf: robot lost.
 
