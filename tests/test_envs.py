@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import gc
+import math
 import warnings
 import weakref
 from collections.abc import Iterator
@@ -33,9 +34,12 @@ from skywright.analysis.envs.weld_press import SeeContact
 from skywright.analysis.envs.worker import Share
 from skywright.errors import InputError, SimulationError
 from skywright.run.backends import build_vehicle
-from skywright.vehicle.bus import Reference, Truth
+from skywright.vehicle.assembly import BLOCK, FAST_BLOCK
+from skywright.vehicle.bus import Clock, Reference, Truth
 from skywright.vehicle.component import Out
+from skywright.vehicle.free_ticks import count_free_ticks, is_free
 from skywright.vehicle.plant import MISSION_TICK
+from skywright.vehicle.recorder import SAMPLES, SAMPLES_A_TICK, Recorder
 
 NO_SURVEY = ("mission.task.survey=false", *(f"plant.map_error_{x}=0" for x in ("m", "deg")))
 QUICK: dict[str, tuple[str, ...]] = {
@@ -195,6 +199,8 @@ def test_a_vector_gives_the_infos_of_gymnasiums(mode: str, monkeypatch: pytest.M
     for a, b in zip(mine, theirs, strict=True):
         np.testing.assert_equal(a[-1], b[-1])
         np.testing.assert_array_equal(a[0], b[0])
+        for ours, others in zip(a[1:-1], b[1:-1], strict=True):  # reward, terminated, truncated
+            np.testing.assert_array_equal(ours, others)
     infos = [x[-1] for x in mine[1:]]
     assert all("force_n" in x for x in infos[0]) and "force_n" not in infos[4][1]
     assert "state" in infos[3 if mode == "next_step" else 2][0]
@@ -202,26 +208,73 @@ def test_a_vector_gives_the_infos_of_gymnasiums(mode: str, monkeypatch: pytest.M
     assert last["reason"] == DIVERGED and "the state is not finite" in last["why"]
 
 
-def test_a_vector_flies_as_its_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("ticks", "in_python"), [(1, [0, 100, 120]), (3, [0, 33, 40])])
+def test_a_vector_flies_as_its_environment(
+    ticks: int, in_python: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Also where random numbers are drawn and samples delivered, which needs Python."""
-    env, called = build("WeldPress"), list[int]()
-    real = Share._fly
-    monkeypatch.setattr(Share, "_fly", lambda share, i: (called.append(i), real(share, i))[0])
-    vector = envs.VectorEnv(
-        "WeldPress", 1, workers=1, sets=QUICK["WeldPress"], states=2, episode_s=2.6
+    options: Any = {
+        "sets": QUICK["WeldPress"], "states": 2, "episode_s": 3.0, "ticks": ticks
+    }  # fmt: skip
+    env, called = envs.make("WeldPress", **options), list[int]()
+    real = Share._fly_in_python
+    monkeypatch.setattr(
+        Share, "_fly_in_python", lambda share, i: (called.append(len(rewards)), real(share, i))[1]
     )
-    rng = np.random.default_rng(5)
-    mine = [vector.reset(seed=5)[0][0]]
-    rewards = []
-    for _ in range(129):
+    vector = envs.VectorEnv("WeldPress", 1, workers=1, **options)
+    rng, steps = np.random.default_rng(5), 129 // ticks
+    mine, rewards = [vector.reset(seed=5)[0][0]], list[float]()
+    for _ in range(steps):
         action = rng.uniform(-1, 1, (1, 1)).astype(np.float32)
         seen, reward, terminated, truncated, _ = vector.step(action)
         assert not (terminated or truncated)
         mine.append(seen[0])
         rewards.append(reward[0])
-    theirs = fly(env, 5, 129)
+    theirs = fly(env, 5, steps)
     assert np.array_equal(np.array(mine), theirs[0]) and rewards == theirs[1]
-    assert 2 <= len(called) <= 6  # of 129 steps
+    assert called[: len(in_python)] == in_python
+
+
+def test_a_vector_ends_within_a_step_as_its_environment() -> None:
+    """The contact is lost after some of the 20 ticks of a step."""
+    options: Any = {"sets": QUICK["WeldPress"], "states": 2, "ticks": 20}
+    env = envs.make("WeldPress", **options)
+    vector = envs.VectorEnv("WeldPress", 1, workers=1, **options)
+    env.reset(seed=1), vector.reset(seed=1)
+    away = np.array([-1.0], np.float32)
+    for _ in range(env.steps_max):
+        mine, theirs = vector.step(away[None]), env.step(away)
+        assert [x[0] for x in mine[1:4]] == list(theirs[1:4])
+        np.testing.assert_array_equal(mine[0][0], theirs[0])
+        if theirs[2]:
+            break
+    assert theirs[4]["reason"] == mine[4]["reason"][0] == "contact lost"
+    assert env.vehicle.t == vector._mine.envs[0].vehicle.t  # type: ignore[union-attr]
+    assert int(env._judged[0]) % 200 != 0  # control ticks of the last step
+
+
+def test_free_ticks_end_with_random_numbers_or_room() -> None:
+    vehicle = build("WeldPress").starts[0].vehicle
+    saved, clock = vehicle.save(), vehicle.assembly.get(Clock)
+    samples: Any = vehicle.find(Recorder)._me
+    n, fast = vehicle.n_ticks, vehicle.n_ticks * vehicle.n_steps
+    for block, steps, rows, free in (
+        (BLOCK - 5 * n, 0, 0, 5), (BLOCK - 5 * n + 1, 0, 0, 4), (0, FAST_BLOCK - 7 * fast, 0, 7),
+        (0, 0, SAMPLES - SAMPLES_A_TICK - 6, 3), (0, 0, SAMPLES, 0), (BLOCK, FAST_BLOCK, 0, 0),
+    ):  # fmt: skip
+        clock["block"], clock["fast"], samples.n = block, steps, rows
+        assert count_free_ticks(vehicle) == free
+    vehicle.restore(saved)
+    assert is_free(vehicle)
+    vehicle.watchdog._due = 1.0
+    assert count_free_ticks(vehicle) == 0
+    vehicle.watchdog._due = math.inf
+    vehicle.n_ticks = 2.5  # as 20 ms at 125 Hz
+    assert not is_free(vehicle)
+    vehicle.n_ticks = n
+    vehicle.interactive = True
+    assert not is_free(vehicle)
+    vehicle.interactive = False
 
 
 def test_the_force_that_is_judged_is_the_plants_and_more_push_gives_more() -> None:

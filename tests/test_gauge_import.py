@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -98,6 +99,19 @@ def test_the_dates_of_a_table_are_inspections(tmp_path: Path) -> None:
         ("spot,Dicke [mm],Dicke [in]\n1,9,0.25\n", "value=Dicke[in]", 6.35),
         ("spot,Dicke (max),Dicke (min)\n1,9,6.1\n", "value=Dicke (min)", 6.1),
         ("spot;thickness [mm]\n1;6,1\n", None, 6.1),
+        ("spot,thickness_inches\n1,0.25\n", None, 6.35),
+        ("spot,Wall (inch)\n1,0.25\n", "value=Wall[in]", 6.35),
+        ("spot,Wall [in]\n1,0.25\n", "value=Wall[inches]", 6.35),
+        ("spot,Dicke [Zoll]\n1,0.25\n", "value=Dicke[in]", 6.35),
+        ("spot,Wall_us\n1,6.1\n", "value=Wall_us[mm]", 6.1),  # ultrasound
+        ("spot,thickness_um,unit\n1,6100,µm\n", None, 6.1),
+        ("spot,thickness,unit\n1,6.1,Millimetre\n", None, 6.1),
+        ("spot,thickness_in,unit\n1,0.25,inches\n", None, 6.35),
+        ("spot,thickness_mm,Unit\n1,6.1,CDU-2\n", None, 6.1),
+        ("spot,thickness_mm,Unit\n1,6.1,H\n", None, 6.1),
+        ("spot,thickness_mm,thickness_mils\n1,6.1,240\n", None, 6.1),
+        ("spot,thickness_mm,thickness_us\n1,6.1,2.06\n", None, 6.1),
+        ("t_s,date_us,spot,thickness_mm\n0,03/01/2026,1,6.1\n", None, 6.1),
     ],
 )
 def test_the_value_has_the_unit_that_the_table_states(
@@ -108,6 +122,13 @@ def test_the_value_has_the_unit_that_the_table_states(
     assert row.reading.value == pytest.approx(mm) and row.reading.unit == "mm"
 
 
+def test_the_column_unit_is_that_of_columns_without_a_unit(tmp_path: Path) -> None:
+    """A value in inches, and u95 in mm by its own header."""
+    table = write(tmp_path / "g.csv", "spot,value,unit,u95_mm", "1,0.25,in,0.1")
+    ((row,), _) = load_readings(table, START)
+    assert row.reading.value == pytest.approx(6.35) and row.reading.u95 == pytest.approx(0.1)
+
+
 @pytest.mark.parametrize(
     ("text", "columns", "says"),
     [
@@ -116,7 +137,11 @@ def test_the_value_has_the_unit_that_the_table_states(
         ("spot,thickness_mm,thickness_mm\n1,6,9\n", "value=thickness_mm", "several columns"),
         ("x_m,x_mm,y_m,z_m,thickness_mm\n1,1,1,1,6\n", None, "two columns give x: x_m, x_mm"),
         ("t_s,time_utc,spot,thickness_mm\n1,2026-03-01,A,6\n", None, "two columns give t"),
-        ("spot,thickness_mils\n1,250\n", None, "the column thickness_mils is in mils"),
+        (
+            "spot,thickness_mils\n1,250\n",
+            None,
+            "the column thickness_mils states mil; valid units: m",
+        ),
         ("spot,thickness\n1,6.1\n", None, "the column thickness has no unit"),
         ("spot,value\n1,6.1\n", None, "the column value has no unit; valid: value_mm"),
         ("spot,thickness_mm,u95\n1,6.1,0.1\n", None, "the column u95 has no unit"),
@@ -133,23 +158,34 @@ def test_the_value_has_the_unit_that_the_table_states(
         ("t,spot,thickness_mm\n0001-01-01T00:00+14:00,1,9\n", None, "is no time"),
         ("time_utc,spot,thickness_mm\n20.5,1,9\n", None, "'20.5' is no time"),
         ("Time,spot,thickness_mm\n20.5,1,9\n", None, "or --columns t=Time[s] for times since"),
+        ("time_utc,spot,thickness_mm\n20.5,1,9\n", None, "or the header t_s for times since"),
+        ("Time (UTC),spot,thickness_mm\n20.5,1,9\n", None, "or the header t_s for times since"),
         ("date,t_s,spot,thickness_mm\n2026-03-01,1,A,6\n", None, "two columns give t: date, t_s"),
-        ("spot,thickness [mils]\n1,250\n", None, "is in mils; valid units: m, mm"),
+        ("spot,thickness [mils]\n1,250\n", None, "thickness [mils] states mil; valid units: m"),
         ("spot,Dicke [Zoll]\n1,0.25\n", "value=Dicke", "'Dicke [Zoll]' states no unit"),
-        ("spot,Wall (mil)\n1,250\n", "value=Wall", "give it as wall[UNIT] with one of m, mm"),
-        ("spot,Wall_mil\n1,250\n", "value=Wall_mil", "'Wall_mil' states no unit"),
-        ("spot,Wall [in]\n1,0.25\n", "value=Wall[mm]", "'Wall [in]' states in, but mm is given"),
-        ("spot,thickness_mm,unit\n1,0.25,in\n", None, "row 2: unit is 'in'; valid: mm, which"),
-        ("spot,W_mm\n1,6\n", "value=W_mm,u95=W_mm", "value and u95 are both 'W_mm'"),
-        ("spot,x,y [ft],z,thickness_mm\n1,1,1,1,6\n", None, "the column y [ft] is in ft; valid"),
+        ("spot,Wall (mil)\n1,250\n", "value=Wall", "'Wall (mil)' states mil; valid units: m, mm"),
+        ("spot,Wall_mil\n1,250\n", "value=Wall_mil", "'Wall_mil' states mil; valid units: m, mm"),
         (
-            "time [h],spot,thickness_mm\n1,1,6\n",
-            None,
-            "the column time [h] is in h; valid units: s",
+            "spot,Wall_mil\n1,250\n",
+            "value=Wall_mil[mm]",
+            "um, cm, in; convert the values, and corr",
         ),
-        ("spot,Wall (mil)\n1,250\n", "value=Wall (mil)", "give it as wall[UNIT] with one of m"),
-        ("X [ft],y_m,z_m,thickness_mm\n1,1,1,6\n", "x=X", "'X [ft]' states no unit"),
-        ("Time [h],spot,thickness_mm\n1,1,6\n", "t=Time", "'Time [h]' states no unit"),
+        ("spot,Wall (mil)\n1,250\n", "value=Wall[mm]", "'Wall (mil)' states mil; valid units"),
+        ("spot,Wall (inches)\n1,0.25\n", "value=Wall[mm]", "states in, but mm is given"),
+        ("Time [h],spot,thickness_mm\n1,1,6\n", "t=Time[s]", "'Time [h]' states h; valid units: s"),
+        ("spot,Dicke [Zoll]\n1,0.25\n", "value=Dicke", "give it as dicke[UNIT] with one of m, mm"),
+        ("spot,Wall [in]\n1,0.25\n", "value=Wall[mm]", "'Wall [in]' states in, but mm is given"),
+        ("spot,thickness_mm,unit\n1,0.25,in\n", None, "row 2: unit is 'in'; valid: mm, which the"),
+        ("spot,thickness_mm,Unit\n1,250,mils\n", None, "row 2: Unit is 'mils'; valid: mm, which"),
+        ("spot,W,unit\n1,0.25,in\n", "value=W[mm]", "mm, which the header or --columns states"),
+        ("spot,thickness,Unit\n1,6.1,CDU-2\n", None, "row 2: Unit is 'CDU-2'; valid: m, mm"),
+        ("spot,W_mm\n1,6\n", "value=W_mm,u95=W_mm", "value and u95 are both 'W_mm'"),
+        ("spot,x,y [ft],z,thickness_mm\n1,1,1,1,6\n", None, "the column y [ft] states ft; valid"),
+        ("time [h],spot,thickness_mm\n1,1,6\n", None, "time [h] states h; valid units: s, ms, min"),
+        ("date_us,spot,thickness_mm\n03/01/2026,1,6\n", None, "date_us states us; valid units: s"),
+        ("spot,Wall (mil)\n1,250\n", "value=Wall (mil)", "'Wall (mil)' states mil; valid"),
+        ("X [ft],y_m,z_m,thickness_mm\n1,1,1,6\n", "x=X", "'X [ft]' states ft; valid units: m"),
+        ("Time [h],spot,thickness_mm\n1,1,6\n", "t=Time", "'Time [h]' states h; valid units: s"),
         ("spot,Dicke [mm],dicke\n1,6,9\n", "value=Dicke (max)", "no column 'dicke (max)'"),
         ("spot,Dicke [mm],Dicke (mm)\n1,6,9\n", "value=Dicke[mm]", "several columns 'dicke'"),
         ("spot;thickness_mm;u95_mm\n1;9,1;0.1\n", None, "both , and . (such as 9,1 and 0.1)"),
@@ -196,6 +232,21 @@ def test_times_of_a_named_unit_count_from_the_start(tmp_path: Path) -> None:
     table = write(tmp_path / "g.csv", "time [ms],spot,thickness_mm", "0,1,9", "2500,1,9")
     rows, _ = load_readings(table, START)
     assert (rows[1].time - START).total_seconds() == pytest.approx(2.5)
+
+
+@pytest.mark.parametrize(
+    ("header", "columns"),
+    [("Time", "t=Time[s]"), ("Clock (local)", "t=Clock[s]"), ("t_s", None)],
+)
+def test_numbers_are_times_as_the_refusal_of_a_time_advises(
+    tmp_path: Path, header: str, columns: str | None
+) -> None:
+    table = write(tmp_path / "g.csv", f"{header},spot,thickness_mm", "20.5,1,9")
+    ((row,), _) = load_readings(table, START, columns)
+    assert (row.time - START).total_seconds() == pytest.approx(20.5)
+    if columns is not None:
+        with pytest.raises(InputError, match=re.escape(f"--columns {columns} for times since")):
+            load_readings(table, START, columns.replace("[s]", "[utc]"))
 
 
 def test_exports_of_a_spot_hold_the_same_readings(tmp_path: Path) -> None:
@@ -359,17 +410,31 @@ def test_a_wrong_target_is_refused_before_anything_is_stored(tmp_path: Path) -> 
     assert add(db, table)[0] == 0
 
 
-def test_a_report_of_several_flights_names_them(tmp_path: Path) -> None:
-    db = tmp_path / "h.db"
-    table = write(
-        tmp_path / "g.csv", "t,spot,thickness_mm,u95_mm", "2015-03-01,1,9.0,0.1",
-        "2020-03-01,1,8.0,0.1",
-    )  # fmt: skip
-    code, out = add(db, table, "--report", tmp_path / "r.html")
-    flights = [f.id for f in list_flights(db)]
-    assert code == 2 and len(flights) == 2
-    assert f"is stored as {', '.join(flights)}: give one of them as --flight" in out
-    code, out = call(db, "--flight", flights[0], "--report", tmp_path / "r.html")
+@pytest.mark.parametrize("option", ["--report", "--dicom"])
+@pytest.mark.parametrize(
+    ("table", "shown"),
+    [
+        (
+            "t,spot,thickness_mm,u95_mm\n2015-03-01,1,9,0.1\n2020-03-01,1,8,0.1\n",
+            "2 flights (2015-03-01, 2020-03-01)",
+        ),
+        (
+            "origin,spot,thickness_mm,u95_mm\nmeasured,1,9,0.1\nSIMULATED,1,8,0.1\n",
+            "2 flights (2026-03-01, 2026-03-01 SIMULATED)",
+        ),
+    ],
+)
+def test_an_export_of_one_flight_refuses_several_before_they_are_stored(
+    tmp_path: Path, option: str, table: str, shown: str
+) -> None:
+    db, source = tmp_path / "h.db", write(tmp_path / "g.csv", table)
+    target = tmp_path / {"--report": "r.html", "--dicom": "r.dcm"}[option]
+    code, out = add(db, source, option, target)
+    assert code == 2 and shown in out and "give one flight as --flight" in out, out
+    assert list_flights(db) == []
+    # the message states what to do
+    assert add(db, source)[0] == 0
+    code, out = call(db, "--flight", list_flights(db)[0].id, "--report", tmp_path / "r.html")
     assert code == 0 and (tmp_path / "r.html").exists(), out
 
 

@@ -29,6 +29,7 @@ from skywright.cli import main
 from skywright.description.loader import load_description
 from skywright.description.robot.loader import load_robot
 from skywright.description.robot.spec import Robot
+from skywright.errors import InputError
 from skywright.models.rigid_body import build_body_model, compute_body, posture
 from skywright.planning.excitation import Excitation, build_sines, plan_excitation, share_lines
 from skywright.run.setup import Setup
@@ -158,6 +159,13 @@ def test_a_gap_of_a_recording_is_not_flown() -> None:
     assert log.notes == ("2.0 s of flight lie in gaps of the log: not used",)
     assert not log.free[(log.t > 10.0) & (log.t < 12.0)].any()
     assert log.free[((log.t > 2.0) & (log.t < 9.9)) | (log.t > 12.01)].all()
+
+
+def test_a_recording_with_one_wrong_time_is_refused() -> None:
+    exact = make_log(20.0, rate=100.0)
+    late = exact._replace(t=np.append(exact.t[:-1], 86400.0))
+    with pytest.raises(InputError, match="uneven: its 2000 samples span 86400 s at 100 Hz"):
+        sample(late, np.arange(2000))
 
 
 def test_lag_of_a_first_order_response() -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from skywright.analysis.identify.flight_log import MOST, SPARSE, build_axis
 from skywright.analysis.identify.table import estimate_attitude, load_table
 from skywright.core.rotations import exp_so3
 from skywright.description.robot.loader import load_robot
@@ -122,6 +123,37 @@ def test_tables_that_cannot_be_used(change: dict[str, Any], said: str, tmp_path:
         load_table(path, ROBOT)
     with pytest.raises(InputError, match="give --robot"):
         load_table(path, None)
+
+
+def test_one_wrong_time_is_refused_with_the_span_that_it_makes(tmp_path: Path) -> None:
+    table, _ = build(50)  # 0.196 s at 250 Hz: 20 times 50 samples are 4 s
+    table["t_s"][-1] += 500.0
+    said = (
+        r"a\.csv: its 50 samples span 500\.196 s at 250 Hz; valid: up to 4 s\. The largest step is "
+        r"500 s, 0\.192 s after the first sample: remove samples with wrong times, or split the log"
+    )
+    with pytest.raises(InputError, match=said):
+        load_table(write(tmp_path / "a.csv", table), ROBOT)
+
+
+def test_slow_rows_are_told_by_their_rate(tmp_path: Path) -> None:
+    table, _ = build(50)
+    table["t_s"] = 0.5 * np.arange(50)
+    with pytest.raises(InputError, match=r"2 rows a second; at least 10 are needed"):
+        load_table(write(tmp_path / "a.csv", table), ROBOT)
+
+
+def test_the_time_axis_has_a_largest_number_of_samples() -> None:
+    """Relative to the log's samples, and absolute, even for a log without a gap."""
+    stamps = 0.01 * np.arange(100)
+    assert len(build_axis("log", stamps)) == 99
+    stamps[-1] = 0.99 * SPARSE
+    assert len(build_axis("log", stamps)) == 99 * SPARSE
+    stamps[-1] = 1.02 * SPARSE
+    with pytest.raises(InputError, match=r"log: its 100 samples span 20\.4 s at 100 Hz; valid"):
+        build_axis("log", stamps)
+    with pytest.raises(InputError, match=f"valid: up to {MOST} s"):
+        build_axis("log", np.arange(MOST + 2.0))
 
 
 def test_the_example_reads_a_log_and_finds_the_model_that_made_it(tmp_path: Path) -> None:

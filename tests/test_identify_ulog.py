@@ -226,6 +226,17 @@ def test_ulog_that_lacks_something(change: Any, said: str, made: FlightLog, tmp_
         load_log(path, ROBOT)
 
 
+def test_ulog_with_one_wrong_time_is_refused(made: FlightLog, tmp_path: Path) -> None:
+    """30 s at 100 Hz: the axis may span 20 times as much."""
+    topics = ulog_topics(made)
+    rates = topics["vehicle_angular_velocity"]
+    rates["timestamp"] = np.append(rates["timestamp"][:-1], 12.5 + 86400.0)
+    path = write_ulog(tmp_path / "flight.ulg", topics)
+    said = r"flight\.ulg: vehicle_angular_velocity: its 3000 samples span 86400 s at 100 Hz"
+    with pytest.raises(InputError, match=said + r"; valid: up to 600 s"):
+        load_log(path, ROBOT)
+
+
 def test_ulog_of_another_robot(made: FlightLog, tmp_path: Path) -> None:
     path = write_ulog(
         tmp_path / "flight.ulg", ulog_topics(made), rotor_parameters([0, 1, 2, 3, 4, 4])

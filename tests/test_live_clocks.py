@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from skywright.analysis.locate.trajectory_file import load_trajectory
 from skywright.links.live.odometry import pack_odometry
 from skywright.links.live.packets import Sample, format_line, pack_pose
 from skywright.links.live.receiver import CLOCKS_MAX, Arrived, LiveReceiver
-from skywright.links.live.recorder import ROWS_MIN, LiveRecorder
+from skywright.links.live.recorder import ROWS_MIN, LiveRecorder, record
 from skywright.links.mavlink.stream import MavlinkStream
 
 PLACE = (0.0, 0.0, 0.0)
@@ -75,6 +76,79 @@ def test_a_scan_omits_a_time_that_later_ones_disprove(tmp_path: Path, ahead: flo
     np.testing.assert_allclose(scan["x_m"], scan["re"], atol=1e-6)
     path = load_trajectory(str(tmp_path / "a" / "tip.csv"))
     np.testing.assert_allclose(path.p[:, 0] - path.p[0, 0], path.t - path.t[0], atol=1e-6)
+
+
+def test_a_stream_that_ends_when_its_clock_is_set_ahead_moves_no_other(tmp_path: Path) -> None:
+    """Its last sample is held until the end. The tip's newer offset remains."""
+    bench, recorder = Bench(), LiveRecorder(tmp_path / "a")
+    for k in range(200):
+        bench.t, t = 100.0 + 0.01 * k, 0.01 * k + (3600.0 if k >= 100 else 0.0)
+        sent = [
+            format_line(Sample("SKYEC", "eddy", 8, k, 0.01 * k, (0.01 * k, 0.0))),
+            pack_pose(Sample("position", "tip", 7, k, t, (0.01 * k, 0.0, 0.0))),
+        ]
+        if k <= 100:
+            sent.append(format_line(Sample("SKYFT", "wrench", 7, k, t, (0.0,) * 6)))
+        for data in sent:
+            for arrived in bench.send(data):
+                recorder.write(arrived)
+    wrench, scan = (
+        np.genfromtxt(
+            next(p for p in recorder.finish() if p.name == name), delimiter=",", names=True
+        )
+        for name in ("wrench.csv", "scan.csv")
+    )
+    bench.receiver.close()
+    assert wrench["t_s"][-1] == pytest.approx(3601.0)
+    assert len(scan) > 97 and scan["t_s"][0] == pytest.approx(101.0, abs=0.011)
+    np.testing.assert_allclose(scan["x_m"], scan["re"], atol=1e-6)
+
+
+def test_a_dropped_time_is_refused_and_no_sample(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench, recorder = Bench(), LiveRecorder(tmp_path / "a")
+    polls = [[], *([("tip", k, 1e6 if k == 3 else 0.01 * k)] for k in range(6))]
+
+    def poll() -> list[Arrived]:
+        if not polls:
+            raise KeyboardInterrupt
+        bench.t += 0.01
+        return [a for name, n, t in polls.pop(0) for a in bench.send_pose(name, n, t)]
+
+    monkeypatch.setattr(bench.receiver, "poll", poll)
+    record(bench.receiver, recorder, math.inf, math.inf)
+    (file,) = recorder.finish()
+    bench.receiver.close()
+    stream = bench.receiver.find("tip")
+    assert stream is not None and stream.count == len(file.read_text().splitlines()) - 1 == 5
+    assert bench.receiver.counts == {"clock": 1}
+    assert bench.receiver.describe_refused()[0].startswith("1 refused: a sample whose time")
+
+
+def test_an_interrupt_writes_no_row_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C comes after the first of three rows was written."""
+    bench, recorder = Bench(), LiveRecorder(tmp_path / "a")
+    append = LiveRecorder._append
+
+    def interrupt(self: LiveRecorder, arrived: Arrived) -> None:
+        append(self, arrived)
+        monkeypatch.undo()
+        raise KeyboardInterrupt
+
+    times = [0.0, 0.01, 50.0, 50.0, 50.01]  # the clock is set ahead
+    for k, t in enumerate(times):
+        bench.t += 0.01
+        (arrived,) = bench.send_pose("tip", k, t)
+        if k < 4:
+            recorder.write(arrived)
+    monkeypatch.setattr(LiveRecorder, "_append", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        recorder.write(arrived)
+    (file,) = recorder.finish()
+    bench.receiver.close()
+    written = np.genfromtxt(file, delimiter=",", names=True)
+    np.testing.assert_allclose(written["t_s"], times)
 
 
 def test_a_scan_is_written_after_more_clock_numbers_than_the_receiver_keeps(

@@ -35,7 +35,7 @@ from skywright.planning import problem
 from skywright.planning.checks import Trace, check_dynamics
 from skywright.planning.configurations import compute_manipulability
 from skywright.planning.excitation import Excitation, _build_rows, _from_angles, share_lines
-from skywright.planning.inverse_dynamics import build_loads
+from skywright.planning.inverse_dynamics import Loads, build_loads, compute_thrusts
 from skywright.planning.inverse_kinematics import (
     build_state,
     build_target,
@@ -196,6 +196,57 @@ def test_each_joint_s_acceleration_moves_the_centre_of_mass() -> None:
     force = loads.B[:3] @ trace.thrust[: len(rotors.axis)]
     mass = model.mass0 + model.mass[: model.n_links].sum()
     np.testing.assert_allclose(force, moved + [0.0, 0.0, mass * model.gravity], atol=1e-6)
+
+
+# Wind for which a plan reserves thrust
+
+
+@pytest.mark.parametrize(
+    ("v_W", "air_W"),
+    [
+        ([0.0, 0.0, 0.0], [-4.0, 0.0, 0.0]),  # it hovers: the wind itself
+        ([3.0, 0.0, 0.0], [-7.0, 0.0, 0.0]),  # it flies against the wind
+        ([-4.0, 0.0, 0.0], [0.0, 0.0, 0.0]),  # it drifts with the wind
+    ],
+)
+def test_the_rotors_hold_against_the_drag_of_the_wind(v_W: list[float], air_W: list[float]) -> None:
+    """Wind of 4 m/s towards -x of W drives the body there: rho / 2 C_D A |v| v along its y."""
+    setup = Setup(load_description("pipe-weld-scan", "othex"))
+    rotors, area = setup.rotors, np.array([0.02, 0.05, 0.09])
+    wind = np.array([-4.0, 0.0, 0.0])
+    loads = build_loads(setup.allocator, rotors.position, rotors.axis, 0.0, 1.0, area, 1.2, wind)
+    R = Rotation.from_rotvec([0.0, 0.0, math.pi / 2.0]).as_matrix()  # y of B points to -x of W
+    f, t, thrust = np.array([0.0, 0.0, 20.0]), np.zeros(3), np.zeros(len(rotors.axis))
+    compute_thrusts(loads, R, np.array(v_W), np.zeros(3), f, t, thrust)
+    drag = 0.5 * 1.2 * 0.05 * np.linalg.norm(air_W) * np.array(air_W)
+    np.testing.assert_allclose(R @ (loads.B[:3] @ thrust), [0.0, 0.0, 20.0] - drag, atol=1e-9)
+    np.testing.assert_allclose(loads.B[3:] @ thrust, 0.0, atol=1e-9)
+
+
+def test_the_rotors_in_the_lee_carry_the_moment_of_the_drag_on_the_hubs() -> None:
+    """Hubs at a height h over B: drag D on them in -x is a moment h D that raises the bow.
+
+    A rotor at -r carries h D / 2 r more than its share, one at +r as much less. The platform leans:
+    all rotors together lift the root of the squares of weight and drag. The drag on the body, 3 N,
+    acts at B.
+    """
+    r, h, weight, k_f, c, speed = 0.4, 0.1, 40.0, 1e-5, 2e-4, 5.0
+    axis = np.tile([0.0, 0.0, 1.0], (4, 1))
+    position = np.array([[r, 0.0, h], [0.0, r, h], [-r, 0.0, h], [0.0, -r, h]])
+    spin = np.array([1.0, -1.0, 1.0, -1.0])
+    B = np.vstack([axis.T, np.cross(position, axis).T + 0.02 * spin * axis.T])
+    P = np.zeros((4, 6))
+    P[:, 2:] = np.linalg.inv(B[2:])
+    loads = Loads(
+        B, P, np.zeros(4), np.full(4, 20.0), 0, np.zeros(4), position, axis, k_f, c,
+        np.array([0.2, 0.0, 0.0]), 1.2, np.array([-speed, 0.0, 0.0]),
+    )  # fmt: skip
+    f, t, thrust = np.array([0.0, 0.0, weight]), np.zeros(3), np.zeros(4)
+    margin, worst = compute_thrusts(loads, np.eye(3), np.zeros(3), np.zeros(3), f, t, thrust)
+    drag = 4.0 * c * math.sqrt(weight / 4.0 / k_f) * speed
+    lift, more = math.hypot(weight, drag + 3.0) / 4.0, h * drag / (2.0 * r)
+    np.testing.assert_allclose(thrust, [lift - more, lift, lift + more, lift], rtol=1e-12)
+    assert worst == 2 and margin == pytest.approx((20.0 - lift - more) / 20.0)
 
 
 @pytest.mark.parametrize("phi0", [0.0, 3.1, -3.1, -3.5, 4.7, -9.4])  # the angle is periodic

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -16,8 +19,10 @@ from exact_map import EXACT
 from skywright.core.rotations import exp_so3, quat_from_rot
 from skywright.core.types import MAX_JOINTS, REFERENCE
 from skywright.description.loader import load_description
+from skywright.description.world.spec import World
 from skywright.description.world.surface import build_cylinder, unroll_points
 from skywright.errors import InputError
+from skywright.missions.bar_transport.plan import drop_bar
 from skywright.missions.scan import plan as scan_kind
 from skywright.models.body_records import Kinematics
 from skywright.models.geometry import build_clearance, compute_clearance
@@ -26,10 +31,18 @@ from skywright.models.rigid_body import build_body_model, compute_tip, fill_kine
 from skywright.models.scene import build_scene, set_pose
 from skywright.models.things.box import Box
 from skywright.planning.inverse_dynamics import compute_wrench
+from skywright.planning.motion import transport_plan
+from skywright.planning.motion.planner import plan_path
+from skywright.planning.motion.swing import compute_period as compute_swing_period
+from skywright.planning.motion.timing import TimeLimits
+from skywright.planning.motion.transport import Transport, build_transport
+from skywright.planning.motion.transport_plan import build_swing_model, plan_transport
 from skywright.planning.patterns import build_pattern, build_time_law, eval_time_law
 from skywright.planning.scan import ScanPlan
+from skywright.run.flight import Flight, Flown
 from skywright.run.localisation_limit import compute_longest_period
 from skywright.run.planning import MissionPlan, plan_mission
+from skywright.run.run import _evaluate
 from skywright.run.setup import Setup
 from skywright.vehicle.sensor_flight import CALIBRATION_SPEED
 
@@ -525,6 +538,69 @@ def test_waypoints_lead_around_what_is_in_the_way() -> None:
     assert np.all(np.diff(rows["t"]) > 0) and np.linalg.norm(rows[-1]["v_WB"]) < 1e-9
     again = plan_mission(d._replace(world=d.world.add_thing("c", crate)))
     assert np.array_equal(again.segments["waypoint 2"], rows)  # same seed, same way
+
+
+def test_the_numbers_of_a_climb_beside_a_crate_follow_by_hand(tmp_path: Path) -> None:
+    """4 m up: ramps of 1.875 (1 m/s) / a = 2 s and 1 m/s between them."""
+    a = 0.9375
+    sets = [
+        "mission.task.points=[{x_m=0,y_m=0,z_m=5.2,hold_s=0}]", "mission.hover_height_m=1.2",
+        "robot.platform.drag_area_z_m2=0", f"robot.control.acceleration_max_mps2={a}",
+    ]  # fmt: skip
+    d = load_description("waypoints", sets=sets)
+    crate = Box(  # its side is at 0.8 m
+        x_m=1.3, y_m=0.0, z_m=3.0, size_x_m=1.0, size_y_m=2.0, size_z_m=2.0
+    )  # fmt: skip
+    setup = Setup(d._replace(world=d.world.add_thing("crate", crate)))
+    found = plan_mission(setup.description, setup)
+    assert found.duration_s == pytest.approx(6.0)
+    none = np.zeros(0, [("t", float), ("phase", int)])
+    m = _evaluate(Flown(setup, found, none, []), Flight(False, "not flown"), "", tmp_path).metrics
+    rotors = d.robot.rotors
+    assert rotors.azimuth_deg[0] == 30.0
+    edge = rotors.radius_m * math.cos(math.radians(30.0)) + rotors.propeller_radius_m
+    assert m["plan.min_clearance_m"] == pytest.approx(0.8 - edge)
+    # six rotors share m (g - a) while it brakes, nearer to idle than m (g + a) to the limit
+    least = d.robot.platform.mass_kg * (9.81 - a) / 6.0
+    room = rotors.thrust_fraction * rotors.thrust_max_n - rotors.thrust_min_n
+    assert m["plan.min_rotor_margin"] == pytest.approx((least - rotors.thrust_min_n) / room)
+
+
+# transport ---------------------------------------------------------------------------------------
+
+
+def test_the_numbers_of_a_free_transport_follow_by_hand() -> None:
+    """4 m on a straight line with a = 0.5 m/s^2, for one period T of the pendulum each way.
+
+    Without friction a pendulum that hangs at rest swings to twice atan(a / g) and, after a period,
+    rests again: no swing is left when the robot brakes. The weight of a metre is 1.5; the hub's
+    top, half its height above z = 2 m, is nearest to the area's upper limit.
+    """
+    a, length = 0.5, 4.0
+    d = load_description("bar-transport", sets=["robot.pendulum.damping_nms_per_rad=0"])
+    robot, area = drop_bar(d.robot), d.world.area.model_copy(update={"z_max_m": 2.4})
+    way = Transport(goal=(length, 2.0, 0.0, -math.pi / 2.0), p1=1.5)
+    problem = build_transport(robot, World(name="empty", area=area), way)
+    period = compute_swing_period(build_swing_model(robot, problem), 0.0, -math.pi / 2.0, 9.81)
+    limits = TimeLimits(speed=a * period, acceleration=a / math.sqrt(0.75))
+    m = plan_transport(robot, problem, slices=1, limits=limits).file.metrics
+    assert m["plan.cost"] == m["plan.lower_bound"] == pytest.approx(1.5 * length)
+    assert m["plan.duration_s"] == pytest.approx(length / (a * period) + period, rel=1e-5)
+    swing = 2.0 * math.degrees(math.atan(a / 9.81))
+    assert m["plan.swing_max_deg"] == pytest.approx(swing, rel=2e-3)
+    assert m["plan.clearance_min_m"] == pytest.approx(0.4 - robot.platform.height_m / 2.0)
+
+
+def test_the_first_path_is_timed_apart_from_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A clock that goes on by 0.25 s at each reading: once for each of eight slices of work."""
+    readings = itertools.count()
+    timed = partial(plan_path, clock=lambda: 0.25 * next(readings))
+    monkeypatch.setattr(transport_plan, "plan_path", timed)
+    d = load_description("bar-transport")
+    robot = drop_bar(d.robot)
+    found = plan_transport(robot, build_transport(robot, d.world), slices=8)
+    assert len(found.path.history) > 1 and found.path.plan_s == 8 * 0.25
+    assert found.file.metrics["plan.first_solution_s"] == 0.25  # found in the first slice
 
 
 # other robots ------------------------------------------------------------------------------------

@@ -137,7 +137,7 @@ def test_growth_of_a_ringing_tip(rate):
 
 @pytest.mark.parametrize("rate", [-0.7, 0.0, 0.3])
 def test_share_of_a_ringing_that_remains(rate):
-    """Sustained by limits or growing: it remains. Of 0.5 s at the ends, 5.35 - 0.5 - 0.2 s apart."""
+    """The rms over the last 0.5 s and the first."""
     t = np.arange(600) / 100.0
     tip = 1e-3 * np.exp(rate * t)[:, None] * np.sin(2 * np.pi * 28.0 * t)[:, None] * [1.0, 0.0, 0.5]
     apart = (600 - 5 - 20 - 50) / 100.0

@@ -203,3 +203,15 @@ def test_a_defect_of_the_evaluation_leaves_a_judged_run_behind(tmp_path, monkeyp
 def test_a_cut_recording_keeps_how_its_phases_ended():
     events = [Event(0.0, "phase hold"), Event(1.0, "ended drawn back"), Event(1.0, "phase retract")]
     assert [p.outcome for p in _phases_of(events, 2.0)] == ["drawn back", "interrupted"]
+
+
+def test_a_phase_of_no_length_does_not_end_as_the_one_before_it():
+    events = [
+        Event(10.0, "phase carry"), Event(20.0, "ended failed"), Event(20.0, "phase retract"),
+        Event(20.0, "phase come home"),
+    ]  # fmt: skip
+    assert _phases_of(events, 30.0) == [
+        ("carry", 10.0, 20.0, "failed"),
+        ("retract", 20.0, 20.0, "done"),
+        ("come home", 20.0, 30.0, "interrupted"),
+    ]

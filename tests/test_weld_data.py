@@ -109,10 +109,14 @@ def test_columns_maps_the_names_and_units_of_another_header(tmp_path: Path, rows
         ("x=X[furlong]", "valid units: m, mm"),
         ("re=Real[V]", "valid units: none"),
         ("x=X,x=Y", "x is given twice"),
+        ("x=X,y=Y,re=Real,im=Imag,t=Time[s]", "'time [ms]' states ms, but s is given"),
         (spec + ",qw=W", "no column 'w'; found: time [ms], real"),
     ):
         with pytest.raises(InputError, match=re.escape(says)):
             load_scan(tmp_path / "s.csv", wrong)
+    write(tmp_path / "h.csv", [["Time [h]", *head[1:]], *table], ";")
+    with pytest.raises(InputError, match=r"'time \[h\]' states h; valid units: s, ms"):
+        load_scan(tmp_path / "h.csv", spec)
 
 
 def test_weld_is_found_in_other_draws_of_a_foreign_model(maker: ModuleType, tmp_path: Path) -> None:

@@ -152,15 +152,11 @@ def records_(
             flights = [import_run(file, run)]
         elif source is not None:
             flights, notes = _import(
-                store, source, structure, component, columns, lag, measured, required, registration
-            )
+                store, source, structure, component, columns, lag, measured, required,
+                registration, dicom is not None or report is not None,
+            )  # fmt: skip
         flight = flights[0] if len(flights) == 1 else None
         _check_names(store, structure=structure, spot=spot, component=component, flight=flight)
-        if len(flights) > 1 and (dicom is not None or report is not None):
-            raise InputError(
-                f"--dicom and --report state one flight; {source} is stored as "
-                f"{', '.join(flights)}: give one of them as --flight, without --import"
-            )
         if datums is not None:
             _register(store, datums, structure, flight, as_json)
             return
@@ -225,7 +221,7 @@ def _decide(store: RecordStore, text: str, who: str | None) -> None:
 def _import(
     store: RecordStore, source: Path, asset: str | None, component: str | None,
     columns: str | None, lag: float, measured: str | None, required: float | None,
-    registration: float | None,
+    registration: float | None, one_flight: bool,
 ) -> Imported:  # fmt: skip
     """Import a table."""
     from skywright.inspection.files.import_table import import_table
@@ -237,7 +233,7 @@ def _import(
         raise InputError("--import requires --measured UTC, such as 2026-03-01T12:00:00Z")
     return import_table(
         store, source, asset, component, parse_stamp(measured, "--measured"), columns=columns,
-        lag_s=lag, required_mm=required, registration_std_m=registration,
+        lag_s=lag, required_mm=required, registration_std_m=registration, one_flight=one_flight,
     )  # fmt: skip
 
 

@@ -14,8 +14,13 @@ from typing import NamedTuple
 from skywright.core.bounded import read_bytes
 from skywright.errors import InputError
 
-FOREIGN = {"mil", "mils", "thou", "inches", "ft", "feet", "yd", "nm", "km", "h", "hr", "us", "ns"}
-"""Units that a column's name may state and that not every quantity has."""
+FOREIGN = {"m": ("mil", "ft", "yd", "nm", "km"), "s": ("h", "us", "ns")}
+"""Units of lengths (quantities with the unit m) and times (s) that not every table can have."""
+SPELLINGS = {
+    "inch": "in", "inches": "in", "mils": "mil", "thou": "mil", "feet": "ft", "hr": "h",
+    "millimeter": "mm", "millimetre": "mm", "millimeters": "mm", "millimetres": "mm",
+}  # fmt: skip
+"""Other spellings of units."""
 MICRO = str.maketrans("\N{MICRO SIGN}\N{GREEK SMALL LETTER MU}", "uu")
 _NUMBER = re.compile(r"(?!\d+\.\d+\.\d)[-+]?[\d.,]+(?:[eE][-+]?\d+)?")
 """A number with a decimal comma or point; no date such as 01.03.2026."""
@@ -117,17 +122,28 @@ def plain_name(name: str) -> str:
     return re.sub(r"\[.*?\]|\(.*?\)|\s", "", name.lower().translate(MICRO))
 
 
+def plain_unit(unit: str) -> str:
+    """Return a unit in lower case, without other SPELLINGS, and with u for the letter µ."""
+    plain = unit.strip().lower().translate(MICRO)
+    return SPELLINGS.get(plain, plain)
+
+
+def list_foreign(units: Collection[str]) -> list[str]:
+    """Return the FOREIGN units of a quantity that is read in `units`."""
+    return [u for base, more in FOREIGN.items() if base in units for u in more if u not in units]
+
+
 def split_unit(name: str, units: Collection[str]) -> tuple[str, str]:
     """Split "Depth [mm]", "depth (mm)" or "depth_mm" into ("depth", "mm").
 
-    Returns the name in lower case and "" if it states none of the `units`. The letter µ is read as
-    u.
+    Returns the name in lower case and "" if it states none of the `units`. The unit is that of
+    `plain_unit`.
     """
     plain = name.strip().lower().translate(MICRO)
     match = re.fullmatch(
         r"(.*?[^\s_])(?:[\s_]*\[\s*(\w+)\s*\]|[\s_]*\(\s*(\w+)\s*\)|[\s_]+([^\W_]+))", plain
     )
-    unit = next(filter(None, match.groups()[1:]), "") if match else ""
+    unit = plain_unit(next(filter(None, match.groups()[1:]), "")) if match else ""
     return (match[1], unit) if match and unit in units else (plain, "")
 
 
@@ -141,7 +157,7 @@ def parse_columns(text: str, units: Mapping[str, Collection[str]]) -> dict[str, 
     for part in text.split(","):
         match = re.fullmatch(r"\s*(\w+)\s*=\s*([^\[\]]+?)\s*(?:\[\s*(\w*)\s*\])?\s*", part)
         what, name, unit = match.groups() if match else (part.strip()[:40], "", None)
-        unit = unit.translate(MICRO) if unit else unit
+        unit = plain_unit(unit or "")
         if not match or what not in units:
             raise InputError(
                 f"--columns: {what!r}; valid: QUANTITY=NAME[UNIT],... with a quantity of "
@@ -153,7 +169,7 @@ def parse_columns(text: str, units: Mapping[str, Collection[str]]) -> dict[str, 
             )
         if what in found:
             raise InputError(f"--columns: {what} is given twice")
-        found[what] = (name.lower(), unit or "")
+        found[what] = (name.lower(), unit)
     return found
 
 
@@ -203,9 +219,9 @@ def _find_column(
 ) -> tuple[int, str]:
     """Return the (index, unit) of `match_columns`.
 
-    Raises InputError unless it is one column, if its header states another unit than `unit`, and,
-    without a known unit, if the header may state one: by a part in brackets that is not in `name`,
-    or by one of FOREIGN, in brackets or as a suffix.
+    Raises InputError unless it is one column, if its header states a FOREIGN unit or another unit
+    than `unit`, and, without a known unit, if the header has a part in brackets that is not in
+    `name` and may be one.
     """
     fits = match_columns(header, name, unit, units)
     if len(fits) != 1:
@@ -214,17 +230,21 @@ def _find_column(
             + list_names(header)
         )
     index, found = fits[0]
-    stated = split_unit(header[index], units)[1]
-    if unit and stated and {stated, unit} not in ({unit}, {"in", "inch"}):
+    foreign = list_foreign(units)
+    stated = split_unit(header[index], {*units, *foreign})[1]
+    shown = f"{path}: --columns: {header[index][:40]!r} states"
+    if stated in foreign:
         raise InputError(
-            f"{path}: --columns: {header[index][:40]!r} states {stated}, but {unit} is given; "
-            "correct one of them"
+            f"{shown} {stated}; valid units: {', '.join(units)}; convert the values, and correct "
+            "the header"
         )
+    if unit and stated not in ("", unit):
+        raise InputError(f"{shown} {stated}, but {unit} is given; correct one of them")
     extra = re.search(r"[\[(]", header[index]) and not re.search(r"[\[(]", name)
-    if units and not found and (extra or split_unit(header[index], FOREIGN)[1]):
+    if units and not found and extra:
         raise InputError(
-            f"{path}: --columns: {header[index][:40]!r} states no unit that is valid here; give it "
-            f"as {plain_name(name)}[UNIT] with one of {', '.join(units)}"
+            f"{shown} no unit that is valid here; give it as {plain_name(name)}[UNIT] with one of "
+            + ", ".join(units)
         )
     return index, found
 

@@ -194,11 +194,14 @@ def load_run(directory: Path) -> StoredRun:
 
 def _phases_of(events: list[Event], end: float) -> list[PhaseRecord]:
     """Return the phases of a killed run, from the events in its recording."""
-    found = [(m.group(1), e.t) for e in events if (m := re.fullmatch(r"phase (.+)", e.text))]
-    ends = {e.t: m.group(1) for e in events if (m := re.fullmatch(r"ended (.+)", e.text))}
-    stops = [t for _, t in found[1:]] + [max(end, found[-1][1])] if found else []
-    last = len(found) - 1
-    return [
-        PhaseRecord(name, start, stop, "interrupted" if i == last else ends.get(stop, "done"))
-        for i, ((name, start), stop) in enumerate(zip(found, stops, strict=True))
-    ]
+    phases: list[PhaseRecord] = []
+    for t, text in events:  # an outcome precedes the next phase, at the same time
+        if (m := re.fullmatch(r"ended (.+)", text)) and phases:
+            phases[-1] = phases[-1]._replace(outcome=m.group(1))
+        elif m := re.fullmatch(r"phase (.+)", text):
+            if phases:
+                phases[-1] = phases[-1]._replace(end_s=t)
+            phases.append(PhaseRecord(m.group(1), t, max(end, t), "done"))
+    if phases:
+        phases[-1] = phases[-1]._replace(outcome="interrupted")
+    return phases

@@ -17,13 +17,10 @@ from skywright.vehicle.assembly import BLOCK, FAST_BLOCK
 from skywright.vehicle.bus import Clock
 from skywright.vehicle.component import overrides
 from skywright.vehicle.failed_step import explain_not_finite
-from skywright.vehicle.plant import MISSION_TICK, SAMPLE_RATE
+from skywright.vehicle.plant import MISSION_TICK
 from skywright.vehicle.recorder import Recorder
 from skywright.vehicle.simulated import SimulatedVehicle
 from skywright.vehicle.streams import StreamRecorder
-
-SAMPLES_MAX = math.ceil(SAMPLE_RATE * MISSION_TICK)
-"""The most samples that a mission tick writes."""
 
 
 def is_free(vehicle: SimulatedVehicle) -> bool:
@@ -43,7 +40,7 @@ def count_free_ticks(vehicle: SimulatedVehicle) -> int:
     clock, n = vehicle.assembly.get(Clock), vehicle.n_ticks
     drawn = (BLOCK - int(clock["block"])) // n
     drawn_fast = (FAST_BLOCK - int(clock["fast"])) // (n * vehicle.n_steps)
-    return max(min(drawn, drawn_fast, vehicle.find(Recorder).room // SAMPLES_MAX), 0)
+    return max(min(drawn, drawn_fast, vehicle.find(Recorder).count_free_ticks()), 0)
 
 
 def build_call(vehicle: SimulatedVehicle) -> NDArray[np.int64]:

@@ -16,13 +16,15 @@ from skywright.recordings.columns import Column
 from skywright.vehicle.bus import Allocated, Clock, Estimate, Reference, Setpoint, WrenchCommand
 from skywright.vehicle.component import Component, Recorded, helper, integers, table, words
 from skywright.vehicle.link_ends import name_near
-from skywright.vehicle.plant import SAMPLE_RATE
+from skywright.vehicle.plant import MISSION_TICK, SAMPLE_RATE
 from skywright.vehicle.setpoints import Place, check_limits
 
 SAMPLES = 256
 """Rows between deliveries."""
 SAMPLES_A_TICK = 16
-"""More than one mission tick can write."""
+"""More than one mission tick can write, also a long one."""
+MISSION_SAMPLES = math.ceil(SAMPLE_RATE * MISSION_TICK)
+"""The most that a mission tick of MISSION_TICK writes."""
 MAX_ITEMS = 64
 MOVE = 5
 """Numbers of a move: source's address, byte in the row, words, 1 for a rotation, stride in bytes to
@@ -134,14 +136,13 @@ class Recorder(Component):
         return 1.0 / SAMPLE_RATE
 
     @property
-    def room(self) -> int:
-        """Rows until there is no room for another mission tick; below 0: it is full."""
-        return SAMPLES - SAMPLES_A_TICK - int(self._me.n)
-
-    @property
     def is_full(self) -> bool:
         """Whether there is no room for another mission tick."""
-        return self.room < 0
+        return int(self._me.n) > SAMPLES - SAMPLES_A_TICK
+
+    def count_free_ticks(self) -> int:
+        """Return after how many mission ticks of MISSION_TICK it may be full."""
+        return max(SAMPLES - SAMPLES_A_TICK - int(self._me.n), 0) // MISSION_SAMPLES
 
     @property
     def last(self) -> NDArray[Any]:

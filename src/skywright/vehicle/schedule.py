@@ -108,7 +108,11 @@ def run_ticks(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def run_mission_tick(call: NDArray[np.int64]) -> bool:
-    """Run a mission tick without guards; returns False if it failed. `call` is (CALL,)."""
+    """Run a mission tick; returns False if it failed. `call` is (CALL,).
+
+    No guard is selected by the mask. A robot that no longer follows its reference ends the tick
+    early, as always.
+    """
     clock = carray(as_pointer(call[3]), 1, CLOCK)[0]
     clock.mask = clock.fired = clock.stop = 0
     run_ticks(call[0], call[1], call[2], call[3], call[4], call[5], call[6], call[7])

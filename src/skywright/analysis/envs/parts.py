@@ -86,7 +86,7 @@ class Observe(Component):
 
 
 class Judge(Component):
-    """Base of the component that fills Judgement from the true state."""
+    """Base of the component that fills Judgement from the true state, in every control tick."""
 
     slot, side = "derive", "plant"
 

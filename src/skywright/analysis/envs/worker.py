@@ -29,7 +29,7 @@ JUDGED_SIZE = Judgement.dtype.itemsize // 8
 ACTION, SEEN, JUDGED, LEFT, FREE, FLIGHT = range(6)
 """Columns of the table of flights: addresses of action, observation and judgement, steps left of
 the episode (0: none is running), mission ticks that need no Python; and the number of columns."""
-FLOWN, PYTHON, FAILED, ENDS, ENDED = range(5)
+FLOWN, PYTHON, FAILED, ENDS, IDLE = range(5)
 """States of an environment in a step: it has flown, it needs Python to fly, its simulation failed,
 its episode ends, its episode ended before this step."""
 STEP, MORE = b"", b"m"
@@ -38,8 +38,8 @@ Info = tuple[int, str, dict[str, Any]]
 """Number of an environment, origin of the info ("reset", "ended"), and the `info`."""
 
 
-@njit(cache=True, error_model="numpy")
-def fly(
+@njit(cache=True, error_model="numpy", nogil=True)
+def fly_free(
     flights: NDArray[np.int64], calls: NDArray[np.int64], states: NDArray[np.int8],
     actions: NDArray[np.float32], ticks: int,
 ) -> bool:  # fmt: skip
@@ -52,7 +52,7 @@ def fly(
     all_flown = True
     for i in range(n):
         if flights[i, LEFT] <= 0:
-            states[i] = ENDED
+            states[i] = IDLE
         else:
             action = carray(as_pointer(flights[i, ACTION]), k, np.float64)
             for j in range(k):
@@ -75,7 +75,8 @@ def fly(
 @njit(cache=True, error_model="numpy")
 def take_answers(
     flights: NDArray[np.int64], states: NDArray[np.int8], seen: NDArray[np.float32],
-    reward: NDArray[np.float64], values: NDArray[np.float64],
+    reward: NDArray[np.float64], values: NDArray[np.float64], terminated: NDArray[np.bool_],
+    truncated: NDArray[np.bool_],
 ) -> bool:  # fmt: skip
     """Read observations, rewards and the means for `info` of the vehicles that have flown.
 
@@ -88,6 +89,7 @@ def take_answers(
             judged = carray(as_pointer(flights[i, JUDGED]), JUDGED_SIZE, np.float64)
             for j in range(seen.shape[1]):
                 seen[i, j] = saw[j]
+            terminated[i] = truncated[i] = False  # until the episode is concluded
             count = judged[0]
             reward[i] = judged[1] / count
             for j in range(values.shape[1]):
@@ -132,21 +134,25 @@ class Share:
 
     def step(self) -> list[Info]:
         """Step each environment with its action, or reset it if its episode has ended."""
-        if fly(self._flights, self._calls, self._states, self.actions, self._ticks):
+        if fly_free(self._flights, self._calls, self._states, self.actions, self._ticks):
             for i in np.flatnonzero(self._states == PYTHON).tolist():
-                self._fly(i)
-        if not take_answers(self._flights, self._states, self.seen, self.reward, self.values):
+                self._fly_in_python(i)
+        goes_on = not take_answers(
+            self._flights, self._states, self.seen, self.reward, self.values, self.terminated,
+            self.truncated,
+        )  # fmt: skip
+        if goes_on:
             return []
         out: list[Info] = []
         for i in np.flatnonzero(self._states).tolist():
-            if self._states[i] == ENDED:
+            if self._states[i] == IDLE:
                 self.values[i] = 0.0
                 out.append(self._begin(i))
             else:
                 out += self._end(i)
         return out
 
-    def _fly(self, i: int) -> None:
+    def _fly_in_python(self, i: int) -> None:
         """Fly a step in Python, and count the ticks after it that need none."""
         env = self.envs[i]
         env.fly()

@@ -15,8 +15,11 @@ from skywright.models.localisation.trajectory import find_covered, find_gap_limi
 from skywright.models.rigid_body import build_body_model, compute_body, posture
 from skywright.recordings.period import compute_period
 
-MOST = 10_000_000
-"""Largest number of samples of the common time axis."""
+MOST, SPARSE = 800_000, 20
+"""Largest number of samples of the common time axis: absolute, and relative to the log's.
+
+A recording takes up to 1.2 kB per sample of the axis, which MOST limits to about 1 GB.
+"""
 FASTEST = 250.0  # Hz, maximum rate of the common time axis
 GRAVITY = 9.80665
 AIRBORNE = 0.35  # of the maximum sum of rotor speeds: idling is at 0.2 or less; a robot that
@@ -56,16 +59,22 @@ class FlightLog(NamedTuple):
         return compute_period(self.t)
 
 
-def build_axis(name: str, stamps: Array) -> Array:
-    """Return even times (n,) s from the first to the last of `stamps` (k,) s, at their mean rate.
+def build_axis(name: str, stamps: Array, period: float | None = None) -> Array:
+    """Return even times (n,) s from the first to the last of `stamps` (k,) s.
 
-    Raises InputError for a span that one wrong time makes too long.
+    `period` (s) is their interval, by default the mean interval of `stamps`. Raises InputError that
+    begins with `name` if the times span too much, as one wrong time does.
     """
-    period = compute_period(stamps)
-    if (stamps[-1] - stamps[0]) / period > MOST:
+    period = compute_period(stamps) if period is None else period
+    span, longest = stamps[-1] - stamps[0], period * min(MOST, SPARSE * len(stamps))
+    if span > longest:
+        steps = np.diff(stamps)
+        i = int(np.argmax(steps))
         raise InputError(
-            f"{name}: its samples span {stamps[-1] - stamps[0]:.3g} s at {1.0 / period:.3g} Hz, "
-            f"more than {MOST} samples: a time in it is wrong"
+            f"{name}: its {len(stamps)} samples span {span:.6g} s at {1.0 / period:.3g} Hz; valid: "
+            f"up to {longest:.6g} s. The largest step is {steps[i]:.4g} s, "
+            f"{stamps[i] - stamps[0]:.4g} s after the first sample: remove samples with wrong "
+            "times, or split the log"
         )
     return np.arange(stamps[0], stamps[-1], period)
 

@@ -16,6 +16,7 @@ from skywright.analysis.identify.flight_log import (
     GRAVITY,
     FlightLog,
     align_signs,
+    build_axis,
     find_airborne,
     find_rotations,
     find_sampled,
@@ -40,7 +41,8 @@ ACCELERATION = (("vehicle_acceleration", "xyz"), ("sensor_combined", "accelerome
 def load_ulog(path: Path, robot: Robot | None) -> FlightLog:
     """Load a ULog flown by `robot`.
 
-    Raises InputError if the file is not a ULog, lacks a topic, or does not match the robot.
+    Raises InputError if the file is not a ULog, lacks a topic, has wrong times, or does not match
+    the robot.
     """
     if robot is None:
         raise InputError(f"{path}: a ULog contains no robot description; give --robot NAME or FILE")
@@ -148,7 +150,7 @@ class _Axis:
                 f"{path}: {name} comes at {1.0 / max(period, 1e-9):.0f} Hz; at least 10 Hz are "
                 "needed"
             )
-        self.t = np.arange(0.0, stamps[-1] - stamps[0], period)
+        self.t = build_axis(f"{path}: {name}", stamps - self.start, period)
         self.sampled = np.ones(len(self.t), dtype=bool)
 
     def __call__(self, topic: Any, name: str) -> Array:

@@ -20,20 +20,21 @@ from skywright.errors import InputError
 from skywright.inspection.history.database import parse_stamp
 from skywright.inspection.history.entries import Reading
 from skywright.recordings.text_table import (
-    FOREIGN,
     Cells,
     check_widths,
     convert_commas,
     find_columns,
+    list_foreign,
     list_names,
     parse_columns,
     plain_name,
+    plain_unit,
     read_cells,
     read_number,
     split_unit,
 )
 
-LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "cm": 1e-2, "in": 0.0254, "inch": 0.0254}
+LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "cm": 1e-2, "in": 0.0254}
 TIMES = {"s": 1.0, "ms": 1e-3, "min": 60.0}
 UTC_COLUMN = "utc"
 """Unit of a column that holds only absolute times, in ISO 8601."""
@@ -203,18 +204,16 @@ def _find_factor(table: _Table, k: int, what: str, quantity: str) -> float:
     if what not in table.places:
         return math.nan
     stored, units = QUANTITIES[quantity]
-    unit = table.places[what][1]
-    if unit:
-        if unit not in units:
-            raise table.refuse(k, "quantity", f"a length, because {what} is in {unit}")
-        other = table.text(k, "unit").lower()
-        if other and units.get(other) != units[unit]:
-            raise table.refuse(k, "unit", f"{unit}, which the header states")
-        return units[unit] / units[stored.lower()]
-    unit = table.text(k, "unit").lower()
-    if unit not in units:
+    unit, cell = table.places[what][1], plain_unit(table.text(k, "unit"))
+    if not unit and cell not in units:
         raise table.refuse(k, "unit", f"{', '.join(units)} ({quantity})")
-    return units[unit] / units[stored.lower()]
+    if unit and unit not in units:
+        raise table.refuse(k, "quantity", f"a length, because {what} is in {unit}")
+    # the column may hold the units of a plant instead, such as CDU-2
+    known = cell in units or cell in list_foreign(units)
+    if unit and what == "value" and known and cell != unit:
+        raise table.refuse(k, "unit", f"{unit}, which the header or --columns states")
+    return units[unit or cell] / units[stored.lower()]
 
 
 def _read_time(table: _Table, k: int, start: datetime) -> datetime:
@@ -223,9 +222,12 @@ def _read_time(table: _Table, k: int, start: datetime) -> datetime:
     text, unit = table.text(k, "t"), table.places["t"][1]
     seconds = read_number(text)
     if unit == UTC_COLUMN and math.isfinite(seconds):
+        header = table.header[table.places["t"][0]]
+        named = split_unit(header, (UTC_COLUMN,))[1]  # --columns must not contradict it
+        seconds_by = "the header t_s" if named else f"--columns t={_cut_unit(header)}[s]"
         raise InputError(
             f"{table.path}: row {table.rows[k][0]}: {text[:40]!r} is no time; valid: ISO 8601, "
-            f"or --columns t={table.header[table.places['t'][0]]}[s] for times since --measured"
+            f"or {seconds_by} for times since --measured"
         )
     seconds *= TIMES.get(unit or "s", math.nan)
     if not math.isfinite(seconds):
@@ -276,6 +278,11 @@ def _load_cells(path: Path) -> Cells:
     return Cells(list(table), rows, ",")
 
 
+def _cut_unit(name: str) -> str:
+    """Return a column's name up to its unit in brackets."""
+    return re.split(r"[\[(]", name)[0].strip()
+
+
 def _match(name: str) -> tuple[str, str]:
     """Return the (column, unit) that a header states; ("", "") if it states none."""
     stem, unit = split_unit(name, {unit for units in COLUMNS.values() for unit in units})
@@ -297,12 +304,6 @@ def _find_columns(
     used = {k for k, _ in found.values()}
     for k, name in enumerate(header):
         what, unit = _match(name)
-        stem, foreign = split_unit(name, FOREIGN)
-        if foreign and NAMES.get(stem, stem) in set(NUMBERS) - set(given) and k not in used:
-            raise InputError(
-                f"{path}: the column {name} is in {foreign}; valid units: "
-                + ", ".join(COLUMNS[NAMES.get(stem, stem)])
-            )
         if not what or what in given or k in used:
             continue
         if what in found:
@@ -311,6 +312,14 @@ def _find_columns(
                 f"one; select it with --columns {what}=NAME[UNIT]"
             )
         found[what] = (k, unit)
+    for what in (what for what in NUMBERS if what not in found):
+        for name in (name for k, name in enumerate(header) if k not in used):
+            stem, foreign = split_unit(name, list_foreign(COLUMNS[what]))
+            if foreign and NAMES.get(stem, stem) == what:
+                raise InputError(
+                    f"{path}: the column {name} states {foreign}; valid units: "
+                    + ", ".join(COLUMNS[what])
+                )
     if "value" not in found:
         raise InputError(
             f"{path}: no column gives the value; found: {shown}; valid: thickness_mm, value_mm, or "
@@ -325,10 +334,9 @@ def _find_columns(
         if unit or "unit" in found:
             continue
         if what not in given:
-            plain = re.split(r"[\[(]", header[k])[0].strip()
             raise InputError(
                 f"{path}: the column {header[k]} has no unit; valid: {what}_mm, a column unit, or "
-                f"--columns {what}={plain}[mm] (units: {', '.join(LENGTHS)})"
+                f"--columns {what}={_cut_unit(header[k])}[mm] (units: {', '.join(LENGTHS)})"
             )
         found[what] = (k, "mm")
     return found

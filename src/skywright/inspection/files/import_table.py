@@ -13,6 +13,7 @@ from skywright.inspection.files.gauge_table import YEARS, Row, load_readings
 from skywright.inspection.history.database import stamp
 from skywright.inspection.history.entries import Reading
 from skywright.inspection.history.store import InspectionStore
+from skywright.recordings.text_table import list_names
 
 
 class Imported(NamedTuple):
@@ -33,6 +34,7 @@ def import_table(
     lag_s: float = 0.0,
     required_mm: float | None = None,
     registration_std_m: float | None = None,
+    one_flight: bool = False,
 ) -> Imported:
     """Store the readings of a table for one component.
 
@@ -40,7 +42,8 @@ def import_table(
     row. `start` is the time of rows without a time, and the origin of relative times. `lag_s` and
     `columns` are those of `load_readings`. `registration_std_m` is the standard deviation of the
     table's frame in that of the asset. Raises InputError, and stores nothing, if the table is not
-    valid, or if the database already contains one of its rows.
+    valid, if the database already contains one of its rows, or if `one_flight` is set and the rows
+    are several flights.
     """
     if registration_std_m is not None and not (
         math.isfinite(registration_std_m) and registration_std_m >= 0
@@ -52,6 +55,13 @@ def import_table(
     flights: dict[tuple[date, bool], list[Row]] = {}
     for row in sorted(rows, key=lambda row: row.time):
         flights.setdefault((row.time.date(), row.simulated), []).append(row)
+    if one_flight and len(flights) > 1:
+        days = (f"{day}{' SIMULATED' if simulated else ''}" for day, simulated in flights)
+        raise InputError(
+            f"{source}: has readings of {len(flights)} flights ({list_names(tuple(days), 5)}); "
+            "valid with --dicom and --report: one; import the table without them, and then give "
+            "one flight as --flight"
+        )
     added = []
     with store.transaction():
         _check_new(store, source, asset, component, rows)

@@ -39,7 +39,7 @@ CAUSES = {
     "frame": "an ODOMETRY message in another frame than NED with FRD",
     "extra": "MAVLink, which requires pymavlink: pip install 'skywright[mavlink]'",
     "old": "a sample that came before, or is older than the newest",
-    "clock": "a sample whose time goes back",
+    "clock": "a sample whose time goes back, or that a later sample proves wrong",
     "streams": "a stream beyond the number that is kept",
 }
 """Cause of a refusal -> description."""

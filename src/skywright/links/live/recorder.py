@@ -50,25 +50,27 @@ class LiveRecorder:
         self._held: dict[tuple[str, str], list[Arrived]] = {}
         """Samples of each stream that are ahead of their clock, which none has disproved yet."""
         self._offsets: dict[int, float] = {}
-        """Clock number -> local clock minus the sender's (s), as of its newest sample."""
+        """Clock number -> local clock minus the sender's (s), as of its newest sample not ahead."""
 
-    def write(self, arrived: Arrived) -> None:
-        """Append a sample; raises InputError if the disk is full.
+    def write(self, arrived: Arrived) -> int:
+        """Append a sample; return the number of dropped samples of its stream.
 
         A sample whose time is ahead of its clock is held back until a later time confirms it; an
-        earlier one proves it wrong, and it is dropped.
+        earlier one proves it wrong, and it is dropped. Raises InputError if the disk is full.
         """
         sample = arrived.sample
         held = self._held.setdefault((sample.kind, sample.name), [])
-        held[:] = [h for h in held if h.sample.clock != sample.clock or h.sample.t <= sample.t]
-        held.append(arrived)
+        kept = [h for h in held if h.sample.clock != sample.clock or h.sample.t <= sample.t]
+        dropped = len(held) - len(kept)
+        held[:] = [*kept, arrived]
         if arrived.age >= 0.0:
+            self._offsets[sample.clock] = arrived.arrival - sample.t - arrived.age
             self._flush(held)
+        return dropped
 
     def _flush(self, held: list[Arrived]) -> None:
-        for arrived in held:
-            self._append(arrived)
-        held.clear()
+        while held:  # one by one: an interrupt, after which `finish` flushes, repeats no row
+            self._append(held.pop(0))
 
     def _append(self, arrived: Arrived) -> None:
         sample = arrived.sample
@@ -82,7 +84,6 @@ class LiveRecorder:
         except OSError as error:
             raise InputError(f"{self.folder}: {error.strerror or error}") from None
         self._rows[key].append((sample.t, float(sample.clock), *sample.values))
-        self._offsets[sample.clock] = arrived.arrival - sample.t - arrived.age
 
     def finish(self) -> list[Path]:
         """Close the files, and write scan.csv if possible; return all files."""
@@ -146,13 +147,19 @@ class LiveRecorder:
 
 
 def record(receiver: LiveReceiver, recorder: LiveRecorder, seconds: float, idle_s: float) -> None:
-    """Record for `seconds`, until no data arrive for `idle_s` (s), a failure or an interrupt."""
+    """Record for `seconds`, until no data arrive for `idle_s` (s), a failure or an interrupt.
+
+    Samples that the recorder drops count as refused: a stream counts the samples in its file.
+    """
     begin, last = time.monotonic(), math.inf
     try:
         while time.monotonic() - begin < seconds and time.monotonic() - last < idle_s:
             found = receiver.poll()
             for arrived in found:
-                recorder.write(arrived)
+                dropped = recorder.write(arrived)
+                if dropped:
+                    receiver.counts["clock"] += dropped
+                    receiver.streams[arrived.sample.kind, arrived.sample.name].count -= dropped
                 last = time.monotonic()
             if receiver.failure:
                 return

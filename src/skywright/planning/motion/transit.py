@@ -125,7 +125,7 @@ def plan_transit(
     if path.blocked >= 0:
         k = int(check_state(space, ends[0], build_scratch(space)))  # the blocked end
         why = f"{('start', 'goal')[k]}: {describe_pair(space, scene, path.blocked, key)}"
-        near = _measure_clearance(space, ends[[k, k]])
+        near = measure_clearance(space, ends[[k, k]])
         return refuse(f"{why}, {near:.3f} m" if near < margin else why)
     if not len(path.rows):
         often = describe_pair(space, scene, int(np.argmax(path.hits)), key, margin_self)
@@ -140,7 +140,7 @@ def plan_transit(
     u = space[0]["offset"] + rows @ space[0]["map"][:, : rows.shape[1]].T
     return Transit(
         u[:, :3], u[:, YAW], u[:, JOINT0 : JOINT0 + joints], cost,
-        _measure_clearance(space, rows), None, time.perf_counter() - began,
+        measure_clearance(space, rows), None, time.perf_counter() - began,
     )  # fmt: skip
 
 
@@ -157,11 +157,14 @@ def _shorten(space: Space, path: Path, margin: float) -> tuple[Array, float]:
     return rows[:count], float(cost)
 
 
-def _measure_clearance(space: Space, rows: Array) -> float:
-    """Return the smallest distance (m) on a path to anything except the robot itself."""
+def measure_clearance(space: Space, rows: Array, step: float = STEP) -> float:
+    """Return the smallest distance (m) on a path to anything except the robot itself.
+
+    `rows` (m, n) are the path's coordinates, `step` is the spacing in cost (6) of the samples.
+    """
     bare = space.copy()
     bare[0]["margin"] = np.where(space[0]["pairs"][:, 2] == PAIR_SELF, UNCHECKED, 0.0)
-    distance, pair = sample_reserve(bare, build_scratch(space), rows, STEP)
+    distance, pair = sample_reserve(bare, build_scratch(space), rows, step)
     return float(distance) if pair >= 0 else math.inf
 
 

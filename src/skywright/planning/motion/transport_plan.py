@@ -16,11 +16,11 @@ from skywright.planning.motion.bound import choose_slices, compute_lower_bound
 from skywright.planning.motion.kinematics import fill_motion
 from skywright.planning.motion.passages import list_passages
 from skywright.planning.motion.plan_file import PlanFile
-from skywright.planning.motion.planner import Path, plan_path, sample_reserve
+from skywright.planning.motion.planner import Path, plan_path
 from skywright.planning.motion.space import JOINT0, build_scratch
 from skywright.planning.motion.swing import add_bar, build_swing, compute_period
 from skywright.planning.motion.timing import Timed, TimeLimits, assign_times
-from skywright.planning.motion.transit import describe_pair
+from skywright.planning.motion.transit import describe_pair, measure_clearance
 from skywright.planning.motion.transport import HANDS, TransportProblem
 
 MARGIN_KEY = "mission.task.margin_m"
@@ -37,7 +37,7 @@ class TransportPlan(NamedTuple):
     path: Path
     timed: Timed
     file: PlanFile
-    clearance_m: float  # smallest distance to obstacles, including the margin
+    clearance_m: float  # smallest distance to obstacles, ground and the area's limits
     lower_bound: float
 
 
@@ -122,12 +122,10 @@ def plan_transport(
         problem.space, path.rows, limits or build_time_limits(robot, problem), duration=duration,
         swing=swing,
     )  # fmt: skip
-    scratch = build_scratch(problem.space)
-    reserve, _ = sample_reserve(problem.space, scratch, timed.c, RESOLUTION)
     bound = compute_lower_bound(
         problem.space, problem.start, problem.goal, choose_slices(path.rows), 0.03
     )
-    clearance = reserve + problem.transport.margin
+    clearance = measure_clearance(problem.space, timed.c, RESOLUTION)
     metrics = {
         "plan.cost": path.cost, "plan.lower_bound": bound,
         "plan.first_solution_s": path.first_s, "plan.clearance_min_m": clearance,
