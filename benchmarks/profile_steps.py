@@ -19,6 +19,7 @@ import argparse
 import ctypes
 import time
 from collections import defaultdict
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco
@@ -70,7 +71,7 @@ class Profile:
         timers = [float(t.duration) for t in self.data.timer]
         return np.array([time.thread_time(), float(self.data.timer[0].number), *timers])
 
-    def begin(self, index: int, name: str) -> None:
+    def begin(self, before: Sequence[Any], name: str) -> None:
         """Add the times of the previous phase."""
         now = self._read()
         self.sums[self.phase] += now - self.last
@@ -163,7 +164,7 @@ def main() -> None:
         Supervisor(
             vehicle, d.mission, plan, height, profile.begin, on_tick=profile.look
         ).fly()  # fmt: skip
-        profile.begin(-1, "end")
+        profile.begin((), "end")
     finally:
         mujoco.set_mjcb_time(None)
     profile.print()

@@ -1,5 +1,6 @@
 """Flight segments for the benchmarks: in contact, hovering, and replayed with physics alone."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from skywright.errors import InfeasibleError, SimulationError
 from skywright.evidence.bench.timing import read_clock
 from skywright.models.rigid_body import posture
 from skywright.run.backends import build_vehicle
+from skywright.run.flight import PhaseRecord
 from skywright.run.planning import plan_mission
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import Hands
@@ -127,7 +129,7 @@ def fly_docked(*sets: str) -> SimulatedVehicle:
         raise InfeasibleError(f"no plan: {plan.blocked_by}", str(plan.blocked_by))
     vehicle = build_vehicle(description)
 
-    def stop(index: int, name: str) -> None:
+    def stop(before: Sequence[PhaseRecord], name: str) -> None:
         if name.startswith("hold"):
             raise _Docked
 
