@@ -8,6 +8,7 @@ import re
 import shutil
 from collections import Counter
 from pathlib import Path
+from urllib.parse import unquote
 
 import numpy as np
 import pyarrow.parquet
@@ -230,6 +231,18 @@ def test_two_runs_are_compared(runs, tmp_path):
     printed = json.loads(call("compare", "runs", *runs, "--out", page, "--json").stdout)
     assert printed["metrics"]["position.rms_m"]["difference"] == rms.difference
     assert printed["settings"]["mission.seed"] == [1, 2]
+
+
+def test_a_comparison_links_to_the_reports_that_exist(runs, tmp_path):
+    shutil.copytree(runs[0], tmp_path / "run #1")
+    (tmp_path / "run #1" / "report.html").write_text("of the first run")
+    assert not (runs[1] / "report.html").exists()
+    page = tmp_path / "pages" / "c.html"
+    page.parent.mkdir()
+    call("compare", "runs", tmp_path / "run #1", runs[1], "--out", page)
+    links = re.findall(r'<a href="([^#"][^"]*)"', page.read_text(encoding="utf-8"))
+    assert links == ["../run%20%231/report.html"]
+    assert (page.parent / unquote(links[0])).read_text() == "of the first run"
 
 
 def test_a_run_compared_with_itself_differs_in_nothing(runs):

@@ -36,6 +36,7 @@ from skywright.reports.frames import FrameBuilder, list_columns
 from skywright.reports.meshes import Mesh, build_mesh, build_ribbon
 from skywright.reports.replay import build_replay, build_replay_data, pack_frames, write_replay
 from skywright.reports.scene3d import Scene3d, _list_edges, weld_curve
+from skywright.reports.served import unlink_files
 from skywright.reports.trace3d import (
     COLOURS,
     FREE,
@@ -264,6 +265,19 @@ def test_replay_is_small_quick_and_complete(scan: RunResult) -> None:
     page = path.read_text(encoding="utf-8")
     assert "<title>pipe-weld-scan: replay</title>" in page
     assert 'src="station.js"' not in page and 'href="station.css"' not in page
+
+
+def test_a_replay_leads_to_the_report_and_the_recording(scan: RunResult, tmp_path: Path) -> None:
+    """Those beside it; the report is written after it. A server offers neither."""
+    page = build_replay(scan)
+    head = page[page.index("<header") : page.index("</header>")]
+    assert re.findall(r'href="([^"]*)"', head) == ["report.html", "recording.mcap"]
+    moved = build_replay(scan._replace(directory=tmp_path, samples=scan.samples[:50]))
+    assert 'href="report.html"' in moved and 'href="recording.mcap"' not in moved
+    served = unlink_files(page, tmp_path)
+    head = served[served.index("<header") : served.index("</header>")]
+    assert "href" not in head
+    assert f"report, recording. They are in the folder <code>{tmp_path}</code>" in head
 
 
 def _unpack(packed: dict, size: int) -> np.ndarray:

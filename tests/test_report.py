@@ -33,11 +33,14 @@ from skywright.evidence.pictures import COMPARED, PICTURES, ROBOTS
 from skywright.reports import page
 from skywright.reports.explain import format_value, list_assumptions
 from skywright.reports.figures import series
+from skywright.reports.figures.interactive import build_plot
 from skywright.reports.figures.paths import join_angles
 from skywright.reports.figures.style import (
     Span,
     clip_phases,
+    draw_line,
     draw_panels,
+    draw_requirement,
     house_style,
     thin,
     write_png,
@@ -241,6 +244,31 @@ def test_every_phase_can_be_read_in_a_plot(count: int) -> None:
     for i, a in enumerate(boxes):
         assert a.x0 > 0 and a.x1 < width
         assert not any(a.overlaps(b) for b in boxes[i + 1 :])
+
+
+def test_a_limit_states_where_it_applies(scan: RunResult) -> None:
+    """Its line covers those phases only, and its name lists them; one of the whole run does not."""
+    phase = next(p for p in scan.phases if p.name == "scan")
+    wanted = {"limit 10 deg: phase scan", "limit 1 mm: phase scan"}
+    with house_style():
+        drawn = [draw(scan) for draw in list_figures("scan").values()]
+        levels = [
+            level
+            for figure in drawn
+            if figure is not None and (plot := build_plot(figure))
+            for panel in json.loads(plot)["panels"]
+            for level in panel["levels"]
+        ]
+        figure, axes = draw_panels(3.0, scan.phases, scan.samples["t"], ("title", "label"))
+        draw_line(axes[0], scan.samples["t"], scan.samples["gap"])
+        draw_requirement(axes[0], scan, "contact.collisions", "limit {:g}")
+    assert wanted <= {level["label"] for level in levels}
+    for level in levels:
+        if level["label"] in wanted:
+            assert level["spans"] == [[phase.start_s, phase.end_s]]
+    assert [t.get_text() for t in axes[0].texts] == ["limit 0"]
+    (level,) = json.loads(build_plot(figure))["panels"][0]["levels"]
+    assert level["spans"] == [[p.start_s, p.end_s] for p in scan.phases]
 
 
 def test_what_a_run_assumed_is_listed_with_its_range(scan: RunResult, text_only: None) -> None:

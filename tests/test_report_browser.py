@@ -8,43 +8,116 @@ import re
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
+from urllib.parse import unquote, urlsplit
 
 import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
 
-from skywright.description.loader import load_description
+import skywright
+from exact_map import EXACT
+from pdf_text import read_pdf_text
+from skywright.analysis.campaign.report import Facts, write_campaign_page
+from skywright.analysis.compare_runs.overlay import compare_runs
+from skywright.analysis.compare_runs.report import write_overlay_page
 from skywright.reports.figures.interactive import LEVELS, build_plot
 from skywright.reports.figures.style import draw_limit, draw_line, draw_panels, house_style
-from skywright.reports.report import write_report
+from skywright.reports.page import build_picture, render_page, write_page
+from skywright.reports.pdf import write_pdf
 from skywright.run.flight import PhaseRecord
-from skywright.run.run import run_mission
+from skywright.run.results import open_run
+from skywright.run.verdict import build_verdict
+from test_campaign_statistics import KEYS, REQUIREMENTS, build_rows
 from waiting import wait_for
+
+SHORT = (
+    *EXACT,
+    "mission.task.passes=2", "mission.task.pass_length_m=0.04", "mission.task.arc_deg=10",
+    "mission.task.speed_mps=0.02", "mission.timestep_ms=2",
+)  # fmt: skip
+LIMITS = {0.5: 32, 0.52: 31, -0.5: 4}
+"""Values and phases; two close to each other, where their names have no room to the right."""
+RUN_FILES = {"report.html", "replay.html", "recording.mcap", "mission.toml", "metrics.json"}
 
 PLOTS = "Object.values(skywrightPlots)[0].plots"
 """Those with a common clock, as JavaScript."""
 
 
+NOTE_TEXTS = """{ const texts = new Map(), to = CanvasRenderingContext2D.prototype;
+    const {fillText, clearRect} = to;
+    to.clearRect = function (...box) { texts.set(this.canvas, []); clearRect.apply(this, box); };
+    to.fillText = function (text, x, y, most = Infinity) {
+        const m = this.measureText(text), narrow = Math.min(1, most / m.width);
+        const [left, right] = [m.actualBoundingBoxLeft, m.actualBoundingBoxRight];
+        const ends = [[x - narrow * left, y - m.actualBoundingBoxAscent],
+                      [x + narrow * right, y + m.actualBoundingBoxDescent]]
+            .map(([x, y]) => this.getTransform().transformPoint({x, y}));
+        const [[x0, x1], [y0, y1]] = ["x", "y"].map(k => ends.map(p => p[k]).sort((a, b) => a - b));
+        if (!texts.has(this.canvas)) texts.set(this.canvas, []);
+        texts.get(this.canvas).push([text, x0, x1, y0, y1]);
+        fillText.call(this, text, x, y, ...(most < Infinity ? [most] : []));
+    };
+    window.readTexts = () => [...texts].filter(([canvas]) => canvas.isConnected)
+        .map(([canvas, all]) => [canvas.width, canvas.height, all]); }"""
+"""Keeps every text that a canvas shows, with the pixels that it covers."""
+
+
 @pytest.fixture(scope="module")
-def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("flight") / "run"
-    result = run_mission(load_description("waypoints"), out=out, write_report=write_report)
-    (out / "replay.html").write_text("<p>replay</p>")
-    write_report(result._replace(directory=out))  # links to the replay that is there now
-    return out / "report.html"
+def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """The pages of two runs, of their comparison, and of a campaign."""
+    folder = tmp_path_factory.mktemp("runs")
+    for mission, sets in (("waypoints", ()), ("pipe-weld-scan", SHORT)):
+        skywright.run(skywright.load(mission, sets=sets), out=folder / mission)
+    flight, scan = folder / "waypoints", folder / "pipe-weld-scan"
+    write_overlay_page(compare_runs(open_run(flight), open_run(scan)), folder / "compared.html")
+    rows = build_rows(60, gap_at_full_wind=1.3)
+    facts = Facts(
+        "pipe-weld-scan", "", "othex", "pipe", 1, 60, {key: "uniform(0,1)" for key in KEYS}, (),
+        60, 1.0, {"code": "0"},
+    )  # fmt: skip
+    verdict = build_verdict(rows, KEYS, REQUIREMENTS, 0.9)
+    write_campaign_page(folder / "campaign.html", rows, verdict, facts)
+    return {
+        "flight": flight / "report.html", "scan": scan / "report.html",
+        "replay": scan / "replay.html", "runs": folder / "compared.html",
+        "campaign": folder / "campaign.html",
+    }  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def report(pages: dict[str, Path]) -> Path:
+    return pages["flight"]
 
 
 @pytest.fixture
-def page(open_page: Callable[..., Page], report: Path) -> Iterator[Page]:
-    """The report, opened without a network; it has nothing to say to the console."""
-    page = open_page(1280, 900, offline=True)
+def show(open_page: Callable[..., Page]) -> Iterator[Callable[..., Page]]:
+    """Opens a page without a network; it has nothing to say to the console.
+
+    Where a replay is drawn in software, the browser itself warns.
+    """
     said: list[str] = []
-    page.on("console", lambda message: said.append(message.text))
-    page.goto(report.as_uri())
-    expect(page.locator("html[data-plots=ready]")).to_be_attached()
-    yield page
+
+    def open_one(path: Path, width: int = 1280) -> Page:
+        page = open_page(width, 900, offline=True)
+        if path.name != "replay.html":
+            page.on("console", lambda message: said.append(message.text))
+        page.add_init_script(NOTE_TEXTS)
+        page.goto(path.as_uri())
+        if page.locator("figure > script").count():
+            expect(page.locator("html[data-plots=ready]")).to_be_attached()
+        if path.name == "replay.html":
+            expect(page.locator("html[data-ready=yes]")).to_be_attached()
+        return page
+
+    yield open_one
     assert said == []
+
+
+@pytest.fixture
+def page(show: Callable[..., Page], report: Path) -> Page:
+    return show(report)
 
 
 def _read_ranges(page: Page) -> np.ndarray:
@@ -91,21 +164,128 @@ def test_plots_zoom_together_and_share_a_cursor(page: Page) -> None:
     assert np.allclose(_read_ranges(page), [[10.0, 15.0]] * 6, atol=0.2)
 
 
+def _list_cut(page: Page) -> list[Any]:
+    """Return the texts in canvases that leave their canvas."""
+    return [
+        text
+        for width, height, texts in page.evaluate("readTexts()")
+        for text in texts
+        if text[1] < 0 or text[2] > width or text[3] < 0 or text[4] > height
+    ]
+
+
 @pytest.mark.parametrize("width", [1280, 800])
-def test_nothing_is_cut_off_and_links_resolve(page: Page, width: int) -> None:
-    page.set_viewport_size({"width": width, "height": 900})
+@pytest.mark.parametrize("name", ["flight", "scan", "replay", "runs", "campaign"])
+def test_nothing_is_cut_off(
+    show: Callable[..., Page], pages: dict[str, Path], name: str, width: int
+) -> None:
+    page = show(pages[name], width)
     wait_for(lambda: page.evaluate("document.documentElement.scrollWidth <= innerWidth"))
-    wide = page.locator("main *").evaluate_all("""all => all.filter(e => !e.closest(".uplot")
-        && e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).overflowX !== "visible")
-        .map(e => e.outerHTML.slice(0, 200))""")
+    wide = page.locator("header *, main *").evaluate_all("""all => all.filter(e =>
+        !e.closest(".uplot, #labels") && e.scrollWidth > e.clientWidth + 1
+        && getComputedStyle(e).overflowX !== "visible").map(e => e.outerHTML.slice(0, 200))""")
     assert wide == []
-    contents = page.locator("nav a")
-    assert contents.count() > 10
-    every = "all => all.every(a => document.querySelector(a.hash) !== null)"
-    assert contents.evaluate_all(every)
-    assert page.locator("a").evaluate_all("all => all.every(a => a.protocol === 'file:')")
+    assert (name == "campaign") == (page.evaluate("readTexts()") == [])
+    assert _list_cut(page) == []
     for picture in page.locator("figure.live img").all():
         expect(picture).to_be_hidden()
+
+
+@pytest.mark.parametrize("name", ["flight", "scan", "replay", "runs", "campaign"])
+def test_every_link_leads_somewhere(
+    show: Callable[..., Page], pages: dict[str, Path], name: str
+) -> None:
+    """Report, replay and recording lead to each other, a comparison to both reports."""
+    path, page = pages[name], show(pages[name])
+    links = [urlsplit(x) for x in page.locator("a").evaluate_all("all => all.map(a => a.href)")]
+    assert {link.scheme for link in links} == {"file"}
+    targets = {Path(unquote(link.path)) for link in links} - {path}
+    assert all(target.is_file() for target in targets)
+    ours = {path.parent / file for file in RUN_FILES} - {path}
+    assert targets == {
+        "flight": ours, "scan": ours, "campaign": set(), "runs": {pages["flight"], pages["scan"]},
+        "replay": {path.with_name("report.html"), path.with_name("recording.mcap")},
+    }[name]  # fmt: skip
+    inside = page.locator("nav a")
+    assert inside.count() > 2 or name == "replay"
+    assert inside.evaluate_all("all => all.every(a => document.querySelector(a.hash) !== null)")
+
+
+def test_a_report_prints_with_its_figures(page: Page, report: Path, tmp_path: Path) -> None:
+    """On paper, pictures stand where the screen has plots; they remain lines and text."""
+    titles = page.locator("figure img").evaluate_all("all => all.map(x => x.alt)")
+    assert titles == ["Flight path", "The whole flight"]
+    page.emulate_media(media="print")
+    for picture in page.locator("figure img").all():
+        expect(picture).to_be_visible()
+    expect(page.locator(".panels").first).to_be_hidden()
+    write_pdf(report, tmp_path / "report.pdf")
+    data = (tmp_path / "report.pdf").read_bytes()
+    assert [x.decode() for x in re.findall(rb"/Alt \((.*?)\)", data)] == titles
+    assert b"/Subtype /Image" not in data
+    text = read_pdf_text(data)
+    assert text.startswith("waypoints succeeded")
+    for drawn in ("Seen from above", "Platform: distance from its reference", "distance (m)",
+                  "time since the start of the run (s)",
+                  "limit 0.1 m on the rms: planned segments, phases hold"):  # fmt: skip
+        assert text.count(drawn) == 1, drawn
+    assert "Drag to zoom" not in text
+
+
+@pytest.mark.parametrize("width", [1280, 800])
+def test_many_phases_and_limits_can_be_read(
+    show: Callable[..., Page], tmp_path: Path, width: int
+) -> None:
+    """No text of a plot covers another or is cut; the key names all phases; also zoomed in."""
+    ends = np.cumsum([5.0 if i % 4 == 3 else 0.3 for i in range(32)])
+    starts = np.concatenate([[0.0], ends[:-1]])
+    phases = [
+        PhaseRecord(f"part_{i}", float(a), float(b), "done")
+        for i, (a, b) in enumerate(zip(starts, ends, strict=True), 1)
+    ]
+    t = np.linspace(0.0, ends[-1], 2000)
+    with house_style():
+        figure, axes = draw_panels(4.0, phases, t, ("One", "force (N)"), ("Two", "way (mm)"))
+        for ax in axes:
+            draw_line(ax, t, np.sin(t), color="#0072B2")
+            for value, part in LIMITS.items():
+                span = (phases[part - 1].start_s, phases[part - 1].end_s)
+                name = f"limit {value} N of the force: phase part {part}"
+                draw_limit(ax, value, name, spans=[span])
+            draw_limit(ax, -0.35, "limit of all phases")  # where the last name would be
+        draw_limit(axes[1], 0.0, "a name that is too long for a window " * 5)
+        picture = build_picture("Over time", figure, "", zoom=True)
+    run = SimpleNamespace(outcome="succeeded", reason="")
+    found = SimpleNamespace(a=run, b=run, settings=[], metrics=[])
+    write_page(tmp_path / "page.html", render_page(
+        "compare_runs.html.j2", found=found, names=("a", "b"), reports=("", ""), picture=picture,
+        number=str,
+    ))  # fmt: skip
+    page = show(tmp_path / "page.html", width)
+    key = page.locator(".panels p").inner_text().replace("\u00a0", " ")
+    assert key.endswith("Phases: " + " · ".join(f"{i} part {i}" for i in range(1, 33)))
+
+    def check() -> list[str]:
+        assert _list_cut(page) == []
+        canvases = page.evaluate("readTexts()")
+        levels = page.evaluate(f"""{PLOTS}.map(({{u, panel}}) =>
+            panel.levels.map(level => u.valToPos(level.y, "y", true)))""")
+        for (_, _, texts), lines in zip(canvases, levels, strict=True):
+            for i, (one, a0, a1, b0, b1) in enumerate(texts):
+                assert not one.startswith("limit") or not any(b0 < y < b1 for y in lines), one
+                for other, c0, c1, d0, d1 in texts[i + 1 :]:
+                    apart = a1 <= c0 or c1 <= a0 or b1 <= d0 or d1 <= b0
+                    assert apart, (one, other)
+        assert len(canvases) == 2
+        return [text[0] for text in canvases[0][2]]
+
+    said = check()
+    assert {f"{i} part {i}" for i in range(4, 33, 4)} <= set(said)
+    assert {f"limit {x} N of the force: phase part {i}" for x, i in LIMITS.items()} <= set(said)
+    a, b = starts[20] - 0.0123, starts[20] + 0.0456  # numbers of many digits below
+    page.evaluate(f"{PLOTS}.forEach(({{u}}) => u.setScale('x', {{min: {a}, max: {b}}}))")
+    wait_for(lambda: page.evaluate(f"{PLOTS}.every(({{u}}) => u.scales.x.max === {b})"))
+    assert {"20 part 20", "21 part 21"} <= set(check())
 
 
 def test_a_figure_is_read_back_as_it_was_drawn() -> None:

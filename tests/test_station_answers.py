@@ -183,7 +183,7 @@ def served(tmp_path: Path) -> Iterator[tuple[Station, str, str]]:
     found: list[tuple[Station, str, str]] = []
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "report.html").write_text(REPORT)
-    (tmp_path / "run" / "replay.html").write_text("<p>replay</p>")
+    (tmp_path / "run" / "replay.html").write_text(REPORT)
     loop = asyncio.new_event_loop()
 
     async def serve() -> None:
@@ -214,13 +214,13 @@ def get(host: str, path: str, cookie: str) -> tuple[int, dict[str, str], str]:
     return answer.status, {k.lower(): v for k, v in answer.getheaders()}, text
 
 
-def test_every_link_of_a_served_report_leads_somewhere(served: tuple[Station, str, str]) -> None:
+def test_every_link_of_a_served_page_leads_somewhere(served: tuple[Station, str, str]) -> None:
     station, host, cookie = served
-    status, headers, page = get(host, "/flights/0/report.html", cookie)
-    assert status == 200 and headers["content-security-policy"].startswith("sandbox")
-    assert all(link.startswith("#") for link in re.findall(r'href="([^"]*)"', page))
-    assert get(host, "/flights/0/replay.html", cookie)[0] == 200
-    assert f"<code>{station.logbook.entries[0]['directory']}</code>" in page
+    for name in ("report", "replay"):
+        status, headers, page = get(host, f"/flights/0/{name}.html", cookie)
+        assert status == 200 and headers["content-security-policy"].startswith("sandbox")
+        assert all(link.startswith("#") for link in re.findall(r'href="([^"]*)"', page))
+        assert f"<code>{station.logbook.entries[0]['directory']}</code>" in page
     for path in ("/flights/1/report.html", "/flights/0/metrics.json"):
         assert get(host, path, cookie)[0] == 404
 

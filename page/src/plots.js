@@ -49,7 +49,7 @@ export class Plots {
     this.box.append(holder);
     const plot = new uPlot({
       width: 300, height: 100, title: `${c.name}${c.unit ? `, ${c.unit}` : ''}${c.limit !== null ? `  (dashed: limit ${c.limit})` : ''}`,
-      legend: { show: false }, scales: { x: { time: false }, y: { range: findRange } }, padding: [8, 8, 0, 0],
+      legend: { show: false }, scales: { x: { time: false }, y: { range: findRange } }, padding: [8, 18, 0, 0], // at the right: half of the last time
       axes: [
         { size: 20, font: '10px sans-serif', values: (u, ticks) => ticks.map((x) => `${x} s`), ticks: { size: 3 }, gap: 1 },
         { size: 44, font: '10px sans-serif', ticks: { size: 3 }, gap: 2, space: 22 },

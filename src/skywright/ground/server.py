@@ -127,13 +127,11 @@ def build_app(station: Station, data: str | None) -> Starlette:
         if path is None:
             return _absent()
         headers = {"content-security-policy": REPORT_POLICY}
-        if path.name == "report.html":
-            try:  # in another thread: the event loop carries the sticks of a flight
-                text = await asyncio.to_thread(read_report, path)
-            except InputError as error:
-                return PlainTextResponse(f"{error}\n", 404)
-            return Response(text, media_type="text/html", headers=headers)
-        return FileResponse(path, media_type="text/html", headers=headers)
+        try:  # in another thread: the event loop carries the sticks of a flight
+            text = await asyncio.to_thread(read_report, path)
+        except InputError as error:
+            return PlainTextResponse(f"{error}\n", 404)
+        return Response(text, media_type="text/html", headers=headers)
 
     async def talk(sock: WebSocket) -> None:
         await _talk(station, sock)

@@ -2,6 +2,7 @@
 
 import base64
 import html
+import os
 import re
 from contextlib import suppress
 from datetime import UTC, datetime
@@ -9,6 +10,7 @@ from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple, overload
+from urllib.parse import quote
 
 import jinja2
 from markupsafe import Markup, escape
@@ -82,6 +84,13 @@ def write_time(t: datetime) -> str:
 def break_key(name: str) -> Markup:
     """Return a dotted key with line breaks allowed after its dots and underscores."""
     return Markup(re.sub(r"([._/])", r"\1<wbr>", str(escape(name))))
+
+
+def link_file(file: Path, page: Path) -> str:
+    """Return the link from a page to a file, relative to the page; "" if the file is missing."""
+    if not file.is_file():
+        return ""
+    return quote(Path(os.path.relpath(file.resolve(), page.resolve().parent)).as_posix())
 
 
 def add_contents(page: str) -> str:

@@ -38,7 +38,7 @@ VERSION = 1
 def write_replay(result: RunResult) -> Path:
     """Write replay.html into the run's directory and return its path.
 
-    Raises InputError if it cannot be written.
+    The page links to report.html, which is written next. Raises InputError if it cannot be written.
     """
     path = result.directory / "replay.html"
     write_page(path, build_replay(result))
@@ -47,17 +47,18 @@ def write_replay(result: RunResult) -> Path:
 
 def build_replay(result: RunResult) -> str:
     """Return the replay of a run as one HTML document."""
-    return embed_page(build_replay_data(result))
+    return embed_page(build_replay_data(result), _link_files(result.directory))
 
 
-def embed_page(data: dict[str, Any]) -> str:
-    """Return the page as one document with embedded data, script and style."""
+def embed_page(data: dict[str, Any], links: str) -> str:
+    """Return the page as one document with embedded data, script and style; `links` is HTML."""
     text = json.dumps(data, allow_nan=False, separators=(",", ":"))
     text = text.replace("<", "\\u003c")  # a name must not end the script
     html, script, style = (read_asset(f"station.{end}") for end in ("html", "js", "css"))
     title = f"<title>{_escape(data['mission'])}: replay</title>"
     html = html.replace("<title>Skywright</title>", title, 1)
     html = html.replace('<link rel="stylesheet" href="station.css">', f"<style>{style}</style>", 1)
+    html = html.replace('<p id="clock"></p>', f'<p id="clock"></p>\n  {links}', 1)
     script = script.replace("</script", "<\\/script")
     inside = (
         f'<script type="application/json" id="data">{text}</script>\n'
@@ -197,6 +198,18 @@ def _describe_camera(d: Description, scene: Scene3d) -> dict[str, Any]:
         "name": "first person", "fov": mount.fov_deg, "part": mount.part,
         **{name: [round(float(x), 4) for x in v] for name, v in vectors.items()},
     }  # fmt: skip
+
+
+def _link_files(folder: Path) -> str:
+    """Return links to the report, which is written after the replay, and to the recording.
+
+    reports/served.py finds them by their id and their first words.
+    """
+    files = {"report.html": "report"}
+    if (folder / "recording.mcap").is_file():
+        files["recording.mcap"] = "recording"
+    links = ", ".join(f'<a href="{file}">{what}</a>' for file, what in files.items())
+    return f'<p id="files">Files of this run: {links}.</p>'
 
 
 def _escape(text: str) -> str:

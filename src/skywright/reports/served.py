@@ -8,12 +8,12 @@ from skywright.core.bounded import LARGEST_TABLE, read_text
 
 
 def read_report(path: Path) -> str:
-    """Return the HTML of a report for a server; raises InputError if it cannot be read."""
+    """Return the HTML of a run's page for a server; raises InputError if it cannot be read."""
     return unlink_files(read_text(path, LARGEST_TABLE), path.parent.resolve())
 
 
 def unlink_files(page: str, folder: Path) -> str:
-    """Return the HTML of a report for a server that does not offer the files beside it.
+    """Return the HTML of a run's page for a server that does not offer the files beside it.
 
     The list of files states `folder` instead of linking to them.
     """

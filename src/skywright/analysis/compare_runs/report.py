@@ -8,13 +8,14 @@ from pathlib import Path
 from skywright.analysis.compare_runs.figures import draw_overlay
 from skywright.analysis.compare_runs.overlay import Metric, Overlay
 from skywright.reports.figures.style import house_style
-from skywright.reports.page import build_picture, render_page, write_page
+from skywright.reports.page import build_picture, link_file, render_page, write_page
 from skywright.reports.terminal import new_console, new_table
 
 
 def write_overlay_page(found: Overlay, path: Path) -> None:
-    """Write the self-contained page."""
+    """Write the self-contained page; it links to the runs' reports that exist."""
     names = found.a.directory.name, found.b.directory.name
+    reports = [link_file(run.directory / "report.html", path) for run in (found.a, found.b)]
     with house_style():
         picture = found.series and build_picture(
             "Over time", draw_overlay(found.series, names),
@@ -22,8 +23,8 @@ def write_overlay_page(found: Overlay, path: Path) -> None:
             zoom=True,
         )  # fmt: skip
     write_page(path, render_page(
-        "compare_runs.html.j2", found=found, names=names, picture=picture or None,
-        number=format_number,
+        "compare_runs.html.j2", found=found, names=names, reports=reports,
+        picture=picture or None, number=format_number,
     ))  # fmt: skip
 
 

@@ -76,9 +76,11 @@ function drawFront(u, panel, phases, first) {
       end = middle + 0.5 * ctx.measureText(fits).width + 2 * dpr;
     }
   }
-  const used = [];  // heights of names at the right
-  for (const level of panel.levels) {
-    const y = u.valToPos(level.y, "y", true);
+  const names = [];  // [left, base line, width] of each
+  const lines = panel.levels.map(level => u.valToPos(level.y, "y", true));
+  ctx.textAlign = "left";
+  for (const [i, level] of panel.levels.entries()) {
+    const y = lines[i];
     if (y < b.top - 1 || y > b.top + b.height + 1) continue;
     const spans = level.spans.length ? level.spans.map(s => s.map(x)) : [[b.left, right]];
     const shown = spans.map(([p, q]) => [Math.max(p, b.left), Math.min(q, right)]).filter(([p, q]) => q > p);
@@ -92,17 +94,21 @@ function drawFront(u, panel, phases, first) {
       ctx.stroke();
     }
     if (!shown.length || !level.label) continue;
-    const end = shown[shown.length - 1][1], wide = ctx.measureText(level.label).width + 8 * dpr;
-    const room = end - b.left > wide && !used.some(other => Math.abs(other - y) < 13 * dpr);
-    if (room) used.push(y);
-    ctx.textAlign = room ? "right" : "left";
-    const at = room ? end - 4 * dpr : Math.max(shown[0][0] + 4 * dpr, b.left);
-    const base = y > b.top + 16 * dpr ? y - 4 * dpr : y + 13 * dpr;
+    const wide = Math.min(ctx.measureText(level.label).width + 8 * dpr, b.width);
+    const ends = [shown[shown.length - 1][1] - wide, shown[0][0]].map(at => Math.max(Math.min(at, right - wide), b.left));
+    const bases = [y - 4 * dpr, y + 13 * dpr].filter(base => base > b.top + 12 * dpr && base < b.top + b.height);
+    const places = bases.flatMap(base => ends.map(at => [at, base, wide]));
+    const free = ([at, base]) => !names.some(([other, line, width]) =>
+      Math.abs(line - base) < 13 * dpr && at < other + width && other < at + wide);
+    const clear = ([, base]) => !lines.some(line => line > base - 10 * dpr && line < base + 2 * dpr);
+    const place = places.find(p => free(p) && clear(p)) || places.find(free) || places[0];
+    names.push(place);
     ctx.setLineDash([]);  // a white outline, so that lines below the name leave it readable
     ctx.lineWidth = 3 * dpr;
     ctx.strokeStyle = "#fff";
-    ctx.strokeText(level.label, at, base);
-    ctx.fillText(level.label, at, base);
+    const text = [level.label, place[0] + 4 * dpr, place[1], wide - 8 * dpr];
+    ctx.strokeText(...text);
+    ctx.fillText(...text);
   }
   ctx.restore();
 }
@@ -158,7 +164,7 @@ function addPanel(box, panel, data, phases, clock, first) {
   const named = panel.lines.filter(line => line.label).length;
   const u = new uPlot({
     width: Math.max(chart.clientWidth, 200), height: HEIGHT + (first ? 16 : 0),
-    padding: [first ? 22 : 8, 8, 0, 0],
+    padding: [first ? 22 : 8, 24, 0, 0],  // at the right: half of a number below the last tick
     scales: {
       x: {time: false, auto: false, range: (u, min, max) => [min, max]},
       y: {range: (u, min, max) => {
