@@ -253,6 +253,25 @@ def test_a_vector_ends_within_a_step_as_its_environment() -> None:
     assert int(env._judged[0]) % 200 != 0  # control ticks of the last step
 
 
+def test_a_robot_that_no_longer_follows_ends_the_episode() -> None:
+    """It tumbles: in the environment alone and in a vector, in the tick in which a guard fires."""
+    options: Any = {"sets": QUICK["WeldPress"], "states": 2}
+    env = envs.make("WeldPress", **options)
+    vector = envs.VectorEnv("WeldPress", 1, workers=1, **options)
+    env.reset(seed=1), vector.reset(seed=1)
+    still = np.zeros((1, 1), np.float32)
+    for k in range(50):
+        if k == 3:  # the vector's vehicle flies without Python
+            for one in (env, vector._mine.envs[0]):  # type: ignore[union-attr]
+                one.vehicle.sim.qvel[3] = 60.0  # rad/s of roll
+        mine, theirs = vector.step(still), env.step(still[0])
+        if theirs[2] or mine[2][0]:
+            break
+    assert mine[2][0] and theirs[2] and k < 20
+    assert mine[4]["reason"][0] == theirs[4]["reason"] == "robot lost"
+    assert mine[1][0] == theirs[1] < -10.0
+
+
 def test_free_ticks_end_with_random_numbers_or_room() -> None:
     vehicle = build("WeldPress").starts[0].vehicle
     saved, clock = vehicle.save(), vehicle.assembly.get(Clock)

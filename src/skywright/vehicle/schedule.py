@@ -107,16 +107,15 @@ def run_ticks(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def run_mission_tick(call: NDArray[np.int64]) -> bool:
-    """Run a mission tick; returns False if it failed. `call` is (CALL,).
+def run_mission_tick(call: NDArray[np.int64]) -> int:
+    """Run a mission tick; return the guards that fired, -1 if it failed. `call` is (CALL,).
 
-    No guard is selected by the mask. A robot that no longer follows its reference ends the tick
-    early, as always.
+    The mask selects no guard: only those fire that always do, and end the tick early.
     """
     clock = carray(as_pointer(call[3]), 1, CLOCK)[0]
     clock.mask = clock.fired = clock.stop = 0
     run_ticks(call[0], call[1], call[2], call[3], call[4], call[5], call[6], call[7])
-    return not (clock.stop or clock.error)
+    return -1 if clock.stop or clock.error else clock.fired
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from skywright.analysis.envs.parts import (
     LIMIT,
+    LOST,
     Act,
     Judge,
     Judgement,
@@ -39,7 +40,7 @@ from skywright.run.supervisor import Supervisor
 from skywright.vehicle.plant import MISSION_TICK
 
 Numbers = NDArray[np.float32]
-DIVERGED = "diverged"
+DIVERGED, ROBOT_LOST = "diverged", "robot lost"
 ACT, OBSERVE, JUDGE = "env action", "env observation", "env judge"
 """Names of the three components."""
 
@@ -203,7 +204,8 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
         judged[:] = 0.0
         try:
             for _ in range(self.ticks):
-                self.vehicle.tick()
+                if self.vehicle.tick().fired:
+                    judged[2] = LOST
                 if judged[2] or judged[3]:  # ended, success
                     break
         except SimulationError as error:
@@ -220,7 +222,8 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
         reward /= ticks
         terminated = False
         if ended or success:
-            terminated, info["reason"] = True, self.reasons[int(ended)] or "success"
+            reason = ROBOT_LOST if ended == LOST else self.reasons[int(ended)]
+            terminated, info["reason"] = True, reason or "success"
             reward += self.bonus if success and not ended else -self.penalty
             info["success"] = bool(success and not ended)
         self.running = not (terminated or is_last)

@@ -15,6 +15,8 @@ from skywright.core.record import Array, Record
 from skywright.vehicle.component import Component, Output, helper
 
 MAX_ACTIONS, MAX_SIGNALS, MAX_VALUES = 4, 16, 4
+LOST = -1.0
+"""`Judgement.ended` of a robot that no longer follows its reference (guard LOST_CONTROL)."""
 LIMIT = 10.0
 """Bound of observations, in units of `Signal.size`."""
 
@@ -46,7 +48,7 @@ class Judgement(Output):
 
     ticks: float  # control ticks since it was cleared
     reward: float  # sum over the ticks
-    ended: float  # index into the environment's reasons; 0: continues
+    ended: float  # index into the environment's reasons, or LOST; 0: continues
     success: float  # 1: the goal is reached
     values: Annotated[Array, MAX_VALUES]  # sums over the ticks; `info` contains the means
 

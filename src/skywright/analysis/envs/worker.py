@@ -16,7 +16,7 @@ from numba import carray
 from numpy.typing import NDArray
 
 from skywright.analysis.envs.env import ContactEnv
-from skywright.analysis.envs.parts import Judgement
+from skywright.analysis.envs.parts import LOST, Judgement
 from skywright.analysis.envs.registry import make
 from skywright.analysis.envs.shared import Layout, Shared, map_arrays
 from skywright.core.pointers import as_pointer
@@ -63,9 +63,12 @@ def fly_free(
             judged[:] = 0.0
             for _ in range(ticks):
                 flights[i, FREE] -= 1
-                if not run_mission_tick(calls[i]):
+                fired = run_mission_tick(calls[i])
+                if fired < 0:
                     states[i] = FAILED
                     break
+                if fired:
+                    judged[2] = LOST
                 if judged[2] != 0.0 or judged[3] != 0.0:  # ended, success
                     break
         all_flown &= states[i] == FLOWN
