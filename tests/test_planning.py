@@ -383,7 +383,7 @@ def test_a_noisy_gyroscope_is_told_of_laws_with_other_loops(mission: str, most: 
         key = f"robot.sensors.gyro_noise_rad_s_sqrthz={noise}"
         return str(plan_mission(load_description(mission, sets=[key])).blocked_by)
 
-    assert f"at most {most:g}, or a slower loop" in ask(1.1 * most)
+    assert f"at most {most:g}, or a lower bandwidth" in ask(1.1 * most)
     assert ask(0.9 * most) == "None"
 
 
