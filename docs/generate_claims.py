@@ -1,9 +1,8 @@
-"""Write the claims section of a paper's page from measured results.
+"""Write the claims section of the papers' pages from benchmarks/claims.json.
 
-    skywright reproduce tognon-2018 --json > claims.json
-    python docs/generate_claims.py claims.json     (`make claims` does both)
+    make claims     (measures: `skywright reproduce --json`, and writes the sections)
 
-Building the documentation flies nothing: the section is committed, with the command that makes it.
+Building the documentation flies nothing: measurements and sections are committed.
 """
 
 from __future__ import annotations
@@ -11,11 +10,11 @@ from __future__ import annotations
 import json
 import math
 import re
-import sys
 from pathlib import Path
 from typing import Any
 
 PAPERS = Path(__file__).parent / "papers"
+MEASURED = Path(__file__).parent.parent / "benchmarks" / "claims.json"
 BEGIN = "<!-- claims: begin, made by docs/generate_claims.py, do not edit -->"
 END = "<!-- claims: end -->"
 SIGNS = {"<=": "≤", ">=": "≥", "==": "=", "<": "<", ">": ">"}
@@ -86,25 +85,33 @@ def build_section(paper: str, claims: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def main(argv: list[str]) -> int:
-    """Fill the sections of all papers that the file holds."""
-    source = Path(argv[1])
-    claims = json.loads(source.read_text(encoding="utf-8"))["claims"]
-    for paper in sorted({c["paper"] for c in claims}):
+def load_claims() -> dict[str, list[dict[str, Any]]]:
+    """Return the measured claims of each paper."""
+    papers: dict[str, list[dict[str, Any]]] = {}
+    for claim in json.loads(MEASURED.read_text(encoding="utf-8"))["claims"]:
+        papers.setdefault(claim["paper"], []).append(claim)
+    return papers
+
+
+def build_page(text: str, paper: str, claims: list[dict[str, Any]]) -> str:
+    """Return the text of a paper's page with its section; raise ValueError without markers."""
+    section = build_section(paper, claims)
+    new, count = re.subn(
+        re.escape(BEGIN) + ".*?" + re.escape(END),
+        lambda _: f"{BEGIN}\n\n{section}\n\n{END}",
+        text, flags=re.S,
+    )  # fmt: skip
+    if count != 1:
+        raise ValueError(f"{paper}: needs one pair of markers {BEGIN} ... {END}")
+    return new
+
+
+def main() -> None:
+    """Fill the sections of all papers."""
+    for paper, claims in load_claims().items():
         page = PAPERS / f"{paper}.md"
-        text = page.read_text(encoding="utf-8")
-        section = build_section(paper, [c for c in claims if c["paper"] == paper])
-        new, count = re.subn(
-            re.escape(BEGIN) + ".*?" + re.escape(END),
-            lambda _, body=section: f"{BEGIN}\n\n{body}\n\n{END}",
-            text, flags=re.S,
-        )  # fmt: skip
-        if count != 1:
-            print(f"{page}: needs one pair of markers {BEGIN} ... {END}", file=sys.stderr)
-            return 2
-        page.write_text(new, encoding="utf-8")
-    return 0
+        page.write_text(build_page(page.read_text(encoding="utf-8"), paper, claims), "utf-8")
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv))
+    main()

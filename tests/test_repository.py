@@ -18,6 +18,8 @@ from pathlib import Path
 import pytest
 import yaml
 
+from skywright.evidence.reproduce.load import list_papers, load_claims
+
 ROOT = Path(__file__).resolve().parent.parent
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PROJECT = PYPROJECT["project"]
@@ -422,3 +424,22 @@ def test_modules_do_not_import_each_other_in_circles() -> None:
         TopologicalSorter(graph).prepare()
     except CycleError as error:
         pytest.fail(" imports ".join(reversed(error.args[1])))
+
+
+def test_the_pages_of_claims_have_the_measured_ones() -> None:
+    module = _load_file(ROOT / "docs" / "generate_claims.py")
+    papers = module.load_claims()
+    assert sorted(papers) == list_papers()
+    for paper, claims in papers.items():
+        text = (ROOT / "docs" / "papers" / f"{paper}.md").read_text(encoding="utf-8")
+        assert text == module.build_page(text, paper, claims), "run: python docs/generate_claims.py"
+        stated = load_claims(paper).claims
+        assert [c["id"].split("/")[-1] for c in claims] == [c.id for c in stated]
+        for claim, measured in zip(stated, claims, strict=True):
+            texts = (measured["statement"], measured["where"], measured["judged_by"])
+            assert texts == (claim.statement, claim.where, claim.judged_by)
+            tests = [(t["quantity"], t["unit"], t["reading"]) for t in measured["tests"]]
+            assert tests == [(t.quantity, t.unit, t.reading) for t in claim.tests]
+            why = getattr(claim.why, measured["verdict"]) or claim.why.reproduced
+            parts = [re.escape(part) for part in re.split(r"\{\w+[^}]*\}", why)]
+            assert re.search(r"\S+".join(parts), measured["explanation"]), measured["id"]
