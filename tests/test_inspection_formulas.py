@@ -183,3 +183,20 @@ def test_a_line_is_described_from_its_first_to_its_last_crossing() -> None:
     # the line bends on the pipe by less than a millimetre over this length
     np.testing.assert_allclose(points[[0, -1]], [at[0][2], at[-1][2]], atol=1e-3)
     np.testing.assert_allclose(np.linalg.norm(points[:, [0, 2]], axis=1), PIPE.radius, atol=1e-6)
+
+
+def test_the_deviations_of_a_cylinder_all_around_are_those_of_theory() -> None:
+    """White noise of the distance at N points, even around the axis and along a length of 0.5 m."""
+    rng, sigma, radius, length = np.random.default_rng(3), 3e-4, 0.2, 0.5
+    phi, z = (a.ravel() for a in np.meshgrid(
+        np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False), np.linspace(-0.5, 0.5, 40) * length
+    ))  # fmt: skip
+    order = rng.permutation(len(phi))
+    phi, z = phi[order], z[order]
+    r, n = radius + sigma * rng.standard_normal(len(phi)), math.sqrt(len(phi))
+    fit = surface_fit.fit_cylinder(np.column_stack([r * np.cos(phi), z, r * np.sin(phi)]))
+    assert fit.std_radius == pytest.approx(sigma / n, rel=0.1)
+    assert fit.std_axis_point == pytest.approx(2.0 * sigma / n, rel=0.1)  # of both directions
+    spread = float(np.sqrt(np.mean(z**2)))
+    assert fit.std_axis == pytest.approx(2.0 * sigma / n / spread, rel=0.1)
+    assert fit.rms == pytest.approx(sigma, rel=0.1)

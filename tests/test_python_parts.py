@@ -27,6 +27,7 @@ from skywright.core.compiled_code import _list_imports, find_dependents
 from skywright.errors import InfeasibleError, InputError
 from skywright.inspection.weld import WeldResult
 from skywright.inspection.weld_data import WeldReport, process_file
+from skywright.inspection.weld_line import WeldLine
 from skywright.models import as_mujoco
 from skywright.models.capability import Capability
 from skywright.models.localisation.trajectory import Trajectory
@@ -130,7 +131,7 @@ def test_the_page_lists_the_keywords_of_the_commands():
 
 def test_the_page_lists_attributes_that_results_have():
     heads = {f" `{c.__name__}` |": c for c in (
-        RunResult, Capability, CampaignResult, WeldReport, LocateReport, Identification
+        RunResult, Capability, CampaignResult, WeldReport, WeldLine, LocateReport, Identification
     )} | {"of a plan |": MissionPlan}  # fmt: skip
     for head, cls in heads.items():
         table = PAGE.partition(head)[2]
@@ -170,6 +171,8 @@ def test_a_run_is_read_back_by_name(result):
     assert run["/sensors/inertial"]["gyro"].shape[1] == 3
     assert [r["passed"] for r in run.requirements] == [r.passed for r in result.requirements]
     assert [e.text for e in run.events]
+    for shown in (result, run):  # without the samples
+        assert repr(shown).endswith(f"{result.directory}: {result.outcome}>")
 
 
 @pytest.mark.parametrize(
@@ -294,6 +297,7 @@ def test_a_motion_into_a_shape_is_refused_with_its_name():
     with pytest.raises(InfeasibleError, match="shape 0") as caught:
         skywright.plan_motion("hexarotor", (0.0, 0.0, 1.0, 0.0), (2.0, 0.0, 1.0, 0.0), [BOX])
     assert caught.value.blocked_by.startswith("goal")
+    assert caught.value.blocked_by.endswith("they overlap")
 
 
 @pytest.mark.parametrize(
@@ -302,6 +306,12 @@ def test_a_motion_into_a_shape_is_refused_with_its_name():
         ({"shapes": [skywright.Sphere((0.0, 0.0, 1.0), -1.0)]}, "shape 0: Sphere"),
         ({"shapes": [skywright.Box((0.0, 0.0), (1.0, 1.0, 1.0))]}, "shape 0: Box"),
         ({"shapes": [skywright.Box((9.0, 0.0, 1.0), (1.0, 1.0, 1.0), -np.eye(3))]}, "a rotation"),
+        ({"shapes": [skywright.Box((9.0, 0.0, 1.0), (1.0, 1.0, 1.0), None)]}, "Box.R_W = None; "),
+        ({"shapes": [skywright.Box((9.0, 0.0, 1.0), (1.0, -2.0, 1.0))]}, r"Box.size = \(1.0, -2.0"),
+        ({"shapes": [skywright.Box((9.0, 0.0, 1.0), (1.0, 0.0, 1.0))]}, r"Box.size = \(1.0, 0.0"),
+        ({"shapes": [skywright.Cylinder((9.0, 0, 1), (9, 0, 1), 0.1)]}, "Cylinder.end = .*start"),
+        ({"shapes": [skywright.Cylinder((9.0, 0, 1), (9, 0, 2), 0.0)]}, "Cylinder.radius = 0.0"),
+        ({"shapes": BOX}, "shapes: one Box; valid: a list"),
         ({"shapes": [skywright.Sphere((9.0, 0.0, 1.0), 0.1)] * 200}, "200 shapes"),
         ({"goal": (1.0, 2.0, 3.0)}, "goal: .* four numbers"),
         ({"goal": (np.nan, 0.0, 1.0, 0.0)}, "goal: .* finite"),
@@ -325,6 +335,26 @@ def test_a_scene_that_is_none_is_refused(change, words):
     case = {"robot": "hexarotor", "start": (0.0, 0.0, 1.0, 0.0), "goal": (1.0, 0.0, 1.0, 0.0)}
     with pytest.raises(InputError, match=words):
         skywright.plan_motion(**{**case, **change})
+
+
+@pytest.mark.parametrize("load", ["load_robot", "load", "fly"])
+def test_a_wrong_key_names_the_argument_that_holds_it(load):
+    give = getattr(skywright, load)
+    first = {"robot": "othex"} if load == "fly" else {}
+    given = [] if load == "fly" else ["othex" if load == "load_robot" else "waypoints"]
+    with pytest.raises(InputError, match=r"^sets: unknown key robot\.battery\.mass_kg; valid: "):
+        give(*given, **first, sets={"robot.battery.mass_kg": 1})
+    with pytest.raises(InputError, match=r"^--set: unknown key robot\.battery\.mass_kg"):
+        give(*given, **first, sets=["robot.battery.mass_kg=1"])  # as on the command line
+
+
+def test_the_wind_limit_of_a_coplanar_robot_is_that_of_the_best_tilt():
+    can = skywright.compute_capability("hexarotor")
+    np.testing.assert_allclose(can.lateral_force, 0.0, atol=1e-9)
+    np.testing.assert_array_equal(can.wind_limit, can.wind_limit_tilted)
+    assert can.wind_limit.min() > 5.0
+    tilted = skywright.compute_capability("othex")
+    assert np.all(tilted.wind_limit_tilted > tilted.wind_limit)
 
 
 def test_a_capability_takes_a_name_or_a_robot():
@@ -352,6 +382,37 @@ def test_a_law_alone_carries_the_robot_and_steers_back():
     assert law.dt == pytest.approx(0.002) and {"ref", "est"} <= set(law.ports)
 
 
+def test_the_records_of_a_law_show_their_values_and_name_wrong_ones():
+    law = skywright.build_law("waypoints")
+    law.reference.v_WB = [0.5, 0.0, 0.25]
+    lines = repr(law.reference).splitlines()
+    assert "v_WB = [0.5 0. 0.25]" in lines and "track_tip = 0.0" in lines
+    assert [line.partition(" = ")[0] for line in lines] == list(law.reference.dtype.names)
+    with pytest.raises(ValueError, match=r"^p_WB: .*\(2,\)"):
+        law.estimate.p_WB = [1, 2]
+    with pytest.raises(ValueError, match=r"^p_WB: "):
+        law.estimate.p_WB = "abc"
+    with pytest.raises(AttributeError, match=r"no field 'p_W'; valid: .*p_WB"):
+        law.estimate.p_W = [1, 2, 3]
+
+
+def test_a_law_that_tracks_the_tip_reads_the_tip_as_it_is_set():
+    law = skywright.build_law(skywright.load("waypoints", robot="othex"))
+    rest = law.step().f_B
+    law.estimate.p_WT = law.reference.p_WT + [0.1, 0.0, 0.0]  # the tip alone is too far ahead
+    np.testing.assert_allclose(law.step().f_B, rest, atol=1e-9)
+    law.reference.track_tip = 1.0
+    assert law.step().f_B[0] < -1.0
+
+
+@pytest.mark.parametrize("state", [b"x", None, {}])
+def test_what_is_no_state_is_not_restored(state):
+    vehicle = skywright.build_vehicle("waypoints")
+    vehicle.tick()
+    with pytest.raises(InputError, match=r"restore: .*; valid: a state that save\(\) returned"):
+        vehicle.restore(state)
+
+
 def simulate_imu(h, seconds=6.0, rest=0.0):
     """A body that rests, then swings along x and turns about z: exact samples and poses."""
     t = h * np.arange(1, round(seconds / h) + 1)
@@ -374,6 +435,10 @@ def test_an_estimator_follows_ones_own_arrays(h):
     )
     late = found["t"] > 1e6 + 3.0
     assert found["ready"][late].all() and not found["ready"][0]
+    for name in ("p_WB", "v_WB", "R_WB", "w_WB_B", "p_std"):
+        known = np.isfinite(found[name]).reshape(len(found), -1)
+        assert np.array_equal(known.all(axis=1), found["ready"]), name
+        assert np.array_equal(known.any(axis=1), found["ready"]), name
     true = np.stack([np.interp(found["t"] - 1e6, t, x) for x in p.T], axis=1)
     assert np.abs(found["p_WB"] - true)[late].max() < 0.005
     assert np.abs(found["v_WB"][:, 0] - np.sin(2 * (found["t"] - 1e6)))[late].max() < 0.05
@@ -408,6 +473,79 @@ def test_fixes_may_come_faster_than_control_ticks():
     assert len(found) == len(t) // 4
     last = p[3::4][: len(found)]
     assert found["ready"][-1] and np.abs(found["p_WB"] - last)[len(found) // 2 :].max() < 0.1
+
+
+def rest(noise, rate=20, seconds=10.0, **change):
+    """Arrays of a level robot at rest at (0, 0, 1) m, with position noise (m) of the fixes."""
+    rng, h = np.random.default_rng(1), 0.001
+    t = h * np.arange(1, round(seconds / h) + 1)
+    at = t[9 :: round(1.0 / rate / h)]
+    turns = rng.normal(0.0, 0.002, (len(at), 3))
+    case = {
+        "description": "waypoints", "t": t, "gyro": rng.normal(0.0, 0.01, (len(t), 3)),
+        "accel": rng.normal(0.0, 0.1, (len(t), 3)) + [0.0, 0.0, 9.81], "t_fix": at,
+        "p_fix": rng.normal(0.0, noise, (len(at), 3)) + [0.0, 0.0, 1.0],
+        "R_fix": Rotation.from_rotvec(turns).as_matrix(),
+    }  # fmt: skip
+    return {**case, **change}
+
+
+def test_fixes_that_are_noisier_than_stated_are_learned_and_told():
+    """2 mm instead of 0.3 mm: the error becomes that of the right key, and is stated."""
+    with pytest.warns(UserWarning, match=r"position_noise_m = 0.0003 \(found: 0.002") as told:
+        found = skywright.run_estimator(**rest(0.002))
+    assert len(told) == 1 and "attitude_noise_rad = 0.002 (found: 0.002" in str(told[0].message)
+    sets = {"world.mocap.position_noise_m": 0.002}
+    right = skywright.run_estimator(**rest(0.002, description=skywright.load("waypoints", sets=sets)))
+    late = found["t"] > 2.0
+    rms = [
+        np.sqrt(np.mean(np.sum((x["p_WB"][late] - [0.0, 0.0, 1.0]) ** 2, axis=1)))
+        for x in (found, right)
+    ]
+    assert rms[1] < 0.002 and rms[0] < 1.25 * rms[1]
+    stated = np.sqrt(np.mean(np.sum(found["p_std"][late] ** 2, axis=1)))
+    assert stated == pytest.approx(rms[0], rel=0.3)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(("noise", "rate"), [(0.0002, 20), (0.0006, 100)])
+def test_fixes_as_stated_are_accepted_without_a_warning(noise, rate):
+    found = skywright.run_estimator(**rest(noise, rate, 4.0))
+    error = np.linalg.norm(found["p_WB"] - [0.0, 0.0, 1.0], axis=1)
+    assert np.nanmax(error) < 4.0 * noise
+
+
+REST = rest(0.0003, seconds=2.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"t": 1e3 * REST["t"], "t_fix": 1e3 * REST["t_fix"]}, "^t: 1 samples per second; .*in s"),
+        ({"t": 1e-3 * REST["t"], "t_fix": 1e-3 * REST["t_fix"]}, "^t: 1e.06 samples per second"),
+        ({"t_fix": 1e3 * REST["t_fix"] - 9.0}, "^t_fix: 50 s from fix to fix"),
+        ({"gyro": REST["gyro"] + 40.0}, "^gyro: 69.* rad/s rms; valid: at most 35"),
+        ({"accel": REST["accel"] / 9.81}, r"^accel: median magnitude .* m/s\^2; valid: 4.91 to"),
+        ({"accel": 1e3 * REST["accel"]}, "^accel: median magnitude 98"),
+        ({"accel": -REST["accel"]}, r"^accel, R_fix: .* in W is \(.*-9.81\)"),
+        ({"R_fix": REST["R_fix"] @ np.diag([1.0, -1.0, -1.0])}, "^accel, R_fix: .*up"),
+        ({"p_fix": 1e3 * REST["p_fix"] + 2e3}, "^p_fix: .* m from the origin of W"),
+        ({"p_fix": 150.0 * REST["t_fix"][:, None] * [1.0, 0.0, 0.0]}, "^p_fix: moves at 150 m/s"),
+        ({"p_fix": 1e3 * (REST["p_fix"] - [0.0, 0.0, 1.0])}, "^p_fix: 40 fixes did not start"),
+    ],
+)  # fmt: skip
+def test_implausible_arrays_are_refused_with_their_unit(change, words):
+    with pytest.raises(InputError, match=words):
+        skywright.run_estimator(**{**REST, **change})
+
+
+def test_a_turned_gyroscope_is_told():
+    t, gyro, accel, p, yaw = simulate_imu(0.002)
+    R = Rotation.from_euler("z", yaw[::5][:, None]).as_matrix()
+    with pytest.warns(UserWarning, match="compare axes, clocks and units"):
+        skywright.run_estimator(
+            "waypoints", t=t, gyro=-gyro, accel=accel, t_fix=t[::5], p_fix=p[::5], R_fix=R
+        )
 
 
 def test_the_observer_uses_the_period_of_the_fixes():
@@ -472,3 +610,74 @@ def test_the_page_lists_attributes_that_exist(title: str, kind: type) -> None:
     named = {name for row in table for name in re.findall(r"`(\w+)`", row.split("|")[1])}
     assert len(named) >= 8
     assert all(hasattr(kind, name) for name in named)
+
+
+# Data of instruments and flights
+
+SCAN = ROOT / "examples" / "weld_data" / "pipe_scan.csv"
+
+
+def test_a_calibration_span_is_a_text_or_two_numbers():
+    texts = skywright.weld(SCAN, calibrate="0:7")
+    assert skywright.weld(SCAN, calibrate=(0, np.float32(7.0))).to_json() == texts.to_json()
+    for wrong in ((0,), 7, ("a", 1), (0, 1, 2)):
+        with pytest.raises(InputError, match=r"calibrate: .*; valid: 2 numbers, or a text T0:T1"):
+            skywright.weld(SCAN, calibrate=wrong)
+
+
+def test_a_threshold_above_the_signal_in_air_has_a_note():
+    usual = skywright.weld(SCAN, calibrate="0:7")
+    assert 0.9 < usual.result.contact_fraction < 1.0
+    assert not any("air counts as contact" in note for note in usual.notes)
+    above = 1.1 * usual.result.calibration.excursion
+    found = skywright.weld(SCAN, calibrate="0:7", lift_off_threshold=above)
+    assert found.result.contact_fraction == 1.0
+    assert any("air counts as contact" in note for note in found.notes)
+
+
+@pytest.fixture
+def pair(tmp_path: Path) -> tuple[Path, Path]:
+    """A trajectory, and the same one by a clock that is 0.35 s ahead."""
+    t = 0.02 * np.arange(1000)
+    p = np.stack([np.sin(t), np.cos(0.7 * t), 0.1 * t], axis=1)
+    files = tmp_path / "track.txt", tmp_path / "reference.txt"
+    for file, clock in zip(files, (t, t + 0.35), strict=True):
+        np.savetxt(file, np.column_stack([clock, p, 0.0 * p, np.ones(len(t))]), fmt="%.6f")
+    return files
+
+
+def test_a_reference_offset_is_the_clock_of_the_reference_minus_that_of_the_trajectory(pair):
+    track, reference = pair
+    for offset in (0.35, np.float32(0.35), None):  # None: it is estimated
+        found = skywright.locate(
+            track, reference=reference, compare="none", reference_offset=offset
+        ).errors["trajectory"]
+        assert found.absolute.max < 1e-3 and found.time_offset == pytest.approx(0.35, abs=1e-3)
+    for wrong in (-0.35, 0.0):
+        found = skywright.locate(
+            track, reference=reference, compare="none", reference_offset=wrong
+        ).errors["trajectory"]
+        assert found.absolute.rms > 0.2
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"time_offset": 0.35}, "--time-offset needs a station.*; valid here: --reference-offset"),
+        ({"span": (0, 10)}, "--calibrate needs a station"),
+        ({"prism": (0.0, 0.0, 1.0)}, "--prism needs a station"),
+        ({"span": 3}, "span: 3; valid: 2 numbers, or a text T0:T1"),
+        ({"prism": (0, 0)}, r"prism: \(0, 0\); valid: 3 numbers, or a text X,Y,Z"),
+        ({"reference_offset": "0"}, "--reference-offset '0'; valid: a number of seconds"),
+        ({"reference_offset": [0, 1]}, r"--reference-offset \[0, 1\]; valid: a number"),
+    ],
+)
+def test_arguments_of_locate_that_do_not_fit_are_refused(pair, given, words):
+    with pytest.raises(InputError, match=words):
+        skywright.locate(pair[0], reference=pair[1], **given)
+
+
+@pytest.mark.parametrize("mass", ["5.85", [1.0], -1.0, float("nan")])
+def test_a_mass_that_is_none_is_refused(directory, mass):
+    with pytest.raises(InputError, match=r"--mass .*: give the mass of the robot in kg, above 0"):
+        skywright.identify(directory, mass=mass)

@@ -141,9 +141,10 @@ def load(
     values (`{"world.pipe.diameter_m": 0.3}`), or is a list of `KEY=VALUE` strings as on the command
     line. Raises InputError, which names file and key, if the input is invalid.
     """
-    from skywright.description.loader import load_description
+    from skywright.description.loader import load_description, named_sets
 
-    return load_description(mission, robot, world, sets, seed)
+    with named_sets(sets):
+        return load_description(mission, robot, world, sets, seed)
 
 
 def plan(description: Description | str | os.PathLike[str]) -> MissionPlan:

@@ -18,6 +18,7 @@ from skywright.description.loader import (
     Description,
     Sets,
     load_description,
+    named_sets,
     split_assignments,
 )
 from skywright.description.robot.spec import Robot
@@ -51,7 +52,8 @@ def load_robot(robot: Path_, *, sets: Sets = ()) -> Robot:
     """
     from skywright.description.robot.loader import load_robot as load
 
-    return load(robot, split_assignments(sets))[0]
+    with named_sets(sets):
+        return load(robot, split_assignments(sets))[0]
 
 
 def load_world(world: Path_) -> World:
@@ -66,6 +68,7 @@ def compute_capability(
 ) -> Capability:
     """Compute the static limits of a robot: forces (N), tilts (rad), wind (m/s), payload, power.
 
+    For its wind limit a robot with lateral force stays level; the others tilt up to `tilt_max`.
     `posture` is "extended", "folded", "worst", or the joints' angles (rad). Directions are
     horizontal in B, from +x counter-clockwise. Raises InputError if the robot cannot lift itself.
     """
@@ -109,7 +112,7 @@ def build_vehicle(description: Description | Path_) -> SimulatedVehicle:
     `vehicle.tick()` runs 20 ms and returns `t` (s) and whether the tracked motion has `arrived`;
     `Uav(vehicle)` commands it. `vehicle.save()` and `vehicle.restore(state, seed)` return to a
     state, bit for bit or with other noise. `vehicle.last_sample` (1,) holds the columns of a
-    recording, `vehicle.estimate` the estimate that controllers receive.
+    recording; later ticks overwrite it. `vehicle.estimate` is what controllers receive.
     """
     from skywright.run.backends import build_vehicle as build
 
@@ -149,7 +152,8 @@ def fly(
                 "live: not valid with the back end recording; valid back ends: physics, kinematic"
             )
         return open_recording(Path(mission))
-    description = load_description(mission, robot, world, sets, seed)
+    with named_sets(sets):
+        description = load_description(mission, robot, world, sets, seed)
     if live is None:
         return open_vehicle(description, backend, arrival, checklist, parts)
     from skywright.links.broadcast.open import open_live
@@ -188,11 +192,14 @@ def run_estimator(
     B; fixes at `t_fix` (m,) s on the same clock: `p_fix` (m, 3) m in W, and with motion capture
     `R_fix` (m, 3, 3), else (satellites) `heading` (m,) rad of B's x axis. Positions are
     those of B's origin, with satellites those of the antenna; the robot must then be at rest at
-    the start. The estimator assumes the sensor noise of the mission's robot and world. Raises
-    InputError if `R_fix` or `heading` is missing or not read, or if no fix is within `t`.
+    the start. The estimator assumes the noise of the mission's robot and world: set the keys
+    `world.mocap.position_noise_m` and `attitude_noise_rad` to those of your data. A UserWarning
+    states the noise found if the estimator rejects several fixes in a row. Raises InputError for an
+    input that is missing, not read, or implausible in these units and axes.
 
     Returns a structured array with one row per control period: `t`, `p_WB`, `v_WB`, `R_WB`,
-    `w_WB_B`, `p_std` (m, stated deviations) and `ready`, false until the estimate is valid.
+    `w_WB_B`, `p_std` (m, stated deviations) and `ready`. Until the first fixes start the
+    estimator, `ready` is false and the others, except for `t`, are NaN.
     """
     from skywright.vehicle.stepped import EstimatorRun
 
@@ -231,7 +238,8 @@ def plan_motion(
     `start` and `goal` are x, y, z (m) and yaw (rad) with the arm folded, or `Configuration`s with
     the joints' angles q (rad). `margin` (m) is the least distance to all shapes. Returns the
     corners of the path, `p_WB` (k, 3) m, `yaw` (k,) rad and `q` (k, joints) rad, which straight
-    lines connect, and its `clearance` (m). Equal seeds give equal paths.
+    lines connect, and its `clearance` (m). Equal seeds give equal paths. A path uses the space
+    up to 2 m beyond start, goal and shapes, so it may lead over a wall.
     Raises InfeasibleError, whose `blocked_by` names the obstacle.
     """
     from skywright.planning.shapes import plan_between
@@ -255,6 +263,7 @@ def campaign(
     """Fly a mission `runs` times, keys drawn from distributions: {"world.wind.mean_mps":
     "uniform(0, 5)"}.
 
+    With {} the runs differ by their seeds only.
     `out` is the folder (default: one under `campaigns/`); the same call continues a campaign.
     `sets` is that of `load`. `workers` is the number of processes (default: all cores). The result
     has `rows` (one per run: outcome, metrics, varied values), the `verdict` and the `folder`.
@@ -271,7 +280,7 @@ def campaign(
 def weld(
     data: Path_,
     *,
-    calibrate: str | None = None,
+    calibrate: str | Sequence[float] | None = None,
     calibration_file: Path_ | None = None,
     surface_file: Path_ | None = None,
     columns: str | None = None,
@@ -280,15 +289,16 @@ def weld(
 ) -> WeldReport:
     """Find the weld in a scan: a CSV file, a run's directory or its recording.
 
-    `calibrate` is "T0:T1" (s), the thresholds are in units of the instrument, `columns` names
-    columns and units: "t=Time[ms],x=X[mm]". `report.result` holds arrays, `report.to_json()` what
-    the command prints. Raises InputError.
+    `calibrate` is (T0, T1) or "T0:T1" (s), the thresholds are in units of the instrument, `columns`
+    names columns and units: "t=Time[ms],x=X[mm]". `report.result` holds arrays, `report.to_json()`
+    what the command prints. Raises InputError.
     """
     from skywright.inspection.weld_data import process_file
+    from skywright.recordings.text_table import join_numbers
 
     return process_file(
         Path(data),
-        calibrate,
+        join_numbers("calibrate", calibrate, "T0:T1"),
         None if calibration_file is None else Path(calibration_file),
         lift_off_threshold,
         weld_threshold,
@@ -303,26 +313,29 @@ def locate(
     camera: Path_ | None = None,
     reference: Path_ | None = None,
     align: str = "similarity",
-    span: str | None = None,
+    span: str | Sequence[float] | None = None,
     time_offset: float | None = None,
-    prism: str | None = None,
+    prism: str | Sequence[float] | None = None,
     frame: tuple[Path_, Path_] | None = None,
     compare: str = "rigid",
     reference_offset: float | None = None,
 ) -> LocateReport:
     """Fuse the recordings of a total station and a tracking camera, or evaluate a trajectory.
 
-    `data` are files as of `skywright locate`. `span` is "T0:T1" (s), the offsets are in s, `prism`
-    is "X,Y,Z" (m, in the camera's frame), `frame` a pair of files of points (known, measured).
+    `data` are files as of `skywright locate`. `span` is (T0, T1) or "T0:T1" (s), the offsets are
+    in s, `prism` is (x, y, z) or "X,Y,Z" (m, in the camera's frame), `frame` a pair of files of
+    points (known, measured).
     `report.trajectory` has `t` (n,) s and `p` (n, 3) m. Raises InputError.
     """
     from skywright.analysis.locate.locate import locate as locate_files
+    from skywright.recordings.text_table import join_numbers
 
     roles = [None if file is None else os.fspath(file) for file in (station, camera, reference)]
     return locate_files(
         [os.fspath(file) for file in data],
-        station=roles[0], camera=roles[1], reference=roles[2], align=align, span=span,
-        time_offset=time_offset, prism=prism,
+        station=roles[0], camera=roles[1], reference=roles[2], align=align,
+        span=join_numbers("span", span, "T0:T1"), time_offset=time_offset,
+        prism=join_numbers("prism", prism, "X,Y,Z"),
         frame=None if frame is None else (Path(frame[0]), Path(frame[1])),
         compare=compare, reference_offset=reference_offset,
     )  # fmt: skip

@@ -58,8 +58,7 @@ def _read_hint(cls: type, name: str, hint: Any) -> tuple[Any, tuple[int, ...]]:
     """Return (base type, shape) of a field."""
     shape: tuple[int, ...] = ()
     if get_origin(hint) is Annotated:
-        hint, *shape_ = get_args(hint)
-        shape = tuple(shape_)
+        hint, shape = get_args(hint)[0], get_args(hint)[1:]
     base = _BASES.get(hint) if not isinstance(hint, type) or hint in (int, float) else None
     if isinstance(hint, type) and issubclass(hint, Record):
         return hint.dtype, shape
@@ -72,12 +71,7 @@ def _read_hint(cls: type, name: str, hint: Any) -> tuple[Any, tuple[int, ...]]:
     return base, shape
 
 
-_BASES: dict[Any, Any] = {
-    float: np.float64,
-    int: np.int64,
-    Array: np.float64,
-    Integers: np.int64,
-}
+_BASES: dict[Any, Any] = {float: np.float64, int: np.int64, Array: np.float64, Integers: np.int64}
 
 
 class View:
@@ -100,9 +94,14 @@ class View:
         return View(value) if isinstance(value, np.void) else value
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if name not in self.dtype.fields:
-            raise self._unknown(name)
-        self._row[name] = value._row if isinstance(value, View) else value
+        try:
+            self._row[name] = value._row if isinstance(value, View) else value
+        except (TypeError, ValueError) as error:
+            known = name in self.dtype.fields
+            raise (ValueError(f"{name}: {error}") if known else self._unknown(name)) from None
+
+    def __repr__(self) -> str:
+        return "\n".join(f"{n} = {' '.join(str(self[n]).split())}" for n in self.dtype.fields)
 
     def _unknown(self, name: str) -> AttributeError:
         return AttributeError(f"no field {name!r}; valid: {', '.join(self.dtype.fields)}")

@@ -280,6 +280,11 @@ def process_file(
             notes.append(f"calibrated on the approach found at {span[0]:.2f}:{span[1]:.2f} s")
         cal = _calibrate(scan, span, None, lift_off_threshold, weld_threshold)
 
+    if cal.lift_off_threshold >= cal.excursion:
+        notes.append(
+            f"the lift-off threshold of {cal.lift_off_threshold:.3g} units is not below the signal "
+            f"in air, {cal.excursion:.3g} units: air counts as contact"
+        )
     contact = detect_contact(scan.ec, cal)[2]
     if surface_file is not None:
         fit = load_surface(Path(surface_file), scan.p_WT[contact])

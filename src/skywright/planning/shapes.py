@@ -71,6 +71,9 @@ def plan_between(
         number = -1
     if number < 0:
         raise InputError(f"seed {seed!r}: valid: an integer of at least 0")
+    if isinstance(shapes, Box | Cylinder | Sphere):  # a tuple, but no list of shapes
+        name = type(shapes).__name__
+        raise InputError(f"shapes: one {name}; valid: a list of Box, Cylinder and Sphere")
     if not isinstance(shapes, Sequence) or isinstance(shapes, str | bytes):
         raise InputError(f"shapes: {shapes!r}; valid: a list of Box, Cylinder and Sphere")
     if len(shapes) > MAX_OBSTACLES:
@@ -123,29 +126,36 @@ def _read_end(name: str, end: Sequence[float] | Configuration, robot: Robot) -> 
 
 
 def _build_row(i: int, shape: Shape) -> tuple[int, int, Array, Array, Array, Array, float]:
-    """Return a shape as the planner's row; raises InputError for invalid sizes."""
-    try:
-        if isinstance(shape, Box):
-            p, half = _vector(shape.centre), 0.5 * _vector(shape.size)
-            R = np.asarray(shape.R_W, dtype=float)
-            turned = R.shape == (3, 3) and np.allclose(R @ R.T, np.eye(3), atol=1e-6)
-            if np.all(half > 0.0) and turned and np.linalg.det(R) > 0.0:
-                return -1, BOX, p, p, R, half, 0.0
-        elif isinstance(shape, Cylinder | Sphere):
-            ends = (shape.start, shape.end) if isinstance(shape, Cylinder) else (shape.centre,) * 2
-            a, b = map(_vector, ends)
-            if 0.0 < shape.radius < np.inf:
-                return -1, CAPSULE, a, b, np.eye(3), np.zeros(3), float(shape.radius)
-    except (TypeError, ValueError):
-        pass
-    raise InputError(
-        f"shape {i}: {shape!r}; valid: Box(centre, size, R_W), Cylinder(start, end, radius), "
-        "Sphere(centre, radius) with finite places, sizes above 0 and a rotation"
-    )
+    """Return a shape as the planner's row; raises InputError that names the invalid value."""
+    if not isinstance(shape, Box | Cylinder | Sphere):
+        raise InputError(f"shape {i}: {shape!r}; valid: a Box, Cylinder or Sphere")
+    at = f"shape {i}: {type(shape).__name__}"
+    if isinstance(shape, Box):
+        p, size = _read_vector(f"{at}.centre", shape.centre), _read_vector(f"{at}.size", shape.size)
+        if not np.all(size > 0.0):
+            raise _refuse(f"{at}.size", shape.size, "three lengths above 0 (m)")
+        R = read_numbers(shape.R_W)
+        turned = R is not None and R.shape == (3, 3) and np.allclose(R @ R.T, np.eye(3), atol=1e-6)
+        if R is None or not turned or np.linalg.det(R) < 0.0:
+            raise _refuse(f"{at}.R_W", shape.R_W, "a rotation matrix (3, 3)")
+        return -1, BOX, p, p, R, 0.5 * size, 0.0
+    names = ("start", "end") if isinstance(shape, Cylinder) else ("centre", "centre")
+    a, b = (_read_vector(f"{at}.{name}", getattr(shape, name)) for name in names)
+    if isinstance(shape, Cylinder) and np.array_equal(a, b):
+        raise _refuse(f"{at}.end", shape.end, "a point other than start; a ball is a Sphere")
+    radius = read_numbers(shape.radius)
+    if radius is None or radius.shape or not 0.0 < radius < math.inf:
+        raise _refuse(f"{at}.radius", shape.radius, "a length above 0 (m)")
+    return -1, CAPSULE, a, b, np.eye(3), np.zeros(3), float(radius)
 
 
-def _vector(value: ArrayLike) -> Array:
-    out = np.asarray(value, dtype=float)
-    if out.shape != (3,) or not np.all(np.isfinite(out)):
-        raise ValueError("three finite numbers")
+def _read_vector(at: str, value: ArrayLike) -> Array:
+    out = read_numbers(value)
+    if out is None or out.shape != (3,) or not np.all(np.isfinite(out)):
+        raise _refuse(at, value, "three finite numbers (m)")
     return out
+
+
+def _refuse(at: str, value: object, valid: str) -> InputError:
+    shown = " ".join(repr(value).split())  # arrays have several lines
+    return InputError(f"{at} = {shown}; valid: {valid}")

@@ -263,6 +263,24 @@ def read_number(cell: str) -> float:
         return math.nan
 
 
+def join_numbers(name: str, value: str | Sequence[float] | None, form: str) -> str | None:
+    """Return numbers as a text of the `form` "T0:T1" or "X,Y,Z"; texts and None are unchanged.
+
+    Raises InputError, which names the argument, for anything else.
+    """
+    if value is None or isinstance(value, str):
+        return value
+    mark = ":" if ":" in form else ","
+    count = len(form.split(mark))
+    try:
+        numbers = [float(x) for x in value]
+    except (TypeError, ValueError):
+        numbers = []
+    if len(numbers) != count:
+        raise InputError(f"{name}: {value!r}; valid: {count} numbers, or a text {form}")
+    return mark.join(map(repr, numbers))
+
+
 def parse_span(text: str, after: str, example: str) -> tuple[float, float]:
     """Parse the time span `T0:T1` of --calibrate; return T0 and T1 (s).
 

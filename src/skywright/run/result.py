@@ -47,6 +47,9 @@ class RunResult(NamedTuple, Generic[T, P]):
     inspected: Inspected | None = None
     """Detection results for the flaws of the true world; None: the kind searches for none."""
 
+    def __repr__(self) -> str:
+        return f"<RunResult {self.directory}: {self.outcome}>"
+
     @property
     def exit_code(self) -> int:
         """Exit code of the command-line contract."""

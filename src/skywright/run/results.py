@@ -41,7 +41,10 @@ class Run:
         }
         """Numbers by their names in docs/reference/metrics.md; NaN where one was not finite."""
         self.requirements: list[dict[str, Any]] = stored.written.get("requirements", [])
-        """Name, value, limit, unit and result of each requirement."""
+        """One dictionary each: name, value, unit, limit, sense, passed, where (of the phases)."""
+
+    def __repr__(self) -> str:
+        return f"<Run {self.directory}: {self.outcome}>"
 
     recording: Recording
     outcome: str
@@ -51,7 +54,7 @@ class Run:
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """The columns with shape, unit and meaning."""
+        """The columns, in order: each has name, shape, dtype, unit and meaning."""
         return self.recording.columns
 
     @property

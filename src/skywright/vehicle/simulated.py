@@ -280,6 +280,8 @@ class SimulatedVehicle(NoPilotSwitch):
         either time are discarded. Raises InputError, and changes nothing, for a state of another
         vehicle or a wrong seed.
         """
+        if not isinstance(saved, Saved):
+            raise InputError(f"restore: {saved!r:.60}; valid: a state that save() returned")
         self.assembly.restore(saved.assembly, seed)
         self.sim.restore(saved.physics)
         for c in self.assembly.components:
@@ -329,7 +331,7 @@ class SimulatedVehicle(NoPilotSwitch):
 
     @property
     def last_sample(self) -> Any:
-        """The newest sample, as an array (1,)."""
+        """The newest sample, as an array (1,) that later ticks overwrite: copy it to keep it."""
         return self._recorder.last
 
     def in_contact(self) -> bool:

@@ -27,6 +27,7 @@ from skywright.analysis.locate.trajectory_error import (
 )
 from skywright.core.arrays import Array, Mask
 from skywright.errors import InputError
+from skywright.models.hover import read_numbers
 from skywright.models.localisation.calibration import Calibration, calibrate
 from skywright.models.localisation.drift_filter import CAMERA, STATION, DriftModel, Fused
 from skywright.models.localisation.frame_alignment import METHODS
@@ -228,8 +229,9 @@ def locate(
     if compare not in ALIGNMENTS:
         raise InputError(f"--compare {compare}; valid: {', '.join(ALIGNMENTS)}")
     for flag, value in (("time", time_offset), ("reference", reference_offset)):
-        if value is not None and not abs(value) < 1e12:
-            raise InputError(f"--{flag}-offset {value}; valid: a number of seconds")
+        seconds = np.zeros(()) if value is None else read_numbers(value)
+        if seconds is None or seconds.shape or not abs(seconds) < 1e12:
+            raise InputError(f"--{flag}-offset {value!r}; valid: a number of seconds")
     chosen = (
         parse_span(span, "after the station's first sample", "0:30") if span is not None else None
     )
@@ -243,13 +245,15 @@ def locate(
         if traj is not None:
             notes += [f"{traj.name}: {note}" for note in traj.notes]
     if roles.station is None:
-        unused = [f for f, v in (("--calibrate", span), ("--prism", prism), ("--frame", frame))
-                  if v is not None]  # fmt: skip
+        flags = {
+            "--calibrate": span, "--prism": prism, "--frame": frame, "--time-offset": time_offset
+        }  # fmt: skip
+        unused = [flag for flag, value in flags.items() if value is not None]
         if unused:
-            raise InputError(f"{unused[0]} needs a station's and a camera's file")
+            hint = "; valid here: --reference-offset" if unused[0] == "--time-offset" else ""
+            raise InputError(f"{unused[0]} needs a station's and a camera's file{hint}")
         assert roles.reference is not None
-        offset = reference_offset if reference_offset is not None else time_offset
-        error = judge(roles.camera, roles.reference, compare, offset, notes)
+        error = judge(roles.camera, roles.reference, compare, reference_offset, notes)
         return LocateReport(
             roles.camera, None, "as recorded", None, roles.reference, {"trajectory": error},
             tuple(notes),

@@ -32,7 +32,7 @@ from skywright.description.robot.mesh import MeshTable
 class Platform(Spec):
     """The airframe without arm."""
 
-    mass_kg: Positive
+    mass_kg: Positive  # with battery and rotors
     inertia_xx_kgm2: Positive
     inertia_yy_kgm2: Positive
     inertia_zz_kgm2: Positive
@@ -130,7 +130,7 @@ class Rotors(Spec):
 
 
 class Battery(Spec):
-    """Energy on board, which determines the endurance."""
+    """Energy on board, which determines the endurance. Its mass is part of `platform.mass_kg`."""
 
     energy_wh: Positive
     usable_fraction: Fraction = 0.8

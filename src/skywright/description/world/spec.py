@@ -146,7 +146,11 @@ class Dryden(Spec):
 
 
 class Wind(Spec):
-    """Air moving in W. `toward_deg` is the direction of its motion, from +x counter-clockwise."""
+    """Air moving in W. `toward_deg` is the direction of its motion, from +x counter-clockwise.
+
+    If `kind` is not set, it is steady with a speed and none without: `mean_mps` alone can be set
+    or varied.
+    """
 
     kind: Literal["none", "steady", "fan", "dryden"] = "none"
     mean_mps: NonNegative = 0.0

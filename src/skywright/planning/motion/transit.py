@@ -126,6 +126,8 @@ def plan_transit(
         k = int(check_state(space, ends[0], build_scratch(space)))  # the blocked end
         why = f"{('start', 'goal')[k]}: {describe_pair(space, scene, path.blocked, key)}"
         near = measure_clearance(space, ends[[k, k]])
+        if near <= 0.0:
+            return refuse(f"{why}: they overlap")
         return refuse(f"{why}, {near:.3f} m" if near < margin else why)
     if not len(path.rows):
         often = describe_pair(space, scene, int(np.argmax(path.hits)), key, margin_self)

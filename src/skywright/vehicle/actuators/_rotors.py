@@ -27,7 +27,7 @@ class Rotors(Component):
         tau: float  # s
 
     columns = (
-        Recorded("rotor_thrust", RotorState, "thrust", "N", "in free air", per="rotor"),
+        Recorded("rotor_thrust", RotorState, "thrust", "N", "nominal, in free air", per="rotor"),
         Recorded("rotor_speed", RotorState, "speed", "rad/s", per="rotor"),
     )
 
