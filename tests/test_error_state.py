@@ -138,8 +138,11 @@ def test_gate_lets_an_artefact_change_nothing(flt):
     np.testing.assert_array_equal(f["p_f"], before[1])
 
 
-def feed(ticks, latency, artefacts=(), seed=0):
-    """Feed a filter a turning, swinging motion; motion capture every 10 ms, `latency` late."""
+def feed(ticks, latency, artefacts=(), seed=0, worse=(1000, 1.0)):
+    """Feed a filter a turning, swinging motion; motion capture every 10 ms, `latency` late.
+
+    From a sample on, its noise is `worse` by a factor.
+    """
     rng = np.random.default_rng(seed)
     b = Stepped(Filter("filter"), absent=["fix"])
     f, imu, mocap = b.me, b.imu, b.mocap
@@ -169,9 +172,10 @@ def feed(ticks, latency, artefacts=(), seed=0):
         exposed = k - round(latency / 0.002)
         if exposed >= 0 and exposed % 5 == 0:
             pe, Re = path[exposed + 1]
+            size = worse[1] if exposed // 5 >= worse[0] else 1.0
             mocap["fresh"], mocap["t"], mocap["period"] = 1.0, 0.002 * exposed, 0.01
-            mocap["p_WB"] = mocap["p_WT"] = pe + 3e-4 * noise[exposed, :3]
-            mocap["R_WB"] = Re @ Rotation.from_rotvec(2e-3 * noise[exposed, 3:]).as_matrix()
+            mocap["p_WB"] = mocap["p_WT"] = pe + 3e-4 * size * noise[exposed, :3]
+            mocap["R_WB"] = Re @ Rotation.from_rotvec(2e-3 * size * noise[exposed, 3:]).as_matrix()
             if exposed // 5 in artefacts:
                 mocap["p_WB"] += [0.7, 0.0, -0.3]
         b()
@@ -201,6 +205,18 @@ def test_a_filter_that_is_wrong_starts_again():
     b, p, _ = feed(501, 0.008, artefacts=range(20, 1000))
     assert b.me["rejected"] == 10
     assert np.linalg.norm(b.est["p_WB"] - p - [0.7, 0.0, -0.3]) < 2e-3
+
+
+@pytest.mark.parametrize(("since", "factor"), [(0, 2.0), (0, 8.0), (100, 4.0), (100, 8.0)])
+def test_noise_of_motion_capture_that_grows_is_learned(since, factor):
+    """Rejected samples that scatter mean noise: the filter weighs them less and keeps its state."""
+    b, p, _ = feed(1001, 0.008, worse=(since, factor))
+    f = b.me
+    assert f["restarts"] == 0 and f["rejected"] < 40
+    assert np.sqrt(f["r_p"]) / 3e-4 == pytest.approx(factor, rel=0.25)
+    assert np.sqrt(f["r_R"]) / 2e-3 == pytest.approx(factor, rel=0.25)
+    assert np.linalg.norm(b.est["p_WB"] - p) < 3.0 * np.linalg.norm(b.state["p_std"])
+    assert np.linalg.norm(b.est["p_WB"] - p) < factor * 5e-4
 
 
 def test_the_ring_is_long_enough_for_any_silence():

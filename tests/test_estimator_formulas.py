@@ -19,6 +19,7 @@ from skywright.vehicle.bus import Allocated, Body, Estimate
 from skywright.vehicle.estimates import EstimatorState, RotorForce
 from skywright.vehicle.estimators import _fusion, _strapdown, filter, observer, station_camera
 from skywright.vehicle.estimators._deviation import fill_deviation
+from skywright.vehicle.estimators._noise import compute_scatter
 from skywright.vehicle.readings import Fix, ImuBatch, MocapSample, Odometry
 from skywright.vehicle.sensors.station import StationCamera as Station
 
@@ -172,6 +173,34 @@ def test_ten_fixes_that_agree_with_each_other_move_a_filter_that_does_not() -> N
         moved = k + 1 >= filter.RESTART_AFTER
         assert (me.restarts == 1) == moved, k
         assert (np.linalg.norm(me.p_f - there) < 0.05) == moved
+
+
+def test_scatter_is_the_noise_and_not_the_error_of_the_estimate() -> None:
+    me, rng, k = make(filter.Filter.Me), np.random.default_rng(3), np.arange(10.0)
+    me.rejected = 17  # the oldest is at 7
+    drift = np.stack([0.3 + 0.2 * k, 1.0 - 0.1 * k**2, 0.05 * k**2], axis=1)
+    me.row[:, :3] = np.roll(drift, 7, axis=0)
+    assert compute_scatter(me, 0, 3) == pytest.approx(0.0, abs=1e-24)
+    found = []
+    for _ in range(2000):
+        me.row[:, :3] = np.roll(drift + rng.normal(0.0, 0.02, (10, 3)), 7, axis=0)
+        found.append(compute_scatter(me, 0, 3))
+    assert np.mean(found) == pytest.approx(0.02**2, rel=0.03)
+
+
+def test_fixes_that_are_noisier_than_stated_are_weighed_less() -> None:
+    """Ten times the noise: it is learned, and the position is not reset."""
+    me = make(filter.Filter.Me, h=1e-3, n=300, n_f=300, ready=2.0, r_fix=[4e-6] * 3, R_f=np.eye(3))
+    me.r_heading = 4e-6
+    me.P, me.p_f = 1e-8 * np.eye(15), [0.0, 0.0, 2.0]
+    rng, fix = np.random.default_rng(2), make(Fix, t=0.3)
+    for _ in range(60):
+        fix.p, fix.heading = [0.0, 0.0, 2.0] + rng.normal(0.0, 0.02, 3), rng.normal(0.0, 0.02)
+        assert filter.use_fix(me, fix, 0.3, G)
+    assert me.restarts == 0 and me.rejected < 25
+    assert np.sqrt(me.r_fix) == pytest.approx([0.02] * 3, rel=0.5)
+    assert 0.005 < np.sqrt(me.r_heading) < 0.06
+    assert np.linalg.norm(me.p_f - [0.0, 0.0, 2.0]) < 0.02
 
 
 def test_the_observer_follows_a_push_through_late_samples() -> None:

@@ -160,6 +160,14 @@ def directory(result) -> Path:
     return result.directory
 
 
+def test_the_estimate_of_a_run_is_judged_from_its_start_on(directory):
+    bag = directory / "recording.mcap"
+    found = skywright.locate(
+        f"{bag}:/estimate/pose", reference=f"{bag}:/truth/pose", compare="none"
+    )
+    assert found.to_json()["errors"]["trajectory"]["absolute_m"]["max"] < 0.01
+
+
 def test_a_run_is_read_back_by_name(result):
     run, samples = skywright.open_run(result.directory), result.samples
     assert run.outcome == result.outcome and run.phases == result.phases
@@ -494,9 +502,12 @@ def test_fixes_that_are_noisier_than_stated_are_learned_and_told():
     """2 mm instead of 0.3 mm: the error becomes that of the right key, and is stated."""
     with pytest.warns(UserWarning, match=r"position_noise_m = 0.0003 \(found: 0.002") as told:
         found = skywright.run_estimator(**rest(0.002))
-    assert len(told) == 1 and "attitude_noise_rad = 0.002 (found: 0.002" in str(told[0].message)
+    assert len(told) == 1
+    assert re.search(r"attitude_noise_rad = 0.002 \(found: 0.00(1[89]|2)", str(told[0].message))
     sets = {"world.mocap.position_noise_m": 0.002}
-    right = skywright.run_estimator(**rest(0.002, description=skywright.load("waypoints", sets=sets)))
+    right = skywright.run_estimator(
+        **rest(0.002, description=skywright.load("waypoints", sets=sets))
+    )
     late = found["t"] > 2.0
     rms = [
         np.sqrt(np.mean(np.sum((x["p_WB"][late] - [0.0, 0.0, 1.0]) ** 2, axis=1)))
@@ -511,8 +522,8 @@ def test_fixes_that_are_noisier_than_stated_are_learned_and_told():
 @pytest.mark.parametrize(("noise", "rate"), [(0.0002, 20), (0.0006, 100)])
 def test_fixes_as_stated_are_accepted_without_a_warning(noise, rate):
     found = skywright.run_estimator(**rest(noise, rate, 4.0))
-    error = np.linalg.norm(found["p_WB"] - [0.0, 0.0, 1.0], axis=1)
-    assert np.nanmax(error) < 4.0 * noise
+    error = found["p_WB"][found["ready"]] - [0.0, 0.0, 1.0]
+    assert np.sqrt(np.mean(error**2)) < noise
 
 
 REST = rest(0.0003, seconds=2.0)

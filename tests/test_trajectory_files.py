@@ -195,7 +195,9 @@ KINDS = {
 }  # fmt: skip
 
 
-def serialise(kind: str, t: float, p: list[float], frame: str) -> bytes:
+def serialise(
+    kind: str, t: float, p: list[float], frame: str, q_xyzw: tuple[float, ...] = (0, 0, 0.6, 0.8)
+) -> bytes:
     """One message by an independent implementation of CDR."""
     store = get_typestore(Stores.ROS2_HUMBLE)
     types = store.types
@@ -204,7 +206,7 @@ def serialise(kind: str, t: float, p: list[float], frame: str) -> bytes:
     stamp = make("builtin_interfaces/msg/Time", sec, round(1e9 * (t - sec)))
     header = make("std_msgs/msg/Header", stamp, frame)
     point, turn = make("geometry_msgs/msg/Point", *p), make(
-        "geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.6, 0.8)  # fmt: skip
+        "geometry_msgs/msg/Quaternion", *q_xyzw)  # fmt: skip
     vector = make("geometry_msgs/msg/Vector3", *p)
     pose = make("geometry_msgs/msg/Pose", point, turn)
     name = full_name(kind)
@@ -267,6 +269,22 @@ def test_topics_of_a_recording(tmp_path):
         load_trajectory(str(path))
     with pytest.raises(InputError, match="no trajectory '/loica'; valid: /leica"):
         load_trajectory(f"{path}:/loica")
+
+
+def test_messages_before_the_first_estimate_are_dropped(tmp_path):
+    """The estimate is at the origin until the estimator is ready; other topics may start there."""
+    path, kind, none = tmp_path / "run.mcap", "geometry_msgs/PoseStamped", (0.0, 0.0, 0.0, 1.0)
+    unset = [serialise(kind, 0.1 * k, [0, 0, 0], "map", none) for k in range(3)]
+    known = [serialise(kind, 0.3 + 0.1 * k, [0, k, 0], "map", none) for k in range(1, 6)]
+    write_mcap(
+        path, {"/estimate/pose": (kind, unset + known), "/truth/pose": (kind, unset + known)}
+    )
+    found = load_trajectory(f"{path}:/estimate/pose")
+    assert found.p[:, 1].tolist() == [1, 2, 3, 4, 5]
+    assert found.notes == ("3 messages before the first estimate dropped",)
+    assert len(load_trajectory(f"{path}:/truth/pose").t) == 8
+    write_mcap(path, {"/estimate/pose": (kind, unset)})
+    assert len(load_trajectory(f"{path}:/estimate/pose").t) == 3
 
 
 def test_recordings_without_a_trajectory_are_refused(tmp_path):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
 from skywright.core.record import Record, View, fill
+from skywright.core.rotations import log_so3
 from skywright.errors import InputError, SimulationError
 from skywright.models.rigid_body import compute_tip
 from skywright.recordings.period import compute_period
@@ -14,6 +16,7 @@ from skywright.vehicle.bus import Allocated, Clock, Estimate, Reference, WrenchC
 from skywright.vehicle.component import Component, Draws
 from skywright.vehicle.estimates import EstimatorState
 from skywright.vehicle.native import read_error
+from skywright.vehicle.own_data import Innovations, check_units
 from skywright.vehicle.ports import READ
 from skywright.vehicle.readings import Fix, ImuBatch, MocapSample, Odometry
 from skywright.vehicle.schedule import end_control, run_rows
@@ -28,6 +31,7 @@ ESTIMATES = np.dtype(
     ]
 )  # fmt: skip
 """One row of the result of `run_estimator`."""
+ESTIMATED = ("p_WB", "v_WB", "R_WB", "w_WB_B")
 
 
 class Stepped:
@@ -134,7 +138,11 @@ class EstimatorRun(Stepped):
         self._check_inputs(mocap, fix, R_fix, heading)
         ticks = len(t) // k
         self._check_span(t[: ticks * k], t_fix, h, k)
+        check_units(t, gyro, accel, t_fix, p_fix, R_fix, self.vehicle.world.gravity_mps2)
         out = np.zeros(ticks, ESTIMATES)
+        for name in (*ESTIMATED, "p_std"):
+            out[name] = np.nan  # until ready
+        innovations = Innovations()
         est, state = View(self.assembly.get(Estimate)), self.find(EstimatorState)
         self.assembly.get(Allocated)["f_B_alloc"] = 0.0
         nxt = int(np.searchsorted(t_fix, t[0] - 0.5 * h))
@@ -147,6 +155,7 @@ class EstimatorRun(Stepped):
             imu.n = k
             imu.gyro[:k], imu.accel[:k] = gyro[last - k : last], accel[last - k : last]
             target.fresh = 0.0
+            before = View(est.copy())
             due = int(np.searchsorted(t_fix, now + 0.5 * h, "right"))
             if due > nxt:
                 nxt = due - 1  # the newest fix, if several came since the last control tick
@@ -163,9 +172,14 @@ class EstimatorRun(Stepped):
             row = out[i]
             row["t"] = now
             row["ready"] = state is None or state.ready > 0.0
-            for name in ("p_WB", "v_WB", "R_WB", "w_WB_B"):
-                row[name] = est[name]
-            row["p_std"] = np.nan if state is None else state.p_std
+            if target.fresh:
+                innovations.add(*self._compare(target, before), state)
+            if row["ready"]:
+                for name in ESTIMATED:
+                    row[name] = est[name]
+                if state is not None:
+                    row["p_std"] = state.p_std
+        innovations.judge(self._list_noise(mocap is not None), bool(out["ready"].any()))
         return out
 
     @staticmethod
@@ -198,6 +212,31 @@ class EstimatorRun(Stepped):
                 f"t_fix: {given}; valid: at least one fix within the times t, "
                 f"{t[0]:.12g} to {t[-1]:.12g} s, on the same clock"
             )
+
+    def _compare(self, fix: Any, before: Any) -> tuple[Array, Array]:
+        """Return fix minus estimate `before` it: position (m), and rotation (rad) or heading (deg).
+
+        The lever from B's origin to an antenna remains in the position.
+        """
+        dt, poses = float(fix.t) - float(before.t), "R_WB" in fix.dtype.names
+        away = (fix.p_WB if poses else fix.p) - before.p_WB - dt * before.v_WB
+        if poses:
+            turn = np.empty(3)
+            log_so3(fix.R_WB @ before.R_WB.T, turn)
+            return away, turn - dt * before.R_WB @ before.w_WB_B
+        off = float(fix.heading) - math.atan2(before.R_WB[1, 0], before.R_WB[0, 0])
+        return away, np.degrees([math.remainder(off, 2.0 * math.pi)])
+
+    def _list_noise(self, poses: bool) -> dict[str, float]:
+        """Return the noises (1 sigma) of fixes that the estimator assumes, by their keys."""
+        w = self.vehicle.world
+        if poses:
+            keys, table = ("position_noise_m", "attitude_noise_rad"), w.mocap
+            return {f"world.mocap.{key}": getattr(table, key) for key in keys}
+        return {
+            f"world.gnss.{key}": getattr(w.gnss.errors, key)
+            for key in ("noise_level_m", "heading_noise_deg")
+        }
 
     def _set_pose(self, mocap: Any, p_WB: Array, R_WB: Array) -> None:
         """Fill a sample of motion capture; the probe's pose follows from the nominal arm."""

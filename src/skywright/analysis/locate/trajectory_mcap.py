@@ -5,9 +5,10 @@ The messages are in CDR: header (stamp, frame), then the numbers at fixed offset
 
 import struct
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skywright.errors import InputError, neighbours
 from skywright.models.localisation.trajectory import Trajectory, clean
@@ -90,6 +91,11 @@ def _decode(path: Path, contents: McapContents, topic: TopicInfo) -> Trajectory:
     if not len(rows):
         raise InputError(f"{path}: topic {topic.name} contains no messages")
     notes = [] if contents.complete else [CUT]
+    if topic.name == ROLES[0][1]:
+        early = _count_unset(rows)
+        if 0 < early < len(rows):
+            notes.append(f"{early} messages before the first estimate dropped")
+            rows = rows[early:]
     q = rows[:, [7, 4, 5, 6]] if turned else None
     t = rows[:, 0]
     known = t[np.isfinite(t)]
@@ -97,6 +103,16 @@ def _decode(path: Path, contents: McapContents, topic: TopicInfo) -> Trajectory:
         raise InputError(f"{path}: topic {topic.name} has no time stamps in its headers")
     found = clean(path, t, rows[:, 1:4], q, notes, None)
     return found._replace(name=f"{path.name}:{topic.name}")
+
+
+def _count_unset(rows: NDArray[Any]) -> int:
+    """Return how many messages precede the first estimate.
+
+    The vehicle records the initial value of the estimate until the estimator is ready: exactly the
+    origin, without rotation.
+    """
+    unset = np.all(rows[:, 1:] == [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], axis=1)
+    return len(rows) if unset.all() else int(np.argmin(unset))
 
 
 def _decode_message(raw: bytes, strings: int, turned: bool) -> list[float]:

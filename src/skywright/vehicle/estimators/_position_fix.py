@@ -15,6 +15,7 @@ from skywright.core.rotations import cross, mat_vec
 from skywright.core.scratch import local
 from skywright.vehicle.component import helper
 from skywright.vehicle.estimators._kalman import correct, inject, place_point
+from skywright.vehicle.estimators._noise import compute_scatter, keep_innovation, widen
 from skywright.vehicle.estimators._strapdown import BA_, BG_, MASK, N_STATE, P_, R_, V_
 
 GATES = (16.27, 18.47)  # chi-square of 3 and of 4 degrees of freedom at 99.9 %
@@ -34,7 +35,7 @@ def fuse_fix(me: Any, fix: Any) -> bool:
     """Fuse a fix taken at the horizon; returns False if the gate rejects it."""
     n = 4 if me.r_heading > 0.0 else 3
     H, nu, r, lever = local(4, N_STATE), local(4), local(4), local(3)
-    dx = local(N_STATE)
+    dx, before = local(N_STATE), local(4)
     for i in range(4):
         for j in range(N_STATE):
             H[i, j] = 0.0
@@ -46,11 +47,30 @@ def fuse_fix(me: Any, fix: Any) -> bool:
         off = fix.heading - math.atan2(me.R_f[1, 0], me.R_f[0, 0])
         nu[3] = math.atan2(math.sin(off), math.cos(off))
         H[3, R_ + 2], r[3] = 1.0, me.r_heading
+    for i in range(n):
+        before[i] = nu[i]
     me.nis = correct(me.P, H[:n], nu[:n], r[:n], GATES[n - 3], dx)
     if not me.nis < GATES[n - 3]:
+        keep_innovation(me, before)
         return False
     inject(me, dx)
     return True
+
+
+@helper
+def learn_fix_noise(me: Any) -> None:
+    """Raise the noise to the scatter of rejected fixes, and the covariance with it."""
+    p = 0.0  # of the three axes, whose noise has a known proportion
+    for i in range(3):
+        p += compute_scatter(me, i, 1) / me.r_fix[i] / 3.0
+    p, heading = max(p, 1.0), 1.0
+    if me.r_heading > 0.0:
+        heading = max(compute_scatter(me, 3, 1) / me.r_heading, 1.0)
+    for i in range(3):
+        me.r_fix[i] *= p
+    me.r_heading *= heading
+    widen(me, max(p, heading))
+    me.rejected -= 1  # the newest fix is judged again
 
 
 @helper

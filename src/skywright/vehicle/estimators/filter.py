@@ -32,9 +32,17 @@ from skywright.vehicle.component import Component, Estimator, InOut, Out, helper
 from skywright.vehicle.estimates import POSITION_COLUMNS, EstimatorState, RotorForce
 from skywright.vehicle.estimators._deviation import fill_deviation
 from skywright.vehicle.estimators._kalman import correct, inject, place_point
+from skywright.vehicle.estimators._noise import (
+    ROW,
+    Scatter,
+    compute_scatter,
+    keep_innovation,
+    widen,
+)
 from skywright.vehicle.estimators._position_fix import (
     FixNoise,
     fuse_fix,
+    learn_fix_noise,
     move_to_fix,
     start_from_fix,
 )
@@ -59,7 +67,7 @@ from skywright.vehicle.readings import Fix, ImuBatch, MocapSample
 from skywright.vehicle.tip import TIP_WALK, correct_tip
 
 GATE = 22.46  # chi-square of 6 degrees of freedom at 99.9 %
-RESTART_AFTER = 10  # rejected samples in a row that agree with each other
+RESTART_AFTER = ROW  # rejected samples in a row that agree with each other
 AGREE_P, AGREE_R = 0.1, 0.2  # m, rad: largest difference of two samples that agree
 AGREE_SIGMAS = 4.0  # of the noise of fixes, in addition
 LATE = 16  # inertial samples by which a fix may arrive later than its latency
@@ -73,7 +81,7 @@ class Filter(Estimator):
 
     columns = POSITION_COLUMNS
 
-    class Me(Strapdown, FixNoise):
+    class Me(Strapdown, FixNoise, Scatter):
         r_p: float  # m^2, motion capture
         r_R: float  # rad^2
         # state of the gate
@@ -81,7 +89,6 @@ class Filter(Estimator):
         nis: float  # squared normalised innovation of the last sample
         last_fix: float  # s, of the newest sample that was fused
         fused: int
-        rejected: int
         rejected_row: int
         late: int  # fixes that arrived after the horizon had passed their time
         keep: int  # inertial samples that stay behind the present if no fix arrives
@@ -189,6 +196,7 @@ def fuse(me: Any, mocap: Any) -> bool:
         before[i] = nu[i]
     me.nis = correct(me.P, H, nu, r, GATE, dx)
     if not me.nis < GATE:
+        keep_innovation(me, before)
         return False
     gain = 1.0 / min(me.fused + SHEET_WORTH, KNOWN_AFTER)
     for i in range(6):
@@ -204,6 +212,17 @@ def fuse(me: Any, mocap: Any) -> bool:
     me.r_c = 2.0 * me.r_p  # of the tip: includes the error of the platform's position
     inject(me, dx)
     return True
+
+
+@helper
+def learn_noise(me: Any) -> None:
+    """Raise the noise to the scatter of rejected samples, and the covariance with it."""
+    p = max(compute_scatter(me, 0, 3) / me.r_p, 1.0)
+    R = max(compute_scatter(me, 3, 3) / me.r_R, 1.0)
+    me.r_p, me.r_R, me.r_c = p * me.r_p, R * me.r_R, p * me.r_c
+    me.fused = ROW  # the samples that the noise is now known from
+    widen(me, max(p, R))
+    me.rejected -= 1  # the newest sample is judged again
 
 
 @helper
@@ -262,17 +281,20 @@ def use_mocap(me: Any, mocap: Any, t: float, gravity: float) -> bool:
         me.late += 1
         return False
     advance(me, n, gravity)
-    if fuse(me, mocap):
+    good = fuse(me, mocap)
+    if not good:
+        me.refused += 1
+        me.rejected_row = me.rejected_row + 1 if agrees_with_last(me, mocap) else 1
+        if me.rejected_row >= RESTART_AFTER:  # they agree with each other: noise or filter is wrong
+            learn_noise(me)
+            good = fuse(me, mocap)
+            if not good:
+                start_at(me, mocap, n)
+                me.restarts += 1
+    if good:
         me.last_fix = mocap.t
         me.fused += 1
         me.rejected_row = me.refused = 0
-    else:
-        me.rejected += 1
-        me.refused += 1
-        me.rejected_row = me.rejected_row + 1 if agrees_with_last(me, mocap) else 1
-        if me.rejected_row >= RESTART_AFTER:  # the samples agree with each other: filter wrong
-            start_at(me, mocap, n)
-            me.restarts += 1
     correct_tip(me, mocap, me.c_B, me.p_f, me.R_f, me.p_BI, me.p_BT[(n - 1) & MASK])
     return True
 
@@ -297,15 +319,18 @@ def use_fix(me: Any, fix: Any, t: float, gravity: float) -> bool:
         me.ready = max(me.ready, 1.0)
         return me.ready == 2.0
     advance(me, n, gravity)
-    if fuse_fix(me, fix):
-        me.last_fix = fix.t
-        me.fused += 1
-        me.rejected_row = me.refused = 0
-    else:
-        me.rejected += 1
+    good = fuse_fix(me, fix)
+    if not good:
         me.refused += 1
         me.rejected_row = me.rejected_row + 1 if agrees else 1
         if me.rejected_row >= RESTART_AFTER:
-            move_to_fix(me, fix, SPEED_START, HOLD_RATE)
-            me.restarts += 1
+            learn_fix_noise(me)
+            good = fuse_fix(me, fix)
+            if not good:
+                move_to_fix(me, fix, SPEED_START, HOLD_RATE)
+                me.restarts += 1
+    if good:
+        me.last_fix = fix.t
+        me.fused += 1
+        me.rejected_row = me.refused = 0
     return True
