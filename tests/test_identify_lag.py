@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from skywright.analysis.identify.flight_log import FlightLog
 from skywright.analysis.identify.identify import identify
@@ -45,7 +46,8 @@ def make_log(lag: float, seed: int, flown: Robot = ROBOT, duration: float = 40.0
         for i, a in enumerate(sizes)
     )
     f_z = f_z + MASS * GRAVITY
-    t_z = t_z + 0.3 * rng.standard_normal(len(t))
+    noise = lfilter([0.1], [1.0, -0.9], rng.standard_normal(len(t)))  # 20 ms, 0.23 rms
+    t_z = t_z + 0.3 * noise
     sent, share = np.zeros(len(t)), 1.0 - math.exp(-TICK / T_z)
     for i in range(1, len(t)):
         sent[i] = sent[i - 1] + share * (t_z[i] - sent[i - 1])

@@ -23,6 +23,7 @@ from skywright.core.arrays import Array
 from skywright.core.threads import on_one_thread
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
+from skywright.models.hover import read_numbers
 from skywright.models.rigid_body import build_body_model, compute_body, posture
 
 AXES = (
@@ -138,8 +139,9 @@ def identify(
     """
     if not paths:
         raise InputError("no log; give at least one run directory, recording, ULog or table")
-    if mass is not None and not (math.isfinite(mass) and mass > 0.0):
-        raise InputError(f"--mass {mass:g}: give the mass of the robot in kg, above 0")
+    number = np.ones(()) if mass is None else read_numbers(mass)
+    if number is None or number.shape or not 0.0 < number < math.inf:
+        raise InputError(f"--mass {mass!r}: give the mass of the robot in kg, above 0")
     logs = [load_log(path, robot) for path in paths]
     first = logs[0]
     for log, path in zip(logs, paths, strict=True):

@@ -2,7 +2,10 @@
 
     y = K u - tau y' + b
 
-Fitted by least squares on signals after a zero-phase filter, which adds no delay.
+Fitted by least squares on signals after a zero-phase filter, which adds no delay. Rotors share
+their errors: the noise of a commanded torque is in the command of each of them. The fit therefore
+weights their combinations by the residuals of a first fit (generalized least squares, Aitken 1936).
+Otherwise the noisiest axis would determine the lag.
 """
 
 from typing import NamedTuple
@@ -13,14 +16,23 @@ from scipy.signal import butter, sosfiltfilt
 
 from skywright.analysis.identify.fit import BLOCK, CONFIDENCE, choose_held_out
 from skywright.analysis.identify.flight_log import FlightLog
-from skywright.core.arrays import Array, Mask
+from skywright.core.arrays import Array, Ints, Mask
 from skywright.recordings.period import compute_period
 
-CUTOFF = 5.0  # Hz
+CUTOFF = 2.0
+"""Hz, above the motion of a flight. At higher frequencies, commands are mostly noise, which changes
+between two samples of a log: the response to it appears later than it is."""
+EDGE = 1.0  # s, margin to excluded samples: two cycles of the cut-off
+RESOLUTION = 0.1
+"""Share of a log's sample interval that adds to the half width of a lag, because commands between
+samples are unknown. In simulated flights with little motion, the error is up to this share."""
 LEAST = 4  # minimum number of blocks with motion
 GAINS, LAGS = (0.2, 5.0), (0.0, 1.0)  # valid range; lags in s
 LEAST_R2 = 0.5  # minimum on held-out parts
 GAIN_WIDEST, LAG_WIDEST = 0.1, 0.4  # maximum half widths of gain and lag, relative to their values
+CLEAR_R2 = 0.7  # minimum for a combination of rotors to state a lag of its own
+DISAGREEMENT = 0.5  # maximum distance between the intervals of such lags, relative to the lag
+LEAST_NOISE = 0.01  # of the noisiest combination of rotors: minimum noise of any, in the weights
 
 
 class Lag(NamedTuple):
@@ -39,9 +51,9 @@ class Lag(NamedTuple):
 
 
 def fit_lag(name: str, unit: str, t: Array, command: Array, response: Array, use: Mask) -> Lag:
-    """Fit a response (k,) to its command (k,) where `use` holds and both are numbers.
+    """Fit the responses (k, n) of n equal drives to their commands (k, n), or of one drive (k,).
 
-    `t` (k,) s is evenly spaced.
+    Samples count where `use` (k,) holds and all values are numbers. `t` (k,) s is evenly spaced.
     """
 
     def give_up(reason: str) -> Lag:
@@ -49,16 +61,16 @@ def fit_lag(name: str, unit: str, t: Array, command: Array, response: Array, use
         return Lag(name, unit, False, reason, nan, nan, nan, nan, nan, nan)
 
     period = compute_period(t)
-    sos = butter(4, min(CUTOFF, 0.35 / period) * 2 * period, output="sos")
-    known = np.isfinite(command) & np.isfinite(response)
+    u, y = (x.reshape(len(t), -1) for x in (command, response))
+    known = np.all(np.isfinite(u) & np.isfinite(y), axis=1)
     if not known.any():
         return give_up("too little of it in the log")
     use = use & known
-    # the filter needs numbers everywhere; samples near interpolated ones are not used
-    u, y = (np.asarray(sosfiltfilt(sos, np.interp(t, t[known], x[known])))
-            for x in (command, response))  # fmt: skip
-    rate = np.gradient(y, period)
-    edge = round(0.5 / period)
+    u, y = (_filter(t, x, known, period) for x in (u, y))
+    # central difference of fourth order: a gradient would lengthen the lag
+    rate = 8.0 * (np.roll(y, -1, 0) - np.roll(y, 1, 0)) - np.roll(y, -2, 0) + np.roll(y, 2, 0)
+    rate /= 12.0 * period
+    edge = max(round(EDGE / period), 2)
     keep = use.copy()
     for shift in (-edge, edge):  # keep a margin to excluded samples
         moved = np.roll(use, shift)
@@ -67,30 +79,23 @@ def fit_lag(name: str, unit: str, t: Array, command: Array, response: Array, use
     if keep.sum() * period < LEAST * BLOCK:
         return give_up("too little of it in the log")
     t, u, y, rate = t[keep], u[keep], y[keep], rate[keep]
-    if np.std(u) < 1e-9:
+    if np.max(np.std(u, axis=0)) < 1e-9:
         return give_up("it was never commanded to move")
-    X = np.column_stack([u, -rate, np.ones(len(u))])
+    X = np.stack([u, -rate, np.ones_like(u)], axis=2)
     held_out = choose_held_out(t)
     A, b = X[~held_out], y[~held_out]
-    scale = np.maximum(A.std(axis=0), 1e-12)
-    scale[2] = 1.0
-    found, *_ = np.linalg.lstsq(A / scale, b, rcond=None)
-    error = b - A / scale @ found
-    bread = np.linalg.pinv((A / scale).T @ (A / scale))
     blocks = np.floor(t[~held_out] / BLOCK).astype(int)
-    scores = np.array([(A / scale)[blocks == k].T @ error[blocks == k] for k in np.unique(blocks)])
-    g = len(scores)
-    if g < LEAST:
+    if len(np.unique(blocks)) < LEAST:
         return give_up("too little of it in the log")
-    variance = np.maximum(
-        np.diag(bread @ (scores.T @ scores) @ bread) * g / (g - 1),
-        np.diag(bread) * float(np.mean(error**2)),
-    )
-    half = float(stats.t.ppf(0.5 + CONFIDENCE / 2, g - 1)) * np.sqrt(variance) / scale
-    gain, lag, offset = found / scale
+    plain, _ = _fit(A, b, blocks)
+    variance, V = _separate(b - A @ plain)
+    W = V / np.sqrt(variance) @ V.T  # turns the errors into uncorrelated ones of equal size
+    found, half = _fit(_combine(A, W), b @ W, blocks)
+    half[1] = np.hypot(half[1], RESOLUTION * period)
+    gain, lag, offset = found
     test = y[held_out]
     spread = float(np.sum((test - test.mean()) ** 2))
-    r2 = 1.0 - float(np.sum((test - X[held_out] @ (found / scale)) ** 2)) / max(spread, 1e-12)
+    r2 = 1.0 - float(np.sum((test - X[held_out] @ found) ** 2)) / max(spread, 1e-12)
     if half[0] > GAIN_WIDEST * max(abs(gain), 0.5) or half[1] > LAG_WIDEST * max(abs(lag), 0.01):
         return give_up(f"it moved too little: gain {gain:.2f} +- {half[0]:.2f}")
     if not (GAINS[0] <= gain <= GAINS[1] and LAGS[0] - half[1] <= lag <= LAGS[1]):
@@ -98,12 +103,80 @@ def fit_lag(name: str, unit: str, t: Array, command: Array, response: Array, use
             f"gain {gain:.3g} and lag {lag:.3g} s; possible: {GAINS[0]:g} to {GAINS[1]:g} and "
             f"{LAGS[0]:g} to {LAGS[1]:g} s"
         )
+    shortest, longest = _find_extremes(A, b, blocks, V)
+    if longest - shortest > DISAGREEMENT * max(lag, 0.01):
+        return give_up(
+            f"its lag is at most {1e3 * shortest:.0f} ms in one combination of the drives and at "
+            f"least {1e3 * longest:.0f} ms in another; the commands of the log are not those that "
+            "the drives received"
+        )
     if not r2 >= LEAST_R2:
         return give_up(f"R² on held-out parts is {r2:.3g}; at least {LEAST_R2:g} is needed")
     return Lag(
         name, unit, True, "", float(gain), float(half[0]), float(lag), float(half[1]),
         float(offset), r2,
     )  # fmt: skip
+
+
+def _filter(t: Array, x: Array, known: Mask, period: float) -> Array:
+    """Return the filtered columns of x (k, n); values that are not `known` are interpolated.
+
+    The filter needs numbers everywhere. Samples near interpolated ones are not used.
+    """
+    sos = butter(4, min(CUTOFF, 0.35 / period) * 2.0 * period, output="sos")
+    filled = [np.interp(t, t[known], column[known]) for column in x.T]
+    return np.asarray(sosfiltfilt(sos, np.column_stack(filled), axis=0))
+
+
+def _fit(A: Array, b: Array, blocks: Ints) -> tuple[Array, Array]:
+    """Return the least squares solution (3,) of A (k, n, 3) and b (k, n), and its half widths.
+
+    Errors may be correlated within a block of time, also between drives.
+    """
+    scale = np.maximum(A.std(axis=(0, 1)), 1e-12)
+    scale[2] = 1.0
+    A = A / scale
+    flat = A.reshape(-1, 3)
+    found, *_ = np.linalg.lstsq(flat, b.ravel(), rcond=None)
+    error = b - A @ found
+    bread = np.linalg.pinv(flat.T @ flat)
+    groups = np.unique(blocks)
+    scores = np.array([np.einsum("knp,kn->p", A[blocks == k], error[blocks == k]) for k in groups])
+    g = len(groups)
+    variance = np.maximum(
+        np.diag(bread @ (scores.T @ scores) @ bread) * g / (g - 1),
+        np.diag(bread) * float(np.mean(error**2)),
+    )
+    half = float(stats.t.ppf(0.5 + CONFIDENCE / 2, g - 1)) * np.sqrt(variance)
+    return found / scale, half / scale
+
+
+def _combine(A: Array, W: Array) -> Array:
+    """Return the regressors (k, m, 3) of the combinations W (n, m) of drives, from A (k, n, 3)."""
+    return np.einsum("knp,nm->kmp", A, W)
+
+
+def _separate(error: Array) -> tuple[Array, Array]:
+    """Return the combinations V (n, n) of drives with uncorrelated errors (k, n), as columns, and
+    the variances (n,) of these errors over the largest, at least LEAST_NOISE."""
+    variance, V = np.linalg.eigh(error.T @ error / len(error))
+    return np.maximum(variance / max(float(variance[-1]), 1e-30), LEAST_NOISE), V
+
+
+def _find_extremes(A: Array, b: Array, blocks: Ints, V: Array) -> tuple[float, float]:
+    """Return the least upper and the greatest lower limit (s) of the lags of the combinations V.
+
+    Combinations that follow their commands (CLEAR_R2) count. Equal drives with the commands of the
+    log have one lag; else the errors of a common lag separate those that have another one.
+    """
+    shortest, longest = np.inf, -np.inf
+    for v in V.T[:, :, None]:
+        X, y = _combine(A, v), b @ v
+        found, half = _fit(X, y, blocks)
+        if np.mean((y - X @ found) ** 2) <= (1.0 - CLEAR_R2) * np.var(y):
+            shortest = min(shortest, found[1] + half[1])
+            longest = max(longest, found[1] - half[1])
+    return shortest, longest
 
 
 def fit_servos(log: FlightLog) -> list[Lag]:
@@ -122,17 +195,7 @@ def fit_rotor_lag(log: FlightLog) -> Lag | None:
     """Fit one lag to all rotors; None if the log lacks speeds or commands."""
     if log.rotor_speed is None or log.rotor_command is None or log.command_is_thrust:
         return None
-    n = log.rotor_speed.shape[1]
     middle = log.rotor_speed[log.free].mean(axis=0)
-    period = log.period
-    gap = round(2.0 / period)  # between the records of two rotors
-    length = len(log.t) + gap
-    t = period * np.arange(n * length)
-    command, response = np.zeros(n * length), np.zeros(n * length)
-    use = np.zeros(n * length, dtype=bool)
-    for i in range(n):
-        at = slice(i * length, i * length + len(log.t))
-        command[at] = log.rotor_command[:, i] - middle[i]
-        response[at] = log.rotor_speed[:, i] - middle[i]
-        use[at] = log.free
-    return fit_lag("rotors", "rad/s", t, command, response, use)
+    return fit_lag(
+        "rotors", "rad/s", log.t, log.rotor_command - middle, log.rotor_speed - middle, log.free
+    )

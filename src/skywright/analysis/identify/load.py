@@ -1,11 +1,13 @@
 """Load a flight for identification: a recording, a ULog (`ulog.py`) or a table (`table.py`)."""
 
+import math
 import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from skywright.analysis.identify.flight_log import (
     FlightLog,
@@ -25,7 +27,8 @@ from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.errors import InputError
 from skywright.models.allocation import allocate, build_allocator, thrust_to_speed
-from skywright.models.rigid_body import build_body_model, compute_body
+from skywright.models.rigid_body import build_body_model, compute_body, posture
+from skywright.models.rotor_reaction import compute_reaction_times
 from skywright.models.rotors import build_rotors
 from skywright.recordings.columns import has_columns
 from skywright.recordings.mcap_file import CUT
@@ -100,7 +103,7 @@ def _load_recording(path: Path, robot: Robot | None) -> FlightLog:
         )
     phases = _phase_names(recording, s["t"])
     name = path.parent.name or path.name
-    log = build_log(name, robot, description.world, s, phases, flown)
+    log = build_log(name, robot, description.world, s, phases, flown, description.robot)
     if robot.name != description.robot.name:
         log = log._replace(notes=(
             f"{name} was flown by {description.robot.name!r}; its rotors and masses are read as "
@@ -126,10 +129,12 @@ def build_log(
     s: NDArray[Any],
     phases: NDArray[np.str_],
     joints: tuple[str, ...],
+    flown: Robot | None = None,
 ) -> FlightLog:
     """Build a log from samples (k,) of a run with the columns IDENTIFY_FIELDS, resampled evenly.
 
-    `phases` (k,) names the phase of each sample. The times of the samples rise.
+    `phases` (k,) names the phase of each sample. The times of the samples rise. `flown` is the
+    robot file with which the robot flew, and which its allocation used, default `robot`.
     """
     notes: list[str] = []
     stamps = s["t"]
@@ -158,7 +163,7 @@ def build_log(
         w_WB_B=s["est_w_WB_B"],
         specific_force_B=None,
         rotor_speed=s["rotor_speed"][:, :rotors],
-        rotor_command=_commanded_speeds(robot, s, R, world.gravity_mps2, n),
+        rotor_command=_commanded_speeds(flown or robot, s, t, R, world.gravity_mps2, n),
         command_is_thrust=False,
         joints=joints,
         q=s["q"][:, :n],
@@ -198,10 +203,23 @@ def _phase_names(recording: Recording, t: Array) -> NDArray[np.str_]:
     return np.array([name for _, name in starts])[np.clip(at, 0, len(starts) - 1)]
 
 
-def _commanded_speeds(robot: Robot, s: NDArray[Any], R: Array, gravity: float, n: int) -> Array:
-    """Return the rotor speeds (k, rotors) that the allocation computes for the commanded wrench."""
-    a = build_allocator(build_rotors(robot.rotors))
+def _commanded_speeds(
+    robot: Robot, s: NDArray[Any], t: Array, R: Array, gravity: float, n: int
+) -> Array:
+    """Return the rotor speeds (k, rotors) that the allocation sent for the commanded wrench.
+
+    `t` (k,) s are the times of the samples `s`, R (k, 3, 3) their attitudes. A command is held for
+    a control tick, so its effect is that of a continuous signal half a tick later: the commands are
+    shifted by this time.
+    """
+    rotor_set = build_rotors(robot.rotors)
+    a = build_allocator(rotor_set)
     model = build_body_model(robot, gravity)
+    weight = gravity * compute_body(model, posture(robot, "folded"))[0]
+    reaction = float(compute_reaction_times(rotor_set, a, weight)[2])
+    tick = 1.0 / robot.control.rate_hz
+    torque = s["cmd_t_B"].copy()
+    torque[:, 2] = filter_yaw(torque[:, 2], t, reaction, tick)
     rotors = len(a.t_max)
     thrust, speed = np.zeros(rotors), np.zeros(rotors)
     out = np.zeros((len(s), rotors))
@@ -211,9 +229,26 @@ def _commanded_speeds(robot: Robot, s: NDArray[Any], R: Array, gravity: float, n
             last = s["q"][i, :n].copy()
             com = compute_body(model, last)[1]
         allocate(
-            a.B, a.P, a.t_min, a.t_max, a.full, s["cmd_f_B"][i].copy(), s["cmd_t_B"][i].copy(),
+            a.B, a.P, a.t_min, a.t_max, a.full, s["cmd_f_B"][i].copy(), torque[i],
             np.ascontiguousarray(R[i, 2]), com, thrust,
         )  # fmt: skip
         thrust_to_speed(thrust + a.preload, rotors, a.k_f, speed)
         out[i] = speed
-    return out
+    return np.column_stack([np.interp(t - 0.5 * tick, t, column) for column in out.T])
+
+
+def filter_yaw(torque: Array, t: Array, reaction: float, tick: float) -> Array:
+    """Return the torque about z (k,) N m that the allocation sends for a commanded one (k,).
+
+    Rotors with the reaction time T = `reaction` (s, models/rotor_reaction.py) produce (1 + T s)
+    times the torque that they are sent, so the allocation sends 1 / (1 + T s) times the command if
+    T is positive. `t` (k,) s are the times of the samples. The filter runs at the control period
+    `tick` (s), as in flight: at the interval of the samples, its lag would differ by up to half an
+    interval.
+    """
+    if reaction <= 0.0:
+        return torque
+    ticks = np.arange(t[0], t[-1] + tick, tick)
+    share = 1.0 - math.exp(-tick / reaction)
+    sent = lfilter([share], [1.0, share - 1.0], np.interp(ticks, t, torque))
+    return np.interp(t, ticks, sent)
