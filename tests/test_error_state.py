@@ -43,6 +43,7 @@ def flt():
     rng = np.random.default_rng(4)
     f = np.zeros(1, Filter.Me.dtype)[0]
     f["h"], f["r_p"], f["r_R"] = 1e-3, 3e-4**2, 2e-3**2
+    f["sheet_p"], f["sheet_R"] = f["r_p"], f["r_R"]
     f["q_v"], f["q_R"], f["q_ba"], f["q_bg"] = 4e-3**2, 3.4e-4**2, 6e-3**2, 3.9e-5**2
     f["p_BI"] = [0.05, -0.02, 0.03]
     f["R_f"] = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix()
@@ -147,6 +148,7 @@ def feed(ticks, latency, artefacts=(), seed=0, worse=(1000, 1.0)):
     b = Stepped(Filter("filter"), absent=["fix"])
     f, imu, mocap = b.me, b.imu, b.mocap
     f["h"], f["r_p"], f["r_R"], f["p_ba"], f["p_bg"] = 1e-3, 9e-8, 4e-6, 0.01, 2.5e-5
+    f["sheet_p"], f["sheet_R"] = f["r_p"], f["r_R"]
     f["q_v"], f["q_R"], f["q_ba"], f["q_bg"] = 1.6e-5, 1.2e-7, 3.6e-5, 1.5e-9
     f["q_c"], f["r_c"], f["P_c"] = 2.5e-7, 1.8e-7, 1e-4
     f["dt"], b.body["mass"], b.body["gravity"] = 0.002, 2.0, G

@@ -177,7 +177,7 @@ def test_ten_fixes_that_agree_with_each_other_move_a_filter_that_does_not() -> N
 
 def test_scatter_is_the_noise_and_not_the_error_of_the_estimate() -> None:
     me, rng, k = make(filter.Filter.Me), np.random.default_rng(3), np.arange(10.0)
-    me.rejected = 17  # the oldest is at 7
+    me.rejected, me.when = 17, np.roll(0.05 * k, 7)  # the oldest is at 7
     drift = np.stack([0.3 + 0.2 * k, 1.0 - 0.1 * k**2, 0.05 * k**2], axis=1)
     me.row[:, :3] = np.roll(drift, 7, axis=0)
     assert compute_scatter(me, 0, 3) == pytest.approx(0.0, abs=1e-24)
@@ -186,6 +186,8 @@ def test_scatter_is_the_noise_and_not_the_error_of_the_estimate() -> None:
         me.row[:, :3] = np.roll(drift + rng.normal(0.0, 0.02, (10, 3)), 7, axis=0)
         found.append(compute_scatter(me, 0, 3))
     assert np.mean(found) == pytest.approx(0.02**2, rel=0.03)
+    me.when = np.roll(0.05 * k + 0.05 * (k > 4), 7)  # one was lost: an error of speed would count
+    assert compute_scatter(me, 0, 3) == np.inf
 
 
 def test_fixes_that_are_noisier_than_stated_are_weighed_less() -> None:
@@ -193,6 +195,7 @@ def test_fixes_that_are_noisier_than_stated_are_weighed_less() -> None:
     me = make(filter.Filter.Me, h=1e-3, n=300, n_f=300, ready=2.0, r_fix=[4e-6] * 3, R_f=np.eye(3))
     me.r_heading = 4e-6
     me.P, me.p_f = 1e-8 * np.eye(15), [0.0, 0.0, 2.0]
+    me.more_fix = me.more_heading = 1.0
     rng, fix = np.random.default_rng(2), make(Fix, t=0.3)
     for _ in range(60):
         fix.p, fix.heading = [0.0, 0.0, 2.0] + rng.normal(0.0, 0.02, 3), rng.normal(0.0, 0.02)
@@ -201,6 +204,33 @@ def test_fixes_that_are_noisier_than_stated_are_weighed_less() -> None:
     assert np.sqrt(me.r_fix) == pytest.approx([0.02] * 3, rel=0.5)
     assert 0.005 < np.sqrt(me.r_heading) < 0.06
     assert np.linalg.norm(me.p_f - [0.0, 0.0, 2.0]) < 0.02
+    rejected = me.rejected
+    for _ in range(6000):  # the noise is that of the data sheet again
+        fix.p, fix.heading = [0.0, 0.0, 2.0] + rng.normal(0.0, 0.002, 3), rng.normal(0.0, 0.002)
+        assert filter.use_fix(me, fix, 0.3, G)
+    assert me.restarts == 0 and me.rejected < rejected + 20  # 6 by chance
+    assert np.sqrt(me.r_fix) == pytest.approx([0.002] * 3, rel=0.1)
+    assert np.sqrt(me.r_heading) == pytest.approx(0.002, rel=0.1)
+
+
+@pytest.mark.parametrize("case", ["half a turn", "elsewhere", "far more", "not a number"])
+def test_a_wrong_sensor_is_not_taken_for_a_noisy_one(case: str) -> None:
+    """Ten fixes that contradict the estimate, with some noise: the filter starts again at them."""
+    me = make(filter.Filter.Me, h=1e-3, n=300, n_f=300, ready=2.0, r_fix=[1e-6] * 3, R_f=np.eye(3))
+    me.r_heading, me.more_fix, me.more_heading, me.p_bg, me.p_ba = 4e-6, 1.0, 1.0, 1e-6, 1e-3
+    me.P, me.p_f = 1e-8 * np.eye(15), [0.0, 0.0, 2.0]
+    rng, fix = np.random.default_rng(2), make(Fix, t=0.3)
+    place, heading, sigma = {
+        "half a turn": (0.0, math.pi, 0.002), "elsewhere": (0.3, 0.0, 0.004),
+        "far more": (0.0, 0.0, 0.025), "not a number": (0.0, math.nan, 0.002),
+    }[case]  # fmt: skip
+    for _ in range(40):
+        fix.p = [place, 0.0, 2.0] + rng.normal(0.0, sigma, 3)
+        fix.heading = heading + rng.normal(0.0, 0.002)
+        filter.use_fix(me, fix, 0.3, G)
+        if me.restarts:
+            break
+    assert me.restarts == 1 and me.more_fix == me.more_heading == 1.0
 
 
 def test_the_observer_follows_a_push_through_late_samples() -> None:

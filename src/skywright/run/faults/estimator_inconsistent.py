@@ -27,7 +27,10 @@ class EstimatorInconsistent(Rule):
         "99.9 %); a restart of the estimator counts as 100"
     )
     unit = ""
-    source = "the filter restarts after 10 rejected samples that agree with each other"
+    source = (
+        "the filter restarts after 10 rejected samples that agree with each other, unless they "
+        "scatter as those of a noisier sensor"
+    )
     from_take_off = True
     every = 1  # hands in task space follow an estimate that jumps
 

@@ -1,20 +1,24 @@
 """Noise of fixes that is larger than believed, found from the scatter of rejected fixes.
 
-Fixes that contradict the estimate in a row have one of two causes. Either the estimate is wrong:
-the innovations then change smoothly. Or the fixes are noisier than believed: the innovations then
-scatter. Third differences in time tell these apart, because they remove errors of the estimate up
-to a constant acceleration.
+Fixes that contradict the estimate in a row have one of two causes. Either the estimate or the
+sensor is wrong: the innovations then change smoothly, or by more than MOST. Or the fixes are
+noisier than believed: the innovations then scatter. Third differences in time tell these apart,
+because they remove errors of the estimate up to a constant acceleration.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any
 
 from skywright.core.record import Array, Record
 from skywright.vehicle.component import helper
-from skywright.vehicle.estimators._strapdown import N_STATE
+from skywright.vehicle.estimators._strapdown import BA_, BG_, N_STATE, R_
 
 ROW = 10  # rejected fixes in a row after which noise or estimate counts as wrong
+LEAST = 2.0  # ratio of variances; a scatter of ten fixes is smaller than this by chance
+MOST = 400.0  # times the variance of the data sheet: 20 times its deviation
+EVEN = 1.5  # largest ratio of two intervals of fixes whose differences are compared
 
 
 class Scatter(Record):
@@ -22,21 +26,33 @@ class Scatter(Record):
 
     rejected: int  # fixes that the gate rejected so far
     row: Annotated[Array, ROW, 6]  # m, then rad; that of fix number k is at k % ROW
+    when: Annotated[Array, ROW]  # s, times of these fixes
 
 
 @helper
-def keep_innovation(me: Any, nu: Any) -> None:
-    """Store the innovation (6 or fewer,) of a rejected fix."""
+def keep_innovation(me: Any, nu: Any, t: float) -> None:
+    """Store the innovation (6 or fewer,) of a rejected fix taken at `t` (s)."""
+    k = me.rejected % ROW
     for i in range(len(nu)):
-        me.row[me.rejected % ROW, i] = nu[i]
+        me.row[k, i] = nu[i]
+    me.when[k] = t
     me.rejected += 1
 
 
 @helper
 def compute_scatter(me: Any, first: int, n: int) -> float:
-    """Return the variance of the noise of the numbers first..first+n-1 of the last ROW fixes."""
+    """Return the variance of the noise of the numbers first..first+n-1 of the last ROW fixes.
+
+    Infinite if the fixes are not evenly spaced.
+    """
+    shortest, longest = math.inf, 0.0
+    for k in range(me.rejected, me.rejected + ROW - 1):  # from the oldest of them
+        interval = me.when[(k + 1) % ROW] - me.when[k % ROW]
+        shortest, longest = min(shortest, interval), max(longest, interval)
+    if not longest <= EVEN * shortest:
+        return math.inf
     total = 0.0
-    for k in range(me.rejected, me.rejected + ROW - 3):  # from the oldest of them
+    for k in range(me.rejected, me.rejected + ROW - 3):
         for i in range(first, first + n):
             a, b = me.row[k % ROW, i], me.row[(k + 1) % ROW, i]
             c, d = me.row[(k + 2) % ROW, i], me.row[(k + 3) % ROW, i]
@@ -45,8 +61,18 @@ def compute_scatter(me: Any, first: int, n: int) -> float:
 
 
 @helper
-def widen(me: Any, ratio: float) -> None:
-    """Multiply the covariance, which was computed with too small a noise, by a ratio."""
+def widen(me: Any, p: float, R: float) -> None:
+    """Enlarge the covariance, which was computed with too small a noise.
+
+    Variances of position, velocity and accelerometer bias by the ratio `p`, those of attitude and
+    gyroscope bias by `R`; of biases to their values at the start at most.
+    """
     for i in range(N_STATE):
+        s = math.sqrt(R if R_ <= i < R_ + 3 or BG_ <= i < BG_ + 3 else p)
+        if BG_ <= i < BG_ + 3:
+            s = min(s, math.sqrt(max(me.p_bg / me.P[i, i], 1.0)))
+        elif BA_ <= i < BA_ + 3:
+            s = min(s, math.sqrt(max(me.p_ba / me.P[i, i], 1.0)))
         for j in range(N_STATE):
-            me.P[i, j] *= ratio
+            me.P[i, j] *= s
+            me.P[j, i] *= s

@@ -15,11 +15,18 @@ from skywright.core.rotations import cross, mat_vec
 from skywright.core.scratch import local
 from skywright.vehicle.component import helper
 from skywright.vehicle.estimators._kalman import correct, inject, place_point
-from skywright.vehicle.estimators._noise import compute_scatter, keep_innovation, widen
+from skywright.vehicle.estimators._noise import (
+    LEAST,
+    MOST,
+    compute_scatter,
+    keep_innovation,
+    widen,
+)
 from skywright.vehicle.estimators._strapdown import BA_, BG_, MASK, N_STATE, P_, R_, V_
 
 GATES = (16.27, 18.47)  # chi-square of 3 and of 4 degrees of freedom at 99.9 %
 LEVEL_SAMPLES = 256  # inertial samples at rest that give roll and pitch at the start
+KNOWN_AFTER = 400  # fixes over which a noise above the data sheet is averaged
 
 
 class FixNoise(Record):
@@ -28,6 +35,8 @@ class FixNoise(Record):
     p_BF: Vec3  # m, the measured point
     r_fix: Vec3  # m^2
     r_heading: float  # rad^2; 0: no heading
+    more_fix: float  # r_fix over that of the data sheet; 1: nothing was learned
+    more_heading: float
 
 
 @helper
@@ -51,26 +60,71 @@ def fuse_fix(me: Any, fix: Any) -> bool:
         before[i] = nu[i]
     me.nis = correct(me.P, H[:n], nu[:n], r[:n], GATES[n - 3], dx)
     if not me.nis < GATES[n - 3]:
-        keep_innovation(me, before)
+        keep_innovation(me, before, fix.t)
         return False
+    if me.more_fix > 1.0 or me.more_heading > 1.0:
+        _adapt(me, H[:n], before, dx)
     inject(me, dx)
     return True
 
 
 @helper
-def learn_fix_noise(me: Any) -> None:
-    """Raise the noise to the scatter of rejected fixes, and the covariance with it."""
-    p = 0.0  # of the three axes, whose noise has a known proportion
-    for i in range(3):
-        p += compute_scatter(me, i, 1) / me.r_fix[i] / 3.0
-    p, heading = max(p, 1.0), 1.0
-    if me.r_heading > 0.0:
-        heading = max(compute_scatter(me, 3, 1) / me.r_heading, 1.0)
+def _adapt(me: Any, H: Any, before: Any, dx: Any) -> None:
+    """Average a noise that was learned from few fixes over more of them; see `fuse`.
+
+    `before` (n,) are the residuals, `dx` is the correction.
+    """
+    p = heading = 1.0
+    for i in range(len(H)):
+        after = before[i]
+        for j in range(N_STATE):
+            after -= H[i, j] * dx[j]
+        if i < 3:
+            p += (before[i] * after / me.r_fix[i] - 1.0) / (3.0 * KNOWN_AFTER)
+        else:
+            heading += (before[i] * after / me.r_heading - 1.0) / KNOWN_AFTER
+    scale_fix_noise(me, max(p, 1.0 / me.more_fix), max(heading, 1.0 / me.more_heading))
+
+
+@helper
+def scale_fix_noise(me: Any, p: float, heading: float) -> None:
+    """Multiply the variances of the noise of positions and heading."""
     for i in range(3):
         me.r_fix[i] *= p
     me.r_heading *= heading
-    widen(me, max(p, heading))
-    me.rejected -= 1  # the newest fix is judged again
+    me.more_fix *= p
+    me.more_heading *= heading
+
+
+@helper
+def judge_again(me: Any, fix: Any) -> bool:
+    """Fuse a rejected fix with the noise of the fixes in its row, if they scatter by more.
+
+    Returns False, and changes nothing, if they do not, or if the fix is rejected again.
+    """
+    p, heading = 0.0, 1.0  # the three axes' noise has a known proportion
+    for i in range(3):
+        p += compute_scatter(me, i, 1) / me.r_fix[i] / 3.0
+    if me.r_heading > 0.0:
+        heading = compute_scatter(me, 3, 1) / me.r_heading
+    if not (p * me.more_fix <= MOST and heading * me.more_heading <= MOST):
+        return False  # also if one is not a number
+    if p < LEAST and heading < LEAST:
+        return False
+    p, heading, P = max(p, 1.0), max(heading, 1.0), local(N_STATE, N_STATE)
+    for i in range(N_STATE):
+        for j in range(N_STATE):
+            P[i, j] = me.P[i, j]
+    widen(me, p, heading)
+    scale_fix_noise(me, p, heading)
+    me.rejected -= 1
+    if fuse_fix(me, fix):
+        return True
+    scale_fix_noise(me, 1.0 / p, 1.0 / heading)
+    for i in range(N_STATE):
+        for j in range(N_STATE):
+            me.P[i, j] = P[i, j]
+    return False
 
 
 @helper

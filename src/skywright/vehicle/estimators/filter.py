@@ -33,6 +33,8 @@ from skywright.vehicle.estimates import POSITION_COLUMNS, EstimatorState, RotorF
 from skywright.vehicle.estimators._deviation import fill_deviation
 from skywright.vehicle.estimators._kalman import correct, inject, place_point
 from skywright.vehicle.estimators._noise import (
+    LEAST,
+    MOST,
     ROW,
     Scatter,
     compute_scatter,
@@ -42,7 +44,7 @@ from skywright.vehicle.estimators._noise import (
 from skywright.vehicle.estimators._position_fix import (
     FixNoise,
     fuse_fix,
-    learn_fix_noise,
+    judge_again,
     move_to_fix,
     start_from_fix,
 )
@@ -84,6 +86,8 @@ class Filter(Estimator):
     class Me(Strapdown, FixNoise, Scatter):
         r_p: float  # m^2, motion capture
         r_R: float  # rad^2
+        sheet_p: float  # m^2, as the data sheet has it
+        sheet_R: float  # rad^2
         # state of the gate
         nu: Annotated[Array, 6]  # whitened innovation of the last fused sample
         nis: float  # squared normalised innovation of the last sample
@@ -123,6 +127,8 @@ class Filter(Estimator):
         me.r_heading = max(math.radians(fix.heading_noise_deg), 1e-5) ** 2
         me.r_p = max(m.position_noise_m**2, LEAST_NOISE)
         me.r_R = max(m.attitude_noise_rad**2, LEAST_NOISE)
+        me.sheet_p, me.sheet_R = me.r_p, me.r_R
+        me.more_fix = me.more_heading = 1.0
         me.q_c, me.P_c = TIP_WALK**2, 1e-4
         me.r_c = 2.0 * me.r_p
 
@@ -196,7 +202,7 @@ def fuse(me: Any, mocap: Any) -> bool:
         before[i] = nu[i]
     me.nis = correct(me.P, H, nu, r, GATE, dx)
     if not me.nis < GATE:
-        keep_innovation(me, before)
+        keep_innovation(me, before, mocap.t)
         return False
     gain = 1.0 / min(me.fused + SHEET_WORTH, KNOWN_AFTER)
     for i in range(6):
@@ -215,14 +221,25 @@ def fuse(me: Any, mocap: Any) -> bool:
 
 
 @helper
-def learn_noise(me: Any) -> None:
-    """Raise the noise to the scatter of rejected samples, and the covariance with it."""
-    p = max(compute_scatter(me, 0, 3) / me.r_p, 1.0)
-    R = max(compute_scatter(me, 3, 3) / me.r_R, 1.0)
-    me.r_p, me.r_R, me.r_c = p * me.r_p, R * me.r_R, p * me.r_c
+def fuse_again(me: Any, mocap: Any) -> bool:
+    """Fuse a rejected sample with the noise of the samples in its row, if they scatter by more.
+
+    Returns False, with the noise as before, if they do not, or if the sample is rejected again.
+    """
+    p, R = compute_scatter(me, 0, 3), compute_scatter(me, 3, 3)
+    if not (p <= MOST * me.sheet_p and MOST * me.sheet_R >= R):
+        return False  # also if one is not a number
+    if p < LEAST * me.r_p and LEAST * me.r_R > R:
+        return False
+    r_p, r_R, fused = me.r_p, me.r_R, me.fused
+    me.r_p, me.r_R = max(p, r_p), max(R, r_R)
+    widen(me, me.r_p / r_p, me.r_R / r_R)
     me.fused = ROW  # the samples that the noise is now known from
-    widen(me, max(p, R))
-    me.rejected -= 1  # the newest sample is judged again
+    me.rejected -= 1
+    if fuse(me, mocap):
+        return True
+    me.r_p, me.r_R, me.fused = r_p, r_R, fused
+    return False  # the covariance is set anew
 
 
 @helper
@@ -286,8 +303,7 @@ def use_mocap(me: Any, mocap: Any, t: float, gravity: float) -> bool:
         me.refused += 1
         me.rejected_row = me.rejected_row + 1 if agrees_with_last(me, mocap) else 1
         if me.rejected_row >= RESTART_AFTER:  # they agree with each other: noise or filter is wrong
-            learn_noise(me)
-            good = fuse(me, mocap)
+            good = fuse_again(me, mocap)
             if not good:
                 start_at(me, mocap, n)
                 me.restarts += 1
@@ -324,8 +340,7 @@ def use_fix(me: Any, fix: Any, t: float, gravity: float) -> bool:
         me.refused += 1
         me.rejected_row = me.rejected_row + 1 if agrees else 1
         if me.rejected_row >= RESTART_AFTER:
-            learn_fix_noise(me)
-            good = fuse_fix(me, fix)
+            good = judge_again(me, fix)
             if not good:
                 move_to_fix(me, fix, SPEED_START, HOLD_RATE)
                 me.restarts += 1
