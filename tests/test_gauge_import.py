@@ -97,12 +97,18 @@ def test_the_dates_of_a_table_are_inspections(tmp_path: Path) -> None:
         ("spot,Wall\n1,6100\n", "value=Wall[µm]", 6.1),
         ("spot,Dicke [in]\n1,0.25\n", "value=dicke", 6.35),
         ("spot,Dicke [mm],Dicke [in]\n1,9,0.25\n", "value=Dicke[in]", 6.35),
-        ("spot,Dicke (max),Dicke (min)\n1,9,6.1\n", "value=Dicke (min)", 6.1),
+        ("spot,Dicke (max),Dicke (min)\n1,9,6.1\n", "value=Dicke (min)[mm]", 6.1),
         ("spot;thickness [mm]\n1;6,1\n", None, 6.1),
         ("spot,thickness_inches\n1,0.25\n", None, 6.35),
         ("spot,Wall (inch)\n1,0.25\n", "value=Wall[in]", 6.35),
         ("spot,Wall [in]\n1,0.25\n", "value=Wall[inches]", 6.35),
         ("spot,Dicke [Zoll]\n1,0.25\n", "value=Dicke[in]", 6.35),
+        ("spot,Wall_microns\n1,6100\n", "value=Wall_microns", 6.1),
+        ("spot,Wall_meters\n1,0.0061\n", "value=Wall_meters", 6.1),
+        ("spot,Wall (centimetres)\n1,0.61\n", "value=Wall", 6.1),
+        ("spot,thickness_micrometer\n1,6100\n", None, 6.1),
+        ("spot,thickness,unit\n1,6100,Micrometres\n", None, 6.1),
+        ("spot,Dicke (Zoll)\n1,0.25\n", "value=Dicke (Zoll)[in]", 6.35),
         ("spot,Wall_us\n1,6.1\n", "value=Wall_us[mm]", 6.1),  # ultrasound
         ("spot,thickness_um,unit\n1,6100,µm\n", None, 6.1),
         ("spot,thickness,unit\n1,6.1,Millimetre\n", None, 6.1),
@@ -163,6 +169,13 @@ def test_the_column_unit_is_that_of_columns_without_a_unit(tmp_path: Path) -> No
         ("date,t_s,spot,thickness_mm\n2026-03-01,1,A,6\n", None, "two columns give t: date, t_s"),
         ("spot,thickness [mils]\n1,250\n", None, "thickness [mils] states mil; valid units: m"),
         ("spot,Dicke [Zoll]\n1,0.25\n", "value=Dicke", "'Dicke [Zoll]' states no unit"),
+        ("spot,Dicke (Zoll)\n1,0.25\n", "value=Dicke (Zoll)", "give it as dicke (zoll)[UNIT] with"),
+        ("Time (probe),spot,thickness_mm\n1,1,6\n", "t=Time (probe)", "states no unit that is"),
+        ("spot,Wall_foot\n1,0.02\n", "value=Wall_foot", "'Wall_foot' states ft; valid units: m"),
+        ("spot,Wall_microns\n1,6\n", "value=Wall_microns[mm]", "states um, but mm is given"),
+        ("Time_hrs,spot,thickness_mm\n1,1,6\n", "t=Time_hrs", "'Time_hrs' states h; valid units"),
+        ("Time (days),spot,thickness_mm\n1,1,6\n", "t=Time", "'Time (days)' states d; valid"),
+        ("spot,thickness_mm,unit\n1,6,micron\n", None, "row 2: unit is 'micron'; valid: mm, which"),
         ("spot,Wall (mil)\n1,250\n", "value=Wall", "'Wall (mil)' states mil; valid units: m, mm"),
         ("spot,Wall_mil\n1,250\n", "value=Wall_mil", "'Wall_mil' states mil; valid units: m, mm"),
         (
@@ -228,10 +241,34 @@ def test_ignored_columns_and_decimal_commas_are_noted(tmp_path: Path) -> None:
     assert found.reading.value == pytest.approx(9.25) and found.reading.spot == "1,5"
 
 
-def test_times_of_a_named_unit_count_from_the_start(tmp_path: Path) -> None:
-    table = write(tmp_path / "g.csv", "time [ms],spot,thickness_mm", "0,1,9", "2500,1,9")
+def test_ignored_units_are_noted(tmp_path: Path) -> None:
+    table = write(
+        tmp_path / "g.csv", "spot,thickness_mm,Unit", "1,6.1,mm", "2,6.2,Zoll", "3,6.3,CDU-2",
+        "4,6.4,Zoll", "5,6.5,",
+    )  # fmt: skip
+    rows, notes = load_readings(table, START)
+    assert [row.reading.value for row in rows] == [6.1, 6.2, 6.3, 6.4, 6.5]
+    assert notes == ("texts ignored in the column Unit: Zoll, CDU-2",)
+    table = write(tmp_path / "g.csv", "spot,thickness_mm,Unit", "1,6.1,Millimetres", "2,6.2,MM")
+    assert load_readings(table, START).notes == ()
+
+
+@pytest.mark.parametrize(
+    ("unit", "seconds"),
+    [
+        ("ms", 2.5), ("msec", 2.5), ("milliseconds", 2.5), ("s", 2500.0), ("sec", 2500.0),
+        ("Seconds", 2500.0), ("minute", 150e3), ("Minutes", 150e3),
+    ],
+)  # fmt: skip
+def test_times_of_a_named_unit_count_from_the_start(
+    tmp_path: Path, unit: str, seconds: float
+) -> None:
+    lines = "0,1,9", "2500,1,9"
+    table = write(tmp_path / "g.csv", f"time [{unit}],spot,thickness_mm", *lines)
     rows, _ = load_readings(table, START)
-    assert (rows[1].time - START).total_seconds() == pytest.approx(2.5)
+    assert (rows[1].time - START).total_seconds() == pytest.approx(seconds)
+    table = write(tmp_path / "g.csv", f"Clock_{unit},spot,thickness_mm", *lines)
+    assert load_readings(table, START, f"t=Clock_{unit}").rows[1].time == rows[1].time
 
 
 @pytest.mark.parametrize(

@@ -300,6 +300,8 @@ PAIRS = "".join(f"{0.1 * k:.1f},{int(k > 5 or k == 3)}\n" for k in range(1, 12))
         (HEAD + PAIRS, ("--columns", "hit=hit[mm]"), "valid units: none"),
         (HEAD + PAIRS, ("--columns", "size=depth_mm[um]"), "states mm, but um is given"),
         ("depth_ft,hit\n1,1\n", ("--columns", "size=depth_ft[mm]"), "'depth_ft' states ft; valid"),
+        ("depth_cm,hit\n1,1\n", ("--columns", "size=depth_cm"), "'depth_cm' states cm; valid"),
+        ("Depth (Zoll),hit\n1,1\n", ("--columns", "size=Depth (Zoll)"), "states no unit that is"),
         ("a,a,hit\n1,2,1\n", ("--columns", "size=a"), "several columns 'a'"),
         ("a;hit\n0,5;1\n1.5;1\n", (), "both , and . (such as 0,5 and 1.5)"),
         ("a,ahat\n1,2\n2,3\n", (), "require --decision"),
@@ -341,6 +343,8 @@ def test_the_command_prints_draws_and_reads_other_headers(tmp_path: Path) -> Non
         assert read.size.tolist() == [0.25] and read.unit == "mm"
         assert read.others == {"wind": ("3,5",)}  # a label; it may be a date
         assert read.notes == ("decimal commas read as decimal points",)
+    table.write_text("Depth_microns,hit\n10,1\n")
+    assert load_inspections(table, "size=Depth_microns").unit == "um"
     table.write_text("depth_mils,hit\n10,1\n")
     for spec in (None, "size=depth_mils", "size=depth_mils[mil]"):
         assert load_inspections(table, spec).unit == "mil"

@@ -286,6 +286,12 @@ def test_many_phases_and_limits_can_be_read(
     page.evaluate(f"{PLOTS}.forEach(({{u}}) => u.setScale('x', {{min: {a}, max: {b}}}))")
     wait_for(lambda: page.evaluate(f"{PLOTS}.every(({{u}}) => u.scales.x.max === {b})"))
     assert {"20 part 20", "21 part 21"} <= set(check())
+    # a name that has no place is left out; the later ones are drawn
+    page.evaluate(f"""{PLOTS}.forEach(({{u, panel}}) => {{
+        panel.levels.find(level => level.label === "limit of all phases").y = NaN;
+        u.redraw(); }})""")
+    wait_for(lambda: "limit of all phases" not in json.dumps(page.evaluate("readTexts()")))
+    assert "a name that is too long" in json.dumps(page.evaluate("readTexts()")[1])
 
 
 def test_a_figure_is_read_back_as_it_was_drawn() -> None:

@@ -114,6 +114,14 @@ def test_columns_maps_the_names_and_units_of_another_header(tmp_path: Path, rows
     ):
         with pytest.raises(InputError, match=re.escape(says)):
             load_scan(tmp_path / "s.csv", wrong)
+    words = ["Time_milliseconds", "Real", "Imag", "X_millimeters", "Y (mm)", "Z_mm"]
+    write(tmp_path / "w.csv", [words, *(r[:6] for r in table)], ";")
+    names = "t=Time_milliseconds,re=Real,im=Imag,x=X_millimeters,y=Y,z=Z_mm"
+    named = load_scan(tmp_path / "w.csv", names)
+    assert np.array_equal(named.t, scan.t) and np.array_equal(named.p_WT, scan.p_WT)
+    write(tmp_path / "w.csv", [["Time_hours", *words[1:]], *(r[:6] for r in table)], ";")
+    with pytest.raises(InputError, match="'time_hours' states h; valid units: s, ms"):
+        load_scan(tmp_path / "w.csv", names.replace("milliseconds", "hours"))
     write(tmp_path / "h.csv", [["Time [h]", *head[1:]], *table], ";")
     with pytest.raises(InputError, match=r"'time \[h\]' states h; valid units: s, ms"):
         load_scan(tmp_path / "h.csv", spec)
@@ -334,6 +342,10 @@ def test_bad_arguments_are_refused(rows: list[list[str]], tmp_path: Path) -> Non
         ({"surface_file": path}, "malformed TOML"),
         ({"lift_off_threshold": -1.0}, "above 0"),
         ({"weld_threshold": math.nan}, "above 0"),
+        ({"lift_off_threshold": "15"}, "lift-off threshold '15'; valid: a number above 0"),
+        ({"weld_threshold": [1.0, 2.0]}, "weld threshold [1.0, 2.0]; valid: a number above 0"),
+        ({"columns": {"t": "Time[ms]"}}, "columns: {'t': 'Time[ms]'}; valid: a text such as"),
+        ({"columns": {}}, "columns: {}; valid: a text"),
     ]
     for kwargs, word in cases:
         with pytest.raises(InputError) as caught:

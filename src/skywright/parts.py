@@ -273,7 +273,8 @@ def campaign(
     from skywright.analysis.campaign.spec import build_campaign
 
     varied = [f"{key}={text}" for key, text in vary.items()]
-    plan = build_campaign(mission, varied, robot=robot, world=world, seed=seed, sets=sets)
+    with named_sets(sets):
+        plan = build_campaign(mission, varied, robot=robot, world=world, seed=seed, sets=sets)
     return run_campaign(plan, runs, out=None if out is None else Path(out), workers=workers)
 
 
@@ -336,8 +337,7 @@ def locate(
         station=roles[0], camera=roles[1], reference=roles[2], align=align,
         span=join_numbers("span", span, "T0:T1"), time_offset=time_offset,
         prism=join_numbers("prism", prism, "X,Y,Z"),
-        frame=None if frame is None else (Path(frame[0]), Path(frame[1])),
-        compare=compare, reference_offset=reference_offset,
+        frame=frame, compare=compare, reference_offset=reference_offset,
     )  # fmt: skip
 
 

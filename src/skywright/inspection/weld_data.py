@@ -26,6 +26,7 @@ from skywright.inspection.surface_fit import (
 )
 from skywright.inspection.weld import WeldResult, detect_contact, process_scan
 from skywright.inspection.weld_line import LAG_PRIOR
+from skywright.models.hover import read_numbers
 from skywright.recordings.text_table import parse_span
 
 LEAST_SEARCHED = 0.1
@@ -252,8 +253,11 @@ def process_file(
     """
     path = Path(path)
     for name, value in (("lift-off", lift_off_threshold), ("weld", weld_threshold)):
-        if value is not None and not (math.isfinite(value) and value > 0):
-            raise InputError(f"{name} threshold {value}; valid: a number above 0")
+        number = np.ones(()) if value is None else read_numbers(value)
+        if number is None or number.shape or not 0.0 < number < math.inf:
+            raise InputError(f"{name} threshold {value!r}; valid: a number above 0")
+    if columns is not None and not isinstance(columns, str):
+        raise InputError(f"columns: {columns!r}; valid: a text such as t=Time[ms],x=X[mm]")
     if calibrate is not None and calibration_file is not None:
         raise InputError("give either calibrate (T0:T1) or a calibration file, not both")
     span = parse_span(calibrate, "of the file", "0:6.5") if calibrate is not None else None
@@ -280,11 +284,6 @@ def process_file(
             notes.append(f"calibrated on the approach found at {span[0]:.2f}:{span[1]:.2f} s")
         cal = _calibrate(scan, span, None, lift_off_threshold, weld_threshold)
 
-    if cal.lift_off_threshold >= cal.excursion:
-        notes.append(
-            f"the lift-off threshold of {cal.lift_off_threshold:.3g} units is not below the signal "
-            f"in air, {cal.excursion:.3g} units: air counts as contact"
-        )
     contact = detect_contact(scan.ec, cal)[2]
     if surface_file is not None:
         fit = load_surface(Path(surface_file), scan.p_WT[contact])
@@ -304,6 +303,11 @@ def process_file(
                 f"the fitted radius is uncertain: {fit.cylinder.radius:.3f} m +- "
                 f"{fit.std_radius:.3f} m; give --surface FILE if the pipe is known"
             )
+    if cal.lift_off_threshold >= cal.excursion:
+        notes.append(
+            f"the lift-off threshold of {cal.lift_off_threshold:.3g} units is not below the signal "
+            f"in air, {cal.excursion:.3g} units: air counts as contact"
+        )
     if contact.any():
         off = float(np.median(np.abs(unroll_points(fit.cylinder, scan.p_WT[contact])[2])))
         if off > max(0.02, 0.1 * fit.cylinder.radius):

@@ -14,13 +14,22 @@ from typing import NamedTuple
 from skywright.core.bounded import read_bytes
 from skywright.errors import InputError
 
-FOREIGN = {"m": ("mil", "ft", "yd", "nm", "km"), "s": ("h", "us", "ns")}
+FOREIGN = {"m": ("cm", "mil", "ft", "yd", "nm", "km"), "s": ("h", "d", "us", "ns")}
 """Units of lengths (quantities with the unit m) and times (s) that not every table can have."""
-SPELLINGS = {
-    "inch": "in", "inches": "in", "mils": "mil", "thou": "mil", "feet": "ft", "hr": "h",
-    "millimeter": "mm", "millimetre": "mm", "millimeters": "mm", "millimetres": "mm",
+_NAMES = {
+    "m": "meter metre", "cm": "centimeter centimetre", "mm": "millimeter millimetre",
+    "um": "micron micrometer micrometre", "nm": "nanometer nanometre", "km": "kilometer kilometre",
+    "in": "inch inches", "mil": "mil thou", "ft": "foot feet", "yd": "yard",
+    "s": "sec second", "ms": "msec millisecond", "us": "usec microsecond",
+    "ns": "nsec nanosecond", "min": "min minute", "h": "hr hour", "d": "day",
 }  # fmt: skip
-"""Other spellings of units."""
+SPELLINGS = {
+    name + end: unit
+    for unit, names in _NAMES.items()
+    for name in names.split()
+    for end in ("", "s")
+}
+"""Other spellings of units, in the singular and the plural."""
 MICRO = str.maketrans("\N{MICRO SIGN}\N{GREEK SMALL LETTER MU}", "uu")
 _NUMBER = re.compile(r"(?!\d+\.\d+\.\d)[-+]?[\d.,]+(?:[eE][-+]?\d+)?")
 """A number with a decimal comma or point; no date such as 01.03.2026."""
@@ -220,8 +229,7 @@ def _find_column(
     """Return the (index, unit) of `match_columns`.
 
     Raises InputError unless it is one column, if its header states a FOREIGN unit or another unit
-    than `unit`, and, without a known unit, if the header has a part in brackets that is not in
-    `name` and may be one.
+    than `unit`, and, without a known unit, if the header has a part in brackets, which may be one.
     """
     fits = match_columns(header, name, unit, units)
     if len(fits) != 1:
@@ -240,10 +248,9 @@ def _find_column(
         )
     if unit and stated not in ("", unit):
         raise InputError(f"{shown} {stated}, but {unit} is given; correct one of them")
-    extra = re.search(r"[\[(]", header[index]) and not re.search(r"[\[(]", name)
-    if units and not found and extra:
+    if units and not found and re.search(r"[\[(]", header[index]):
         raise InputError(
-            f"{shown} no unit that is valid here; give it as {plain_name(name)}[UNIT] with one of "
+            f"{shown} no unit that is valid here; give it as {name}[UNIT] with one of "
             + ", ".join(units)
         )
     return index, found

@@ -1,6 +1,7 @@
 """Implementation of `skywright locate`: from files to a trajectory and its errors."""
 
 import math
+import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -216,7 +217,7 @@ def locate(
     span: str | None = None,
     time_offset: float | None = None,
     prism: str | None = None,
-    frame: tuple[Path, Path] | None = None,
+    frame: tuple[str | os.PathLike[str], str | os.PathLike[str]] | None = None,
     compare: str = "rigid",
     reference_offset: float | None = None,
 ) -> LocateReport:
@@ -228,17 +229,23 @@ def locate(
         raise InputError(f"--align {align}; valid: {', '.join(METHODS)}")
     if compare not in ALIGNMENTS:
         raise InputError(f"--compare {compare}; valid: {', '.join(ALIGNMENTS)}")
+    offsets: list[float | None] = []
     for flag, value in (("time", time_offset), ("reference", reference_offset)):
         seconds = np.zeros(()) if value is None else read_numbers(value)
         if seconds is None or seconds.shape or not abs(seconds) < 1e12:
             raise InputError(f"--{flag}-offset {value!r}; valid: a number of seconds")
+        offsets.append(None if value is None else float(seconds))
+    time_offset, reference_offset = offsets
     chosen = (
         parse_span(span, "after the station's first sample", "0:30") if span is not None else None
     )
     lever = parse_vector(prism, "--prism") if prism is not None else None
     pose = None
     if frame is not None:
-        pose = estimate_station_pose(*pair_points(*frame))
+        files = frame if isinstance(frame, tuple | list) else ()
+        if len(files) != 2 or not all(isinstance(file, str | os.PathLike) for file in files):
+            raise InputError(f"frame: {frame!r}; valid: two files of points (known, measured)")
+        pose = estimate_station_pose(*pair_points(Path(files[0]), Path(files[1])))
     roles = assign_roles(data, station, camera, reference)
     notes = list(roles.notes)
     for traj in (roles.station, roles.camera, roles.reference):

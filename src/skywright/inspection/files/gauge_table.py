@@ -149,7 +149,23 @@ def load_readings(
     read = [
         _read_row(table, k, times[k], (points[0][k], points[1][k], points[2][k])) for k in count
     ]
+    other = _list_other_units(table)
+    if other:
+        header_unit = header[places["unit"][0]]
+        notes.append(f"texts ignored in the column {header_unit}: {list_names(other)}")
     return GaugeTable(read, tuple(notes))
+
+
+def _list_other_units(table: _Table) -> list[str]:
+    """Return the texts of the column `unit` that are not the unit of the values' header.
+
+    `_find_factor` has refused the known units among them.
+    """
+    unit = table.places["value"][1]
+    if not unit:  # the column states it
+        return []
+    texts = dict.fromkeys(table.text(k, "unit") for k in range(len(table.rows)))
+    return [text for text in texts if text and plain_unit(text) != unit]
 
 
 def _read_row(table: _Table, k: int, t: datetime, p: tuple[float, float, float]) -> Row:

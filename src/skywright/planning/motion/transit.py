@@ -124,11 +124,12 @@ def plan_transit(
         touch = _find_touch(scene, space, path.rows, margin_self)
     if path.blocked >= 0:
         k = int(check_state(space, ends[0], build_scratch(space)))  # the blocked end
-        why = f"{('start', 'goal')[k]}: {describe_pair(space, scene, path.blocked, key)}"
-        near = measure_clearance(space, ends[[k, k]])
-        if near <= 0.0:
-            return refuse(f"{why}: they overlap")
-        return refuse(f"{why}, {near:.3f} m" if near < margin else why)
+        end = ("start", "goal")[k]
+        near, nearest = measure_clearance(space, ends[[k, k]])
+        if near >= margin:  # two parts of the robot block the end
+            return refuse(f"{end}: {describe_pair(space, scene, path.blocked, key)}")
+        why = f"{end}: {describe_pair(space, scene, nearest, key)}"
+        return refuse(f"{why}: they overlap" if near <= 0.0 else f"{why}, {near:.3f} m")
     if not len(path.rows):
         often = describe_pair(space, scene, int(np.argmax(path.hits)), key, margin_self)
         return refuse(f"no path found; most frequent obstacle: {often}")
@@ -142,7 +143,7 @@ def plan_transit(
     u = space[0]["offset"] + rows @ space[0]["map"][:, : rows.shape[1]].T
     return Transit(
         u[:, :3], u[:, YAW], u[:, JOINT0 : JOINT0 + joints], cost,
-        measure_clearance(space, rows), None, time.perf_counter() - began,
+        measure_clearance(space, rows)[0], None, time.perf_counter() - began,
     )  # fmt: skip
 
 
@@ -159,15 +160,16 @@ def _shorten(space: Space, path: Path, margin: float) -> tuple[Array, float]:
     return rows[:count], float(cost)
 
 
-def measure_clearance(space: Space, rows: Array, step: float = STEP) -> float:
-    """Return the smallest distance (m) on a path to anything except the robot itself.
+def measure_clearance(space: Space, rows: Array, step: float = STEP) -> tuple[float, int]:
+    """Return the smallest distance (m) on a path to anything except the robot itself, and its pair.
 
+    Without anything else, the distance is infinite and the pair is -1.
     `rows` (m, n) are the path's coordinates, `step` is the spacing in cost (6) of the samples.
     """
     bare = space.copy()
     bare[0]["margin"] = np.where(space[0]["pairs"][:, 2] == PAIR_SELF, UNCHECKED, 0.0)
     distance, pair = sample_reserve(bare, build_scratch(space), rows, step)
-    return float(distance) if pair >= 0 else math.inf
+    return (float(distance), int(pair)) if pair >= 0 else (math.inf, -1)
 
 
 @njit(cache=True, error_model="numpy")

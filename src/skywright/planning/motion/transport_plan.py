@@ -125,7 +125,7 @@ def plan_transport(
     bound = compute_lower_bound(
         problem.space, problem.start, problem.goal, choose_slices(path.rows), 0.03
     )
-    clearance = measure_clearance(problem.space, timed.c, RESOLUTION)
+    clearance, _ = measure_clearance(problem.space, timed.c, RESOLUTION)
     metrics = {
         "plan.cost": path.cost, "plan.lower_bound": bound,
         "plan.first_solution_s": path.first_s, "plan.clearance_min_m": clearance,

@@ -102,6 +102,7 @@ function drawFront(u, panel, phases, first) {
       Math.abs(line - base) < 13 * dpr && at < other + width && other < at + wide);
     const clear = ([, base]) => !lines.some(line => line > base - 10 * dpr && line < base + 2 * dpr);
     const place = places.find(p => free(p) && clear(p)) || places.find(free) || places[0];
+    if (!place) continue;  // a plot without room for text
     names.push(place);
     ctx.setLineDash([]);  // a white outline, so that lines below the name leave it readable
     ctx.lineWidth = 3 * dpr;
