@@ -179,10 +179,10 @@ def test_lag_of_a_first_order_response() -> None:
     assert lag.identified and lag.gain == pytest.approx(gain, abs=0.01)
     assert lag.lag == pytest.approx(tau + 0.005, abs=0.003)  # the hold of a step adds half of it
     assert lag.offset == pytest.approx(0.02, abs=0.002) and lag.r_squared > 0.999
-    u[1000:1100] = math.nan  # a servo without a command
+    u[1000:1030] = math.nan  # a servo without a command
     part = fit_lag("servo", "rad/s", t, u, y, np.ones(len(t), dtype=bool))
     assert part.identified and part.lag == pytest.approx(lag.lag, abs=0.003)
-    u[1000:1100] = 0.0
+    u[1000:1030] = 0.0
     still = fit_lag("servo", "rad/s", t, 0 * u, 0 * y, np.ones(len(t), dtype=bool))
     assert not still.identified and "never commanded" in still.reason
 

@@ -11,11 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skywright.analysis.identify.flight_log import MOST, SPARSE, build_axis
+from identify_log import make_log, ulog_topics
+from skywright.analysis.identify import flight_log
+from skywright.analysis.identify.flight_log import MOST, SPARSE, build_axis, choose_period
 from skywright.analysis.identify.table import estimate_attitude, load_table
+from skywright.analysis.identify.ulog import load_ulog
 from skywright.core.rotations import exp_so3
 from skywright.description.robot.loader import load_robot
 from skywright.errors import InputError
+from ulog_file import write_ulog
 
 ROBOT = load_robot("hexarotor")[0]
 DT = 0.004
@@ -154,6 +158,38 @@ def test_the_time_axis_has_a_largest_number_of_samples() -> None:
         build_axis("log", stamps)
     with pytest.raises(InputError, match=f"valid: up to {MOST} s"):
         build_axis("log", np.arange(MOST + 2.0))
+
+
+def test_a_long_log_has_a_longer_interval_up_to_20_ms() -> None:
+    """At 250 Hz, MOST samples span 3200 s."""
+    for rows, period in ((MOST // 4, DT), (MOST + 1, DT), (2 * MOST + 1, 2 * DT)):
+        stamps = DT * np.arange(rows)
+        assert choose_period(stamps) == pytest.approx(period, rel=1e-5)
+        assert len(build_axis("log", stamps, choose_period(stamps))) <= MOST + 1
+    days = 0.02 * np.arange(MOST + 1001)
+    with pytest.raises(InputError, match=r"at 50 Hz; valid: up to 16000 s"):
+        build_axis("log", days, choose_period(days))
+    sparse = DT * np.append(np.arange(999.0), 86400.0 / DT)  # one wrong time
+    assert choose_period(sparse) == pytest.approx(DT)
+
+
+def test_a_long_table_is_read_at_a_longer_interval(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(flight_log, "MOST", 1000)
+    table, _ = build()
+    log = load_table(write(tmp_path / "a.csv", table), ROBOT)  # 2000 rows
+    assert log.period == pytest.approx(1999 * DT / 1000) and len(log.t) in (1000, 1001)
+    assert log.free.all()
+
+
+def test_a_long_ulog_is_read_at_a_longer_interval(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(flight_log, "MOST", 1000)
+    made = make_log(15.0, rate=100.0)
+    log = load_ulog(write_ulog(tmp_path / "flight.ulg", ulog_topics(made)), made.robot)
+    assert log.period == pytest.approx(0.015, rel=1e-3) and log.free.any()
 
 
 def test_the_example_reads_a_log_and_finds_the_model_that_made_it(tmp_path: Path) -> None:

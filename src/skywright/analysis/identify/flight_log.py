@@ -21,6 +21,7 @@ MOST, SPARSE = 800_000, 20
 A recording takes up to 1.2 kB per sample of the axis, which MOST limits to about 1 GB.
 """
 FASTEST = 250.0  # Hz, maximum rate of the common time axis
+LONGEST = 0.02  # s, maximum interval that a long log gets: a tenth of a cycle of the cut-off
 GRAVITY = 9.80665
 AIRBORNE = 0.35  # of the maximum sum of rotor speeds: idling is at 0.2 or less; a robot that
 # lifts itself hovers at this if its maximum thrust is 8 times its weight
@@ -59,6 +60,19 @@ class FlightLog(NamedTuple):
         return compute_period(self.t)
 
 
+def choose_period(stamps: Array) -> float:
+    """Return the interval (s) of the common time axis of a log with the times `stamps` (k,) s.
+
+    It is the usual interval of the log, at least 1 / FASTEST. A log that would have more than MOST
+    samples has a longer one, up to LONGEST, unless its times are sparse.
+    """
+    period = max(float(np.median(np.diff(stamps))), 1.0 / FASTEST)
+    span = float(stamps[-1] - stamps[0])
+    if span > SPARSE * len(stamps) * period:
+        return period
+    return max(period, min(span / MOST, LONGEST))
+
+
 def build_axis(name: str, stamps: Array, period: float | None = None) -> Array:
     """Return even times (n,) s from the first to the last of `stamps` (k,) s.
 
@@ -67,7 +81,7 @@ def build_axis(name: str, stamps: Array, period: float | None = None) -> Array:
     """
     period = compute_period(stamps) if period is None else period
     span, longest = stamps[-1] - stamps[0], period * min(MOST, SPARSE * len(stamps))
-    if span > longest:
+    if span > longest * (1.0 + 1e-9):
         steps = np.diff(stamps)
         i = int(np.argmax(steps))
         raise InputError(

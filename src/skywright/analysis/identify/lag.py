@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
+from scipy.ndimage import minimum_filter1d
 from scipy.signal import butter, sosfiltfilt
 
 from skywright.analysis.identify.fit import BLOCK, CONFIDENCE, choose_held_out
@@ -22,7 +23,7 @@ from skywright.recordings.period import compute_period
 CUTOFF = 2.0
 """Hz, above the motion of a flight. At higher frequencies, commands are mostly noise, which changes
 between two samples of a log: the response to it appears later than it is."""
-EDGE = 1.0  # s, margin to excluded samples: two cycles of the cut-off
+EDGE = 1.0  # s, margin to every excluded sample and the ends: two cycles of the cut-off
 RESOLUTION = 0.1
 """Share of a log's sample interval that adds to the half width of a lag, because commands between
 samples are unknown. In simulated flights with little motion, the error is up to this share."""
@@ -53,7 +54,8 @@ class Lag(NamedTuple):
 def fit_lag(name: str, unit: str, t: Array, command: Array, response: Array, use: Mask) -> Lag:
     """Fit the responses (k, n) of n equal drives to their commands (k, n), or of one drive (k,).
 
-    Samples count where `use` (k,) holds and all values are numbers. `t` (k,) s is evenly spaced.
+    Samples count where `use` (k,) holds and all values are numbers, and EDGE before and after.
+    `t` (k,) s is evenly spaced.
     """
 
     def give_up(reason: str) -> Lag:
@@ -71,11 +73,8 @@ def fit_lag(name: str, unit: str, t: Array, command: Array, response: Array, use
     rate = 8.0 * (np.roll(y, -1, 0) - np.roll(y, 1, 0)) - np.roll(y, -2, 0) + np.roll(y, 2, 0)
     rate /= 12.0 * period
     edge = max(round(EDGE / period), 2)
-    keep = use.copy()
-    for shift in (-edge, edge):  # keep a margin to excluded samples
-        moved = np.roll(use, shift)
-        keep &= moved
-    keep[:edge] = keep[-edge:] = False
+    # a sample counts if all samples within `edge` do: the filter spreads the excluded ones
+    keep = minimum_filter1d(use.astype(np.uint8), 2 * edge + 1, mode="constant") > 0
     if keep.sum() * period < LEAST * BLOCK:
         return give_up("too little of it in the log")
     t, u, y, rate = t[keep], u[keep], y[keep], rate[keep]
@@ -97,7 +96,10 @@ def fit_lag(name: str, unit: str, t: Array, command: Array, response: Array, use
     spread = float(np.sum((test - test.mean()) ** 2))
     r2 = 1.0 - float(np.sum((test - X[held_out] @ found) ** 2)) / max(spread, 1e-12)
     if half[0] > GAIN_WIDEST * max(abs(gain), 0.5) or half[1] > LAG_WIDEST * max(abs(lag), 0.01):
-        return give_up(f"it moved too little: gain {gain:.2f} +- {half[0]:.2f}")
+        return give_up(
+            f"it moved too little: gain {gain:.2f} +- {half[0]:.2f}, lag {1e3 * lag:.1f} +- "
+            f"{1e3 * half[1]:.1f} ms"
+        )
     if not (GAINS[0] <= gain <= GAINS[1] and LAGS[0] - half[1] <= lag <= LAGS[1]):
         return give_up(
             f"gain {gain:.3g} and lag {lag:.3g} s; possible: {GAINS[0]:g} to {GAINS[1]:g} and "
@@ -106,9 +108,9 @@ def fit_lag(name: str, unit: str, t: Array, command: Array, response: Array, use
     shortest, longest = _find_extremes(A, b, blocks, V)
     if longest - shortest > DISAGREEMENT * max(lag, 0.01):
         return give_up(
-            f"its lag is at most {1e3 * shortest:.0f} ms in one combination of the drives and at "
-            f"least {1e3 * longest:.0f} ms in another; the commands of the log are not those that "
-            "the drives received"
+            f"at most {1e3 * shortest:.0f} ms in one combination of the drives and at least "
+            f"{1e3 * longest:.0f} ms in another; the commands of the log are not those that the "
+            "drives received"
         )
     if not r2 >= LEAST_R2:
         return give_up(f"R² on held-out parts is {r2:.3g}; at least {LEAST_R2:g} is needed")

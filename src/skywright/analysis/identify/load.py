@@ -24,9 +24,10 @@ from skywright.core.trust import guarded
 from skywright.description.loader import Description, load_description
 from skywright.description.robot.limbs import list_joints, list_servos, takes_torque
 from skywright.description.robot.spec import Robot
-from skywright.description.world.spec import World
+from skywright.description.world.spec import Link, World
 from skywright.errors import InputError
 from skywright.models.allocation import allocate, build_allocator, thrust_to_speed
+from skywright.models.compliant_arms import count_command_ticks
 from skywright.models.rigid_body import build_body_model, compute_body, posture
 from skywright.models.rotor_reaction import compute_reaction_times
 from skywright.models.rotors import build_rotors
@@ -36,12 +37,13 @@ from skywright.recordings.recording import Recording, read_recording
 
 TOUCHING = 1e-3  # m, deflection of the probe's spring in contact; less in free flight
 SHORTEST = 5.0  # s, minimum duration of free flight
+PACKETS = 100_000  # simulated, for the mean delay of a link
 IDENTIFY_FIELDS = (
     "t", "phase", "est_q_WB", "est_v_WB", "est_w_WB_B", "rotor_speed", "cmd_f_B", "cmd_t_B", "q",
     "qd", "cmd_qd", "theta", "cmd_theta", "f_collision", "f_contact", "spring",
-    "f_docking_W",
+    "f_docking_W", "autopilot_command",
 )  # fmt: skip
-"""Columns that a log requires, as far as the robot has them."""
+"""Columns that a log requires, as far as the recording has them."""
 
 
 def load_log(path: Path, robot: Robot | None = None) -> FlightLog:
@@ -107,7 +109,8 @@ def _load_recording(path: Path, robot: Robot | None) -> FlightLog:
     if robot.name != description.robot.name:
         log = log._replace(notes=(
             f"{name} was flown by {description.robot.name!r}; its rotors and masses are read as "
-            f"those of {robot.name!r}, which was given",
+            f"those of {robot.name!r}, which was given, the commands of its drives as those of "
+            f"{description.robot.name!r}",
             *log.notes,
         ))  # fmt: skip
     return log if recording.complete else log._replace(notes=(*log.notes, CUT))
@@ -134,8 +137,9 @@ def build_log(
     """Build a log from samples (k,) of a run with the columns IDENTIFY_FIELDS, resampled evenly.
 
     `phases` (k,) names the phase of each sample. The times of the samples rise. `flown` is the
-    robot file with which the robot flew, and which its allocation used, default `robot`.
+    robot file with which the robot flew, and from which its commands follow, default `robot`.
     """
+    flown = flown or robot
     notes: list[str] = []
     stamps = s["t"]
     t = build_axis(name, stamps)
@@ -144,6 +148,8 @@ def build_log(
     n, rotors = len(joints), len(robot.rotors.azimuth_deg)
     positioned = any(servo.mode == "position" for _, servo in list_servos(robot))
     response = s["theta" if positioned else "qd"][:, :n]
+    command = s["cmd_theta" if positioned else "cmd_qd"][:, :n]
+    hold = _compute_servo_hold(flown, stamps) if positioned else _compute_hold(flown, world)
     if takes_torque(robot):  # a torque command has no lag in angle or speed
         response = np.zeros_like(response)
     R = find_rotations(s["est_q_WB"])
@@ -163,12 +169,12 @@ def build_log(
         w_WB_B=s["est_w_WB_B"],
         specific_force_B=None,
         rotor_speed=s["rotor_speed"][:, :rotors],
-        rotor_command=_commanded_speeds(flown or robot, s, t, R, world.gravity_mps2, n),
+        rotor_command=_commanded_speeds(flown, world, s, t, R, n),
         command_is_thrust=False,
         joints=joints,
         q=s["q"][:, :n],
         servo_unit="rad" if positioned else "rad/s",
-        servo_command=s["cmd_theta" if positioned else "cmd_qd"][:, :n],
+        servo_command=_delay(command, t, hold),
         servo_response=response,
         gravity=world.gravity_mps2,
         air_density=world.air_density_kg_m3,
@@ -204,20 +210,23 @@ def _phase_names(recording: Recording, t: Array) -> NDArray[np.str_]:
 
 
 def _commanded_speeds(
-    robot: Robot, s: NDArray[Any], t: Array, R: Array, gravity: float, n: int
+    robot: Robot, world: World, s: NDArray[Any], t: Array, R: Array, n: int
 ) -> Array:
-    """Return the rotor speeds (k, rotors) that the allocation sent for the commanded wrench.
+    """Return the speeds (k, rotors) rad/s that the rotors were commanded.
 
-    `t` (k,) s are the times of the samples `s`, R (k, 3, 3) their attitudes. A command is held for
-    a control tick, so its effect is that of a continuous signal half a tick later: the commands are
-    shifted by this time.
+    An autopilot commands shares of the full speed, over no link of the world. Otherwise they follow
+    from the commanded wrench by the allocation. `t` (k,) s are the times of the samples `s`,
+    R (k, 3, 3) their attitudes.
     """
     rotor_set = build_rotors(robot.rotors)
-    a = build_allocator(rotor_set)
-    model = build_body_model(robot, gravity)
-    weight = gravity * compute_body(model, posture(robot, "folded"))[0]
-    reaction = float(compute_reaction_times(rotor_set, a, weight)[2])
     tick = 1.0 / robot.control.rate_hz
+    if has_columns(s, "autopilot_command"):
+        full = np.sqrt(rotor_set.thrust_max / rotor_set.k_f)
+        return _delay(s["autopilot_command"][:, : len(full)] * full, t, 0.5 * tick)
+    a = build_allocator(rotor_set)
+    model = build_body_model(robot, world.gravity_mps2)
+    weight = world.gravity_mps2 * compute_body(model, posture(robot, "folded"))[0]
+    reaction = float(compute_reaction_times(rotor_set, a, weight)[2])
     torque = s["cmd_t_B"].copy()
     torque[:, 2] = filter_yaw(torque[:, 2], t, reaction, tick)
     rotors = len(a.t_max)
@@ -234,7 +243,53 @@ def _commanded_speeds(
         )  # fmt: skip
         thrust_to_speed(thrust + a.preload, rotors, a.k_f, speed)
         out[i] = speed
-    return np.column_stack([np.interp(t - 0.5 * tick, t, column) for column in out.T])
+    return _delay(out, t, _compute_hold(robot, world))
+
+
+def _delay(x: Array, t: Array, delay: float) -> Array:
+    """Return the signals x (k, n) at the times `t` (k,) s, later by `delay` (s)."""
+    out = np.empty(x.shape)
+    for j in range(x.shape[1]):
+        out[:, j] = np.interp(t - delay, t, x[:, j])
+    return out
+
+
+def _compute_hold(robot: Robot, world: World) -> float:
+    """Return by how much (s) a law's commands take effect after their samples, in the mean.
+
+    A command is recorded as it is sent, and held for a control tick: its effect is that of a
+    continuous signal half a tick later. The link adds its delay.
+    """
+    tick = 1.0 / robot.control.rate_hz
+    return 0.5 * tick + compute_link_delay(world.link, tick)
+
+
+def _compute_servo_hold(robot: Robot, stamps: Array) -> float:
+    """Return by how much (s) the commands that position servos hold act after their samples.
+
+    It is negative: the servos hold a command for some control ticks, so that it acts half of this
+    time later than a continuous signal. The samples at `stamps` (k,) s show the commands at greater
+    ages, because a sample is recorded before the servos take the command of its tick.
+    """
+    rate, every = robot.control.rate_hz, count_command_ticks(robot)
+    age = (np.rint(stamps * rate) - 1.0) % every + 1.0  # ticks
+    return float(0.5 * every - np.mean(age)) / rate
+
+
+def compute_link_delay(link: Link, tick: float) -> float:
+    """Return the mean age (s) of the newest command that a link has delivered.
+
+    As in vehicle/link.py, a command is sent each control tick (`tick`, s), arrives in order or is
+    lost, and holds until the next one. The mean is that of simulated packets.
+    """
+    rng = np.random.default_rng(0)
+    sent = np.arange(PACKETS) * tick
+    kept = rng.random(PACKETS) >= link.loss_fraction
+    delay = np.maximum(link.delay_s + link.jitter_s * rng.standard_normal(PACKETS), 0.0)
+    arrival = np.maximum.accumulate((sent + delay)[kept])
+    newest = np.searchsorted(arrival, sent + 1e-9, side="right") - 1
+    has_one = newest >= 0
+    return float(np.mean(sent[has_one] - sent[kept][newest[has_one]]))
 
 
 def filter_yaw(torque: Array, t: Array, reaction: float, tick: float) -> Array:

@@ -88,7 +88,7 @@ def build_overrides(found: Identification, base: str) -> str:
     lag = found.rotor_lag
     if lag is not None and lag.identified and lag.lag > 0.0:
         rotors.append(number("time_constant_s", lag.lag, lag.half_lag))
-    if found.command_lag:
+    elif found.command_lag:
         rotors.append(number("time_constant_s", found.command_lag))
     if rotors:
         lines += ["", "[robot.rotors]", *rotors]

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from skywright.analysis.identify.flight_log import (
-    FASTEST,
     GRAVITY,
     FlightLog,
     align_signs,
     build_axis,
+    choose_period,
     find_airborne,
     find_rotations,
     find_sampled,
@@ -63,7 +63,7 @@ def load_table(path: Path, robot: Robot | None) -> FlightLog:
     stamps = table["t_s"]
     if len(stamps) < 10 or not np.all(np.diff(stamps) > 0.0):
         raise InputError(f"{path}: t_s must increase from row to row, over 10 rows at least")
-    period = max(float(np.median(np.diff(stamps))), 1.0 / FASTEST)
+    period = choose_period(stamps)
     if not period < 0.1:
         raise InputError(f"{path}: {1.0 / period:.3g} rows a second; at least 10 are needed")
     t = build_axis(str(path), stamps - stamps[0], period)

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from skywright.analysis.identify.flight_log import (
-    FASTEST,
     GRAVITY,
     FlightLog,
     align_signs,
     build_axis,
+    choose_period,
     find_airborne,
     find_rotations,
     find_sampled,
@@ -144,7 +144,7 @@ class _Axis:
         steps = np.diff(stamps)
         if np.any(steps < 0):
             raise InputError(f"{path}: time runs backwards in {name}")
-        period = max(float(np.median(steps)), 1.0 / FASTEST)
+        period = choose_period(stamps)
         if not 0.0 < period < 0.1:
             raise InputError(
                 f"{path}: {name} comes at {1.0 / max(period, 1e-9):.0f} Hz; at least 10 Hz are "
