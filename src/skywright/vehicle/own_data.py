@@ -71,9 +71,7 @@ def check_units(
     away = np.linalg.norm(p_fix - np.median(p_fix, axis=0), axis=1)
     far = float(np.percentile(away, 95.0))
     if far > FARTHEST:
-        raise InputError(
-            f"p_fix: {far:.4g} m from its median; valid: at most {FARTHEST:g} m, in m"
-        )
+        raise InputError(f"p_fix: {far:.4g} m from its median; valid: at most {FARTHEST:g} m, in m")
     later = np.searchsorted(t_fix, t_fix + SPAN)
     k = np.flatnonzero(later < len(t_fix))
     if len(k):
