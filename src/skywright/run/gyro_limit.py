@@ -31,6 +31,15 @@ class Strain(NamedTuple):
         """Whether `sigmas` standard deviations exceed the margin."""
         return sigmas * self.asked > self.room
 
+    def describe(self, noise: float, sigmas: float) -> str:
+        """Return the part of a refusal that states load, margin and the largest valid noise."""
+        most = max(self.room / self.asked, 0.0) * noise / sigmas
+        return (
+            f"into {self.asked:.2f} N rms per rotor; {sigmas:g} times that (mission.noise_sigmas) "
+            f"exceeds the {self.room:.2f} N between hovering and the rotor's limit; valid: at most "
+            f"{most:.2g}"
+        )
+
 
 def compute_strain(nominal: Nominal, torque: Array) -> Strain:
     """Compute the load on the rotors of a law that answers rates with `torque` (3, 2) N m s.
@@ -68,13 +77,10 @@ def find_noisy_gyroscope(setup: Setup[Any]) -> str | None:
     if not strain.exceeds(sigmas):
         return None
     bandwidth = choose_bandwidths(law.table, setup).attitude_bandwidth_rad_s
-    most = max(strain.room / strain.asked, 0.0) * noise
     return (
         f"robot.sensors.gyro_noise_rad_s_sqrthz = {noise:.3g}: the attitude loop "
-        f"(robot.control.attitude_bandwidth_rad_s = {bandwidth:g}) converts it into "
-        f"{strain.asked:.2f} N rms per rotor; {sigmas:g} times that (mission.noise_sigmas) exceeds "
-        f"the {strain.room:.2f} N between hovering and the rotor's limit; valid: at most "
-        f"{most / sigmas:.2g}, or a lower bandwidth"
+        f"(robot.control.attitude_bandwidth_rad_s = {bandwidth:g}) converts it "
+        f"{strain.describe(noise, sigmas)}, or a lower bandwidth"
     )
 
 
@@ -93,10 +99,7 @@ def explain_noise(vehicle: Backend, sigmas: float) -> str:
     if not strain.exceeds(sigmas):
         return ""
     noise = vehicle.robot.sensors.gyro_noise_rad_s_sqrthz
-    most = max(strain.room / strain.asked, 0.0) * noise / sigmas
     return (
         f"the law converts the gyroscope's noise (robot.sensors.gyro_noise_rad_s_sqrthz = "
-        f"{noise:.3g}) into {strain.asked:.2f} N rms per rotor; {sigmas:g} times that "
-        f"(mission.noise_sigmas) exceeds the {strain.room:.2f} N between hovering and the rotor's "
-        f"limit; valid: at most {most:.2g}, or a lower rate gain of the law"
+        f"{noise:.3g}) {strain.describe(noise, sigmas)}, or a lower rate gain of the law"
     )

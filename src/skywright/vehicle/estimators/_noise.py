@@ -16,7 +16,8 @@ from skywright.vehicle.component import helper
 from skywright.vehicle.estimators._strapdown import BA_, BG_, N_STATE, R_
 
 ROW = 10  # rejected fixes in a row after which noise or estimate counts as wrong
-LEAST = 2.0  # ratio of variances; a scatter of ten fixes is smaller than this by chance
+KNOWN_AFTER = 400  # fixes for noise within 2 %: the error of a variance is sqrt(2 / 3n)
+LEAST = 2.0  # ratio of variances, below which the scatter of ten fixes may be chance
 MOST = 400.0  # times the variance of the data sheet: 20 times its deviation
 EVEN = 1.5  # largest ratio of two intervals of fixes whose differences are compared
 
@@ -27,6 +28,19 @@ class Scatter(Record):
     rejected: int  # fixes that the gate rejected so far
     row: Annotated[Array, ROW, 6]  # m, then rad; that of fix number k is at k % ROW
     when: Annotated[Array, ROW]  # s, times of these fixes
+
+
+@helper
+def compute_product(before: Any, H: Any, dx: Any, i: int) -> float:
+    """Return the product of residual i before and after the correction `dx`.
+
+    Its mean is the variance of the noise (Desroziers et al., Diagnosis of observation, background
+    and analysis-error statistics in observation space, 2005, (4)).
+    """
+    after = before[i]
+    for j in range(N_STATE):
+        after -= H[i, j] * dx[j]
+    return float(before[i] * after)
 
 
 @helper

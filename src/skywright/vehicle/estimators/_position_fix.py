@@ -16,8 +16,10 @@ from skywright.core.scratch import local
 from skywright.vehicle.component import helper
 from skywright.vehicle.estimators._kalman import correct, inject, place_point
 from skywright.vehicle.estimators._noise import (
+    KNOWN_AFTER,
     LEAST,
     MOST,
+    compute_product,
     compute_scatter,
     keep_innovation,
     widen,
@@ -26,7 +28,6 @@ from skywright.vehicle.estimators._strapdown import BA_, BG_, MASK, N_STATE, P_,
 
 GATES = (16.27, 18.47)  # chi-square of 3 and of 4 degrees of freedom at 99.9 %
 LEVEL_SAMPLES = 256  # inertial samples at rest that give roll and pitch at the start
-KNOWN_AFTER = 400  # fixes over which a noise above the data sheet is averaged
 
 
 class FixNoise(Record):
@@ -70,19 +71,17 @@ def fuse_fix(me: Any, fix: Any) -> bool:
 
 @helper
 def _adapt(me: Any, H: Any, before: Any, dx: Any) -> None:
-    """Average a noise that was learned from few fixes over more of them; see `fuse`.
+    """Average a noise that was learned from few fixes over more of them.
 
     `before` (n,) are the residuals, `dx` is the correction.
     """
     p = heading = 1.0
     for i in range(len(H)):
-        after = before[i]
-        for j in range(N_STATE):
-            after -= H[i, j] * dx[j]
+        found = compute_product(before, H, dx, i)
         if i < 3:
-            p += (before[i] * after / me.r_fix[i] - 1.0) / (3.0 * KNOWN_AFTER)
+            p += (found / me.r_fix[i] - 1.0) / (3.0 * KNOWN_AFTER)
         else:
-            heading += (before[i] * after / me.r_heading - 1.0) / KNOWN_AFTER
+            heading += (found / me.r_heading - 1.0) / KNOWN_AFTER
     scale_fix_noise(me, max(p, 1.0 / me.more_fix), max(heading, 1.0 / me.more_heading))
 
 

@@ -33,10 +33,12 @@ from skywright.vehicle.estimates import POSITION_COLUMNS, EstimatorState, RotorF
 from skywright.vehicle.estimators._deviation import fill_deviation
 from skywright.vehicle.estimators._kalman import correct, inject, place_point
 from skywright.vehicle.estimators._noise import (
+    KNOWN_AFTER,
     LEAST,
     MOST,
     ROW,
     Scatter,
+    compute_product,
     compute_scatter,
     keep_innovation,
     widen,
@@ -73,7 +75,6 @@ RESTART_AFTER = ROW  # rejected samples in a row that agree with each other
 AGREE_P, AGREE_R = 0.1, 0.2  # m, rad: largest difference of two samples that agree
 AGREE_SIGMAS = 4.0  # of the noise of fixes, in addition
 LATE = 16  # inertial samples by which a fix may arrive later than its latency
-KNOWN_AFTER = 400  # samples for noise within 2 %: the error of a variance is sqrt(2 / 3n)
 SHEET_WORTH = 5.0  # samples that correspond to a data sheet, whose noise is 20 % off
 LEAST_NOISE = 1e-10  # m^2 and rad^2: keeps the innovation covariance of a perfect sensor regular
 
@@ -171,9 +172,7 @@ class Filter(Estimator):
 def fuse(me: Any, mocap: Any) -> bool:
     """Fuse a motion-capture sample taken at the horizon; returns False if the gate rejects it.
 
-    The mean product of the residuals before and after the correction is the variance of the noise
-    (Desroziers et al., Diagnosis of observation, background and analysis-error statistics in
-    observation space, 2005, (4)). The filter estimates the noise with it, starting from the data
+    The filter estimates the noise from the residuals (compute_product), starting from the data
     sheet.
     """
     H, nu, r, lever = local(6, N_STATE), local(6), local(6), local(3)
@@ -207,13 +206,11 @@ def fuse(me: Any, mocap: Any) -> bool:
     gain = 1.0 / min(me.fused + SHEET_WORTH, KNOWN_AFTER)
     for i in range(6):
         me.nu[i] = nu[i]
-        after = before[i]
-        for j in range(N_STATE):
-            after -= H[i, j] * dx[j]
+        found = compute_product(before, H, dx, i)
         if i < 3:
-            me.r_p += gain / 3.0 * (before[i] * after - me.r_p)
+            me.r_p += gain / 3.0 * (found - me.r_p)
         else:
-            me.r_R += gain / 3.0 * (before[i] * after - me.r_R)
+            me.r_R += gain / 3.0 * (found - me.r_R)
     me.r_p, me.r_R = max(me.r_p, LEAST_NOISE), max(me.r_R, LEAST_NOISE)
     me.r_c = 2.0 * me.r_p  # of the tip: includes the error of the platform's position
     inject(me, dx)
@@ -226,13 +223,13 @@ def fuse_again(me: Any, mocap: Any) -> bool:
 
     Returns False, with the noise as before, if they do not, or if the sample is rejected again.
     """
-    p, R = compute_scatter(me, 0, 3), compute_scatter(me, 3, 3)
-    if not (p <= MOST * me.sheet_p and MOST * me.sheet_R >= R):
+    p, turn = compute_scatter(me, 0, 3), compute_scatter(me, 3, 3)
+    if not (p <= MOST * me.sheet_p and turn <= MOST * me.sheet_R):
         return False  # also if one is not a number
-    if p < LEAST * me.r_p and LEAST * me.r_R > R:
+    if p < LEAST * me.r_p and turn < LEAST * me.r_R:
         return False
     r_p, r_R, fused = me.r_p, me.r_R, me.fused
-    me.r_p, me.r_R = max(p, r_p), max(R, r_R)
+    me.r_p, me.r_R = max(p, r_p), max(turn, r_R)
     widen(me, me.r_p / r_p, me.r_R / r_R)
     me.fused = ROW  # the samples that the noise is now known from
     me.rejected -= 1
