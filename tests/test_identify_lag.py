@@ -18,7 +18,7 @@ from identify_log import make_log as make_exact_log
 from skywright.analysis.identify.flight_log import FlightLog
 from skywright.analysis.identify.identify import Identification, identify
 from skywright.analysis.identify.lag import Lag, fit_lag, fit_rotor_lag, fit_servos
-from skywright.analysis.identify.load import PACKETS, build_log, compute_link_delay, filter_yaw
+from skywright.analysis.identify.load import build_log, filter_yaw
 from skywright.analysis.identify.overrides import build_overrides
 from skywright.description.loader import load_description
 from skywright.description.robot.limbs import list_joints
@@ -26,6 +26,7 @@ from skywright.description.robot.loader import load_robot
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import Link, World
 from skywright.models.compliant_arms import count_command_ticks
+from skywright.models.link_age import compute_mean_age
 from skywright.planning.excitation import build_sines
 
 ROBOT = load_robot("hexarotor")[0]
@@ -171,16 +172,26 @@ def test_mean_delay_of_a_link() -> None:
     With normal delays x, the newest packet is older than n ticks h if one that was sent j >= n
     ticks ago is still in transit: 1 - prod P(x <= j h).
     """
-    assert PACKETS >= 100_000
     for delay, found in ((0.0, 0.0), (0.003, 0.004), (0.02, 0.02)):
-        assert compute_link_delay(Link(delay_s=delay), TICK) == pytest.approx(found, abs=1e-5)
-    lossy = compute_link_delay(Link(loss_fraction=0.5), TICK)
-    assert lossy == pytest.approx(TICK, abs=5e-5)
+        assert compute_mean_age(Link(delay_s=delay), TICK) == pytest.approx(found, abs=1e-9)
+    lossy = compute_mean_age(Link(loss_fraction=0.5), TICK)
+    assert lossy == pytest.approx(TICK, abs=1e-9)
     ticks = np.arange(60)
     arrived = stats.norm.cdf(TICK * ticks, 0.05, 0.008)
     older = [1.0 - np.prod(arrived[n:]) for n in ticks]
-    jitter = compute_link_delay(Link(delay_s=0.05, jitter_s=0.008), TICK)
-    assert jitter == pytest.approx(TICK * np.sum(older), abs=2e-4) and jitter > 0.055
+    jitter = compute_mean_age(Link(delay_s=0.05, jitter_s=0.008), TICK)
+    assert jitter == pytest.approx(TICK * np.sum(older), abs=1e-6) and jitter > 0.055
+
+
+def test_mean_delay_with_lost_and_late_packets_is_that_of_simulated_ones() -> None:
+    link, n = Link(delay_s=0.004, jitter_s=0.003, loss_fraction=0.3), 200_000
+    rng = np.random.default_rng(4)
+    sent, kept = TICK * np.arange(n), rng.random(n) >= link.loss_fraction
+    delay = np.maximum(link.delay_s + link.jitter_s * rng.standard_normal(n), 0.0)
+    arrival = np.maximum.accumulate((sent + delay)[kept])
+    newest = np.searchsorted(arrival, sent[100:] + 1e-9, side="right") - 1
+    age = float(np.mean(sent[100:] - sent[kept][newest]))
+    assert compute_mean_age(link, TICK) == pytest.approx(age, abs=1e-4)
 
 
 def make_servo_log(command: str, every: int, tau: float, late: int) -> FlightLog:

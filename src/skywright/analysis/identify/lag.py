@@ -21,12 +21,12 @@ from skywright.core.arrays import Array, Ints, Mask
 from skywright.recordings.period import compute_period
 
 CUTOFF = 2.0
-"""Hz, above the motion of a flight. At higher frequencies, commands are mostly noise, which changes
-between two samples of a log: the response to it appears later than it is."""
+"""Hz, above the motion of a flight. At higher frequencies, commands are mostly noise. Noise that
+changes between two samples makes the fitted lag too long."""
 EDGE = 1.0  # s, margin to every excluded sample and the ends: two cycles of the cut-off
 RESOLUTION = 0.1
-"""Share of a log's sample interval that adds to the half width of a lag, because commands between
-samples are unknown. In simulated flights with little motion, the error is up to this share."""
+"""Share of a log's sample interval that is added to the half width of a lag. Chosen to cover the
+largest error (1.0 ms at 100 Hz) of the simulated flights in docs/howto/identify.md; not derived."""
 LEAST = 4  # minimum number of blocks with motion
 GAINS, LAGS = (0.2, 5.0), (0.0, 1.0)  # valid range; lags in s
 LEAST_R2 = 0.5  # minimum on held-out parts
@@ -54,8 +54,8 @@ class Lag(NamedTuple):
 def fit_lag(name: str, unit: str, t: Array, command: Array, response: Array, use: Mask) -> Lag:
     """Fit the responses (k, n) of n equal drives to their commands (k, n), or of one drive (k,).
 
-    Samples count where `use` (k,) holds and all values are numbers, and EDGE before and after.
-    `t` (k,) s is evenly spaced.
+    A sample is used only if, within EDGE of it, `use` (k,) holds and all values are numbers. `t`
+    (k,) s is evenly spaced.
     """
 
     def give_up(reason: str) -> Lag:
@@ -88,7 +88,7 @@ def fit_lag(name: str, unit: str, t: Array, command: Array, response: Array, use
         return give_up("too little of it in the log")
     plain, _ = _fit(A, b, blocks)
     variance, V = _separate(b - A @ plain)
-    W = V / np.sqrt(variance) @ V.T  # turns the errors into uncorrelated ones of equal size
+    W = V / np.sqrt(variance)  # combinations with uncorrelated errors of equal size
     found, half = _fit(_combine(A, W), b @ W, blocks)
     half[1] = np.hypot(half[1], RESOLUTION * period)
     gain, lag, offset = found
@@ -168,8 +168,8 @@ def _separate(error: Array) -> tuple[Array, Array]:
 def _find_extremes(A: Array, b: Array, blocks: Ints, V: Array) -> tuple[float, float]:
     """Return the least upper and the greatest lower limit (s) of the lags of the combinations V.
 
-    Combinations that follow their commands (CLEAR_R2) count. Equal drives with the commands of the
-    log have one lag; else the errors of a common lag separate those that have another one.
+    Combinations that follow their commands (CLEAR_R2) count. If the log contains the commands that
+    the drives received, all combinations have the same lag.
     """
     shortest, longest = np.inf, -np.inf
     for v in V.T[:, :, None]:

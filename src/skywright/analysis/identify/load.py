@@ -24,10 +24,11 @@ from skywright.core.trust import guarded
 from skywright.description.loader import Description, load_description
 from skywright.description.robot.limbs import list_joints, list_servos, takes_torque
 from skywright.description.robot.spec import Robot
-from skywright.description.world.spec import Link, World
+from skywright.description.world.spec import World
 from skywright.errors import InputError
 from skywright.models.allocation import allocate, build_allocator, thrust_to_speed
 from skywright.models.compliant_arms import count_command_ticks
+from skywright.models.link_age import compute_mean_age
 from skywright.models.rigid_body import build_body_model, compute_body, posture
 from skywright.models.rotor_reaction import compute_reaction_times
 from skywright.models.rotors import build_rotors
@@ -37,7 +38,6 @@ from skywright.recordings.recording import Recording, read_recording
 
 TOUCHING = 1e-3  # m, deflection of the probe's spring in contact; less in free flight
 SHORTEST = 5.0  # s, minimum duration of free flight
-PACKETS = 100_000  # simulated, for the mean delay of a link
 IDENTIFY_FIELDS = (
     "t", "phase", "est_q_WB", "est_v_WB", "est_w_WB_B", "rotor_speed", "cmd_f_B", "cmd_t_B", "q",
     "qd", "cmd_qd", "theta", "cmd_theta", "f_collision", "f_contact", "spring",
@@ -214,8 +214,8 @@ def _commanded_speeds(
 ) -> Array:
     """Return the speeds (k, rotors) rad/s that the rotors were commanded.
 
-    An autopilot commands shares of the full speed, over no link of the world. Otherwise they follow
-    from the commanded wrench by the allocation. `t` (k,) s are the times of the samples `s`,
+    An autopilot commands shares of the full speed; `world.link` does not delay them. Otherwise they
+    follow from the commanded wrench by the allocation. `t` (k,) s are the times of the samples `s`,
     R (k, 3, 3) their attitudes.
     """
     rotor_set = build_rotors(robot.rotors)
@@ -261,35 +261,19 @@ def _compute_hold(robot: Robot, world: World) -> float:
     continuous signal half a tick later. The link adds its delay.
     """
     tick = 1.0 / robot.control.rate_hz
-    return 0.5 * tick + compute_link_delay(world.link, tick)
+    return 0.5 * tick + compute_mean_age(world.link, tick)
 
 
 def _compute_servo_hold(robot: Robot, stamps: Array) -> float:
-    """Return by how much (s) the commands that position servos hold act after their samples.
+    """Return the time (s) by which to shift the commands of position servos (negative: earlier).
 
-    It is negative: the servos hold a command for some control ticks, so that it acts half of this
-    time later than a continuous signal. The samples at `stamps` (k,) s show the commands at greater
-    ages, because a sample is recorded before the servos take the command of its tick.
+    A held command acts, on average, half a hold after it was sent. The samples at `stamps` (k,) s
+    show it later than that, because each is recorded before the servo takes the command of its
+    tick.
     """
     rate, every = robot.control.rate_hz, count_command_ticks(robot)
     age = (np.rint(stamps * rate) - 1.0) % every + 1.0  # ticks
     return float(0.5 * every - np.mean(age)) / rate
-
-
-def compute_link_delay(link: Link, tick: float) -> float:
-    """Return the mean age (s) of the newest command that a link has delivered.
-
-    As in vehicle/link.py, a command is sent each control tick (`tick`, s), arrives in order or is
-    lost, and holds until the next one. The mean is that of simulated packets.
-    """
-    rng = np.random.default_rng(0)
-    sent = np.arange(PACKETS) * tick
-    kept = rng.random(PACKETS) >= link.loss_fraction
-    delay = np.maximum(link.delay_s + link.jitter_s * rng.standard_normal(PACKETS), 0.0)
-    arrival = np.maximum.accumulate((sent + delay)[kept])
-    newest = np.searchsorted(arrival, sent + 1e-9, side="right") - 1
-    has_one = newest >= 0
-    return float(np.mean(sent[has_one] - sent[kept][newest[has_one]]))
 
 
 def filter_yaw(torque: Array, t: Array, reaction: float, tick: float) -> Array:
