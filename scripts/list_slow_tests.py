@@ -29,7 +29,7 @@ def main() -> None:
     needs: defaultdict[str, set[str]] = defaultdict(set)
     for line in args.file.read_text(encoding="utf-8").splitlines():
         seconds, test, *fixtures = line.split("\t")
-        took[test.partition("[")[0]] += max(float(seconds), 0.0)
+        took[test.partition("[")[0]] += float(seconds)
         needs[test.partition("[")[0]].update(f"fixture {name}" for name in fixtures)
     tests = [name for name in took if not name.startswith("fixture ")]
     whole = {test: took[test] + sum(took[name] for name in needs[test]) for test in tests}

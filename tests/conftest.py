@@ -138,7 +138,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, bool, bool]:
     before = _read_processor_time()
     ran = yield
     own = _read_processor_time() - before - sum(seconds for _, seconds in SET_UP)
-    own = max(own, 0.0)  # a process of an earlier test that nobody waited for took its time along
+    own = max(own, 0.0)  # a child of an earlier test that ended without wait() no longer counts
     known = getattr(item, "_fixtureinfo", None)
     several = known.name2fixturedefs.values() if known else ()
     shared = sorted({_name(f) for fs in several for f in fs if f.scope != "function"})

@@ -19,6 +19,7 @@ import pytest
 import yaml
 
 from skywright.evidence.reproduce.load import list_papers, load_claims
+from skywright.evidence.reproduce.spec import judge
 
 ROOT = Path(__file__).resolve().parent.parent
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -438,8 +439,14 @@ def test_the_pages_of_claims_have_the_measured_ones() -> None:
         for claim, measured in zip(stated, claims, strict=True):
             texts = (measured["statement"], measured["where"], measured["judged_by"])
             assert texts == (claim.statement, claim.where, claim.judged_by)
-            tests = [(t["quantity"], t["unit"], t["reading"]) for t in measured["tests"]]
-            assert tests == [(t.quantity, t.unit, t.reading) for t in claim.tests]
+            keys = ("quantity", "unit", "sense", "paper_value", "bound", "tolerance", "reading")
+            assert [[t[k] for k in keys] for t in measured["tests"]] == [
+                [getattr(t, k) for k in keys] for t in claim.tests
+            ]
+            values = {
+                t["quantity"]: t["value"] for t in measured["tests"] if t["value"] is not None
+            }
+            assert judge(claim, values).name == measured["verdict"], measured["id"]
             why = getattr(claim.why, measured["verdict"]) or claim.why.reproduced
             parts = [re.escape(part) for part in re.split(r"\{\w+[^}]*\}", why)]
             assert re.search(r"\S+".join(parts), measured["explanation"]), measured["id"]

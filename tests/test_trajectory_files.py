@@ -284,7 +284,8 @@ def test_messages_before_the_first_estimate_are_dropped(tmp_path):
     assert found.notes == ("3 messages before the first estimate dropped",)
     assert len(load_trajectory(f"{path}:/truth/pose").t) == 8
     write_mcap(path, {"/estimate/pose": (kind, unset)})
-    assert len(load_trajectory(f"{path}:/estimate/pose").t) == 3
+    with pytest.raises(InputError, match="/estimate/pose contains no estimate; valid: a recording"):
+        load_trajectory(f"{path}:/estimate/pose")
 
 
 def test_recordings_without_a_trajectory_are_refused(tmp_path):

@@ -16,6 +16,8 @@ EXPORTS = {
     "report": {"flight"},
 }
 """Exports that each list can accompany, and the options that select what they contain."""
+NEEDED = {"report": ("flight",), "dicom": ("flight", "component")}
+"""Options that an export requires; an import states its flight."""
 SELECTION = ("structure", "component", "flight", "spot")
 TABLE = ("columns", "lag", "measured", "required", "registration")
 """Options of an imported table."""
@@ -23,7 +25,14 @@ _MORE = {*EXPORTS, "deviations"}
 VALID = {
     "readings": {"readings", "structure", "component", "flight", "spot", "table", *_MORE},
     "import": {"source", "structure", "component", "table", *TABLE, *_MORE},
-    "thickness": {"thickness", "structure", "component", "spot", "radius", "parquet", "local"},
+    "thickness": {
+        "thickness",
+        "structure",
+        "component",
+        "spot",
+        "radius",
+        *(EXPORTS.keys() - NEEDED.keys()),
+    },
     "indications": {"indications", "decide", "who", "structure", "component", "flight", *_MORE},
     "report": {"flight", "component", *_MORE},
     "datums": {"datums", "structure", "flight"},
@@ -32,12 +41,10 @@ VALID = {
 """Valid options of each list, besides --json."""
 LABELS = {"contacts": "contact measurements"}
 HINTS = {
-    ("thickness", "flight"): ", which merges the flights",
+    **{("thickness", name): ", which merges the flights" for name in ("flight", *NEEDED)},
     **{("datums", export): "; export in a second command" for export in EXPORTS},
 }
 """Reasons in messages, by the list and the option that is not valid for it."""
-NEEDED = {"report": ("flight",), "dicom": ("flight", "component")}
-"""Options that an export requires; an import states its flight."""
 CHOICES = ("readings", "thickness", "indications", "decide", "source", "datums")
 """Options of which one is valid."""
 REQUIRED = {

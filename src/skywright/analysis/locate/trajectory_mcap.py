@@ -93,7 +93,12 @@ def _decode(path: Path, contents: McapContents, topic: TopicInfo) -> Trajectory:
     notes = [] if contents.complete else [CUT]
     if topic.name == ROLES[0][1]:
         early = _count_unset(rows)
-        if 0 < early < len(rows):
+        if early == len(rows):
+            raise InputError(
+                f"{path}: topic {topic.name} contains no estimate; valid: a recording in which the "
+                "estimator was ready"
+            )
+        if early:
             notes.append(f"{early} messages before the first estimate dropped")
             rows = rows[early:]
     q = rows[:, [7, 4, 5, 6]] if turned else None
@@ -112,6 +117,7 @@ def _count_unset(rows: NDArray[Any]) -> int:
     origin, without rotation.
     """
     unset = np.all(rows[:, 1:] == [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], axis=1)
+    unset |= np.isnan(rows[:, 1])  # a message that cannot be decoded
     return len(rows) if unset.all() else int(np.argmin(unset))
 
 

@@ -98,8 +98,9 @@ def ring_envelope(tip: Array, low: float, high: float) -> tuple[Array, Array]:
 def ring_remaining(tip: Array, low: float, high: float) -> float:
     """Return the vibration (n, 3) at the end of a record relative to that at its start.
 
-    The rms within a band (Hz) over the last 0.5 s and the first; inf: robot lost. A vibration that
-    limits sustain does not grow, but remains.
+    The rms within a band (Hz) over the last 0.5 s relative to the first 0.5 s, without 0.05 s at
+    the start and 0.2 s at the end (effects of the filter); inf: robot lost. A vibration that limits
+    sustain does not grow, but remains.
     """
     if np.any(np.isnan(tip)):
         return float("inf")

@@ -217,8 +217,8 @@ def _read_length(table: _Table, k: int, what: str, low: float = -math.inf) -> fl
 
 def _find_factor(table: _Table, k: int, what: str, quantity: str) -> float:
     """Return the factor from the unit of a value or u95 to the unit in which it is stored."""
-    if what not in table.places:
-        return math.nan
+    if what not in table.places or not table.text(k, what):
+        return math.nan  # a lost value needs no unit
     stored, units = QUANTITIES[quantity]
     unit, cell = table.places[what][1], plain_unit(table.text(k, "unit"))
     if not unit and cell not in units:
