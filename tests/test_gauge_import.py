@@ -184,6 +184,8 @@ def test_the_column_unit_is_that_of_columns_without_a_unit(tmp_path: Path) -> No
             "um, cm, in; convert the values, and corr",
         ),
         ("spot,Wall (mil)\n1,250\n", "value=Wall[mm]", "'Wall (mil)' states mil; valid units"),
+        ("spot,Wall (in.)\n1,0.3\n", "value=Wall[mm]", "'Wall (in.)' states in, but mm is given"),
+        ("spot,Wall [UT: in]\n1,0.3\n", "value=Wall[mm]", "states in, but mm is given"),
         ("spot,Wall (inches)\n1,0.25\n", "value=Wall[mm]", "states in, but mm is given"),
         ("Time [h],spot,thickness_mm\n1,1,6\n", "t=Time[s]", "'Time [h]' states h; valid units: s"),
         ("spot,Dicke [Zoll]\n1,0.25\n", "value=Dicke", "give it as dicke[UNIT] with one of m, mm"),

@@ -28,7 +28,7 @@ SPELLINGS = {
     for unit, names in _NAMES.items()
     for name in names.split()
     for end in ("", "s")
-}
+} | {'"': "in"}
 """Other spellings of units, in the singular and the plural."""
 MICRO = str.maketrans("\N{MICRO SIGN}\N{GREEK SMALL LETTER MU}", "uu")
 _NUMBER = re.compile(r"(?!\d+\.\d+\.\d)[-+]?[\d.,]+(?:[eE][-+]?\d+)?")
@@ -133,7 +133,7 @@ def plain_name(name: str) -> str:
 
 def plain_unit(unit: str) -> str:
     """Return a unit in lower case, without other SPELLINGS, and with u for the letter µ."""
-    plain = unit.strip().lower().translate(MICRO)
+    plain = unit.strip().lower().translate(MICRO).rstrip(".")
     return SPELLINGS.get(plain, plain)
 
 
@@ -240,6 +240,10 @@ def _find_column(
     index, found = fits[0]
     foreign = list_foreign(units)
     stated = split_unit(header[index], {*units, *foreign})[1]
+    inside = " ".join(re.findall(r"[\[(]([^\])]*)", header[index]))  # "UT, in", "in." or "in mm"
+    words = [plain_unit(word) for word in re.split(r"[\s,;/]+", inside)]
+    if not stated and unit not in words:
+        stated = next((word for word in words if word in {*units, *foreign}), "")
     shown = f"{path}: --columns: {header[index][:40]!r} states"
     if stated in foreign:
         raise InputError(
