@@ -32,7 +32,7 @@ RANGES = {
     "world.weld.angle_deg": (-30.0, 30.0),
     "world.mocap.rate_hz": (30.0, 100.0),
     "world.mocap.outlier_fraction": (0.0, 0.02),
-    "world.link.delay_s": (0.0, 0.005),
+    "world.link.delay_s": (0.0, 0.003),
     "world.link.jitter_s": (0.0, 0.002),
     "plant.mass_error": (-0.05, 0.05),
     "plant.rotor_gain_error": (-0.05, 0.05),

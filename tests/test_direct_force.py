@@ -128,10 +128,11 @@ def test_the_bandwidth_is_the_fastest_that_the_lag_allows(contact):
 
 
 def test_the_dead_time_counts_the_link_both_ways(othex_force, contact):
-    link = othex_force.world.link.model_copy(update={"delay_s": 0.004, "jitter_s": 0.001})
-    world = othex_force.world.model_copy(update={"link": link})
-    slow = build_contact(othex_force.robot, world, DirectForce.Table(), DT, 0.001)
-    assert slow.delay - contact.delay == pytest.approx(0.010)
+    for delay, age in ((0.004, 0.004), (0.0041, 0.006)):  # until the next control tick
+        link = othex_force.world.link.model_copy(update={"delay_s": delay})
+        world = othex_force.world.model_copy(update={"link": link})
+        slow = build_contact(othex_force.robot, world, DirectForce.Table(), DT, 0.001)
+        assert slow.delay - contact.delay == pytest.approx(2.0 * age)
     assert slow._replace(delay=0.0) == contact._replace(delay=0.0)
 
 

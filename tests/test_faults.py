@@ -394,7 +394,7 @@ def test_a_link_that_gets_later_than_the_law_bears_slows_it_and_lands():
 
 
 def test_a_link_with_jitter_that_was_accepted_is_not_late():
-    keys = ("delay_s=0.004", "jitter_s=0.003", "loss_fraction=0.2")
+    keys = ("delay_s=0.002", "jitter_s=0.003", "loss_fraction=0.3")
     d = load_description("waypoints", "othex", seed=3, sets=[f"world.link.{k}" for k in keys])
     result = fly_and_evaluate(d)
     assert result.outcome == "succeeded", result.reason

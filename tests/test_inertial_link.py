@@ -17,7 +17,7 @@ from skywright.vehicle.sensors.mocap import MotionCapture
 HARD = [
     *EXACT,
     "mission.task.passes=1", "mission.task.pass_length_m=0.03", "mission.timestep_ms=2",
-    "world.link.delay_s=0.004", "world.link.jitter_s=0.002", "world.link.loss_fraction=0.01",
+    "world.link.delay_s=0.004", "world.link.jitter_s=0.001", "world.link.loss_fraction=0.01",
     "world.mocap.rate_hz=30", "world.mocap.outlier_fraction=0.02",
 ]  # fmt: skip
 

@@ -17,8 +17,8 @@ from skywright.run.run import fly_and_evaluate
 
 CONDITIONS: dict[str, tuple[str, ...]] = {
     "as in the world file, 100 Hz": (),
-    "30 Hz, link 4 ms and 2 ms jitter": (
-        "world.mocap.rate_hz=30", "world.link.delay_s=0.004", "world.link.jitter_s=0.002",
+    "30 Hz, link 4 ms and 1 ms jitter": (
+        "world.mocap.rate_hz=30", "world.link.delay_s=0.004", "world.link.jitter_s=0.001",
     ),
     "half of the samples missing": ("world.mocap.dropout_fraction=0.5",),
     "2 % artefacts up to 2 m": ("world.mocap.outlier_fraction=0.02",),

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from skywright.errors import InputError
+from skywright.models.link_age import compute_mean_age
 from skywright.models.nominal import Nominal
 from skywright.models.rigid_body import compute_body, posture
 from skywright.models.rotor_reaction import compute_reaction_times
@@ -39,22 +40,23 @@ def find_exceeded_delay(setup: Setup[Any]) -> str | None:
     Laws whose gains account for the delay are not checked.
     """
     d, link = setup.description, setup.description.world.link
-    if link.delay_s + link.jitter_s == 0.0:
+    if link.delay_s + link.jitter_s + link.loss_fraction == 0.0:
         return None
     law = build_law(d, setup)
     loop = law.get_attitude_loop(d.robot)
     if loop is None:
         return None
     most = compute_most_delay(setup, law, math.radians(d.mission.link_phase_deg))
-    asked = compute_arrival(link.delay_s, link.jitter_s, 1.0 / d.robot.control.rate_hz)
+    asked = compute_mean_age(link, 1.0 / d.robot.control.rate_hz)
     if asked <= most:
         return None
     return (
-        f"world.link has a delay of {1000.0 * asked:.1f} ms each way (delay_s, jitter_s and the "
-        f"wait for the next control tick), more than the {1000.0 * most:.1f} ms at which the "
-        f"attitude loop of {d.robot.name!r} has a phase margin of {d.mission.link_phase_deg:g} deg "
-        "(mission.link_phase_deg); robot.control.attitude_bandwidth_rad_s = "
-        f"{loop.bandwidth:g} sets that loop, and a lower one bears more"
+        f"world.link has a mean delay of {1000.0 * asked:.1f} ms each way (delay_s, jitter_s, "
+        "loss_fraction, the order of packets, and the wait for the next control tick), more than "
+        f"the {1000.0 * most:.1f} ms at which the attitude loop of {d.robot.name!r} has a phase "
+        f"margin of {d.mission.link_phase_deg:g} deg (mission.link_phase_deg); "
+        f"robot.control.attitude_bandwidth_rad_s = {loop.bandwidth:g} sets that loop, and a lower "
+        "one bears more"
     )
 
 
@@ -72,12 +74,13 @@ def compute_most_delay(nominal: Nominal, law: Law, spare: float = 0.0) -> float:
 
 
 def slow_down(vehicle: Backend, delay: float) -> float | None:
-    """Slow a law in flight until it tolerates `delay` (s) each way; returns the share of the
-    bandwidths, or None if none of SHARES suffices or the law cannot be changed."""
+    """Slow a law in flight until it tolerates `delay` (s) each way, as measured with its jitter;
+    returns the share of the bandwidths, or None if none of SHARES suffices or the law cannot be
+    changed."""
     if not isinstance(vehicle, SimulatedVehicle):
         return None
     nominal, law = vehicle.nominal, vehicle.law
-    link = nominal.world.link.model_copy(update={"delay_s": delay})
+    link = nominal.world.link.model_copy(update={"delay_s": delay, "jitter_s": 0.0})
     world = nominal.world.model_copy(update={"link": link})
     for share in SHARES:
         told = {k: v for k, v in law.table if v is not None}
@@ -105,15 +108,3 @@ def is_strained(nominal: Nominal, law: Law, sigmas: float) -> bool:
     I_C = I_B - mass * (c @ c * np.eye(3) - np.outer(c, c))
     torque = law.compute_rate_torque(nominal, I_C)
     return torque is not None and compute_strain(nominal, torque).exceeds(sigmas)
-
-
-def compute_arrival(delay: float, jitter: float, period: float) -> float:
-    """Return the mean time (s) from the sending of a packet to the control tick that reads it.
-
-    E[ceil(x / h)] h of x normal: h times the sum of P(x > k h) over k from 0.
-    """
-    ticks = np.arange(math.ceil((delay + 6.0 * jitter) / period) + 1) * period
-    if jitter == 0.0:
-        return float(period * np.count_nonzero(ticks < delay - 1e-9))
-    late = [0.5 * math.erfc((t - delay) / (math.sqrt(2.0) * jitter)) for t in ticks]
-    return period * sum(late)

@@ -22,6 +22,7 @@ from skywright.vehicle.component import (
     Draws,
     Fault,
     Normal,
+    Out,
     Output,
     helper,
     integers,
@@ -46,6 +47,13 @@ def get_rule(record: type[Record]) -> int:
     return FRESH if names[:1] == ("fresh",) else BATCH if names[:2] == ("t", "n") else LATEST
 
 
+class Reception(Output):
+    """The newest packet that has arrived at the controller; a lost one leaves it unchanged."""
+
+    sent: float  # s
+    delay: float  # s, from the sending to the control tick of the arrival
+
+
 class Carriage(Record):
     """A record in a packet."""
 
@@ -67,6 +75,8 @@ class Way(Record):
     tail: int
     last: float  # s, arrival of the newest packet in transit
     arrival: Annotated[Array, DEPTH]  # s
+    sent: Annotated[Array, DEPTH]  # s
+    newest: float  # s, sending of the newest packet that has arrived
     packets: int  # address of (DEPTH, packet_words)
     packet_words: int
     n: int
@@ -135,7 +145,7 @@ class ControlLink(Component):
         return np.hstack([rng.standard_normal((n, 2)), rng.random((n, 2))])
 
     @staticmethod
-    def up(me: Me, clock: Clock, chance: Chance) -> None:
+    def up(me: Me, clock: Clock, chance: Chance, reception: Out[Reception]) -> None:
         if me.begun == 0:  # the first packet has no delay: the controller has the initial state
             me.begun = 1
             send(me.upward, clock.t, 0.0)
@@ -143,6 +153,9 @@ class ControlLink(Component):
             delay = max(me.delay + me.jitter * chance.jitter_up, 0.0)
             send(me.upward, clock.t, delay)
         deliver(me.upward, clock.t)
+        if me.upward.newest > reception.sent:
+            reception.sent = me.upward.newest
+            reception.delay = clock.t - reception.sent
 
     @staticmethod
     def down(me: Me, clock: Clock, chance: Chance) -> None:
@@ -168,7 +181,7 @@ def send(way: Any, t: float, delay: float) -> None:
     if following == way.tail:  # full: the oldest is lost
         way.tail = (way.tail + 1) % DEPTH
     way.last = max(t + delay, way.last)
-    way.arrival[i] = way.last
+    way.arrival[i], way.sent[i] = way.last, t
     for p in range(way.n):
         c = way.carried[p]
         source = words(c.source, c.words)
@@ -191,6 +204,7 @@ def deliver(way: Any, t: float) -> None:
         for p in range(way.n):
             c = way.carried[p]
             merge(c, way.packets + 8 * (way.tail * way.packet_words + c.at))
+        way.newest = way.sent[way.tail]
         way.tail = (way.tail + 1) % DEPTH
 
 

@@ -20,6 +20,7 @@ from skywright.core.spec import Bandwidth, NonNegative, Positive, Spec
 from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.spec import Control, Robot
 from skywright.description.world.spec import World
+from skywright.models.link_age import compute_mean_age
 from skywright.models.nominal import Nominal
 from skywright.models.rotor_reaction import compute_reaction_times, limit_bandwidth
 from skywright.vehicle.component import Context, helper
@@ -168,7 +169,8 @@ def limit_attitude(c: Control, context: Context) -> Array:
 
 def compute_delay(c: Control, world: World) -> float:
     """Return the time (s) from the gyroscope to the rotors."""
-    return DELAY_TICKS / c.rate_hz + 2.0 * world.link.delay_s
+    tick = 1.0 / c.rate_hz
+    return DELAY_TICKS * tick + 2.0 * compute_mean_age(world.link, tick)
 
 
 def fill_arm(me: Any, table: Spec, context: Context) -> None:

@@ -28,7 +28,7 @@ SCAN = "pipe-weld-scan"
 
 FULL_STRENGTH = (
     "world.wind.kind=dryden", "world.wind.mean_mps=2", "world.mocap.outlier_fraction=0.01",
-    "world.link.delay_s=0.004", "world.link.jitter_s=0.002", "world.link.loss_fraction=0.01",
+    "world.link.delay_s=0.004", "world.link.jitter_s=0.001", "world.link.loss_fraction=0.01",
     "world.pipe.friction_variation=0.3",
 )  # fmt: skip
 """Settings of a scan with gusts, a link, artefacts of motion capture and varying friction."""

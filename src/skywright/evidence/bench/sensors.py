@@ -20,7 +20,7 @@ CASES: dict[str, tuple[str, ...]] = {
     "mocap_500hz": ("world.mocap.rate_hz=500",),
     "artefacts": ("world.mocap.outlier_fraction=0.02",),
     "observer": ("mission.estimator=observer",),
-    "link": ("world.link.delay_s=0.004", "world.link.jitter_s=0.002"),
+    "link": ("world.link.delay_s=0.004", "world.link.jitter_s=0.001"),
     "steady_wind": ("world.wind.kind=steady", "world.wind.mean_mps=2"),
     "fan": FAN,
     "fan_oscillating": (*FAN, "world.wind.fan.sweep_deg=10"),

@@ -9,6 +9,7 @@ import numpy as np
 from skywright.description.robot.spec import Control
 from skywright.errors import InputError
 from skywright.models.floating import compute_free_inertia
+from skywright.models.link_age import compute_mean_age
 from skywright.models.nominal import Nominal
 from skywright.models.rigid_body import compute_body, posture
 from skywright.vehicle.component import Context
@@ -38,7 +39,8 @@ def compute_borne_delay(g: CascadeGains, c: Control, nominal: Nominal, spare: fl
             L = k * (1.0 + float(g.k_attitude[axis]) / s) / (s * (1.0 + g.lead * s))
             at = int(np.argmax(np.abs(L) < 1.0))
             both = min(both, (math.pi + float(np.angle(L[at])) - keeps) / abs(s[at]))
-    return max(world.link.delay_s + 0.5 * (both - compute_delay(c, world)), 0.0)
+    age = compute_mean_age(world.link, 1.0 / c.rate_hz)
+    return max(age + 0.5 * (both - compute_delay(c, world)), 0.0)
 
 
 def check_balance(gains: CascadeGains, context: Context) -> None:

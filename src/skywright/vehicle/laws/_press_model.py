@@ -17,6 +17,7 @@ from skywright.core.rotations import cross
 from skywright.description.robot.limbs import list_joints, list_servos
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
+from skywright.models.link_age import compute_mean_age
 from skywright.models.rigid_body import (
     build_body_model,
     compute_body,
@@ -59,7 +60,7 @@ def build_contact(robot: Robot, world: World, table: Any, dt: float, h: float) -
     gives = float(lever @ np.linalg.solve(inertia, lever)) / w_R**2  # m/N
     gives += _compute_arm_compliance(robot, model, (along @ k["J_BT"])[: len(q)])
     delay = DEAD_TICKS * dt + h + (0.5 * sensor.period if sensor is not None else 0.0)
-    delay += 2.0 * (world.link.delay_s + world.link.jitter_s)
+    delay += 2.0 * compute_mean_age(world.link, dt)
     return Contact(
         mass, 1.0 / (1.0 / robot.probe.spring_n_per_m + gives), 1.0 / gives,
         robot.rotors.time_constant_s, delay,
