@@ -333,6 +333,16 @@ def test_a_run_is_imported_once(flown, tmp_path) -> None:
             main, ["records", str(tmp_path / "n.db"), "--import", str(flown.directory), *args]
         )
         assert done.exit_code == 2 and says in done.output
+    path = tmp_path / "m.db"
+    args = ["--dicom", str(tmp_path / "o.dcm"), "--component", "wrong"]
+    command = ["records", str(path), "--import", str(flown.directory)]
+    done = CliRunner().invoke(main, [*command, *args])
+    assert done.exit_code == 2 and "no component 'wrong'" in done.output, done.output
+    store = InspectionStore(path)  # the import was undone
+    tables = ("flights", "readings", "indications", "contacts", "calibrations", "coverages")
+    assert not any(store.read(f"SELECT * FROM {table}") for table in tables)
+    store.close()
+    assert CliRunner().invoke(main, command).exit_code == 0
 
 
 def test_time_and_energy_are_told_before_take_off(flown) -> None:

@@ -143,7 +143,7 @@ def records_(
     if run is not None and given.intersection((*TABLE, *owner)):
         raise InputError(f"--import {run}: the options of a table are not valid for a run")
     store = RecordStore(file, create=source is not None)
-    flights = [] if flight is None else [flight]
+    flights, imported = [] if flight is None else [flight], False
     notes: tuple[str, ...] = ()
     try:
         if run is not None:
@@ -155,6 +155,7 @@ def records_(
                 store, source, structure, component, columns, lag, measured, required,
                 registration, dicom is not None or report is not None,
             )  # fmt: skip
+        imported = source is not None
         flight = flights[0] if len(flights) == 1 else None
         _check_names(store, structure=structure, spot=spot, component=component, flight=flight)
         if datums is not None:
@@ -183,6 +184,10 @@ def records_(
             )  # fmt: skip
         for note in notes:
             click.echo(f"{source}: {note}", err=True)
+    except InputError:
+        for one in flights if imported else ():
+            store.remove_flight(one)
+        raise
     finally:
         store.close()
 
