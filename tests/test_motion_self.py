@@ -168,7 +168,7 @@ def test_a_lowered_margin_is_reported_by_its_meaning() -> None:
     rest = [i for i in own if space[0]["margin"][i] >= 0.3]
     for i in lowered:
         found = describe_pair(space, SCENE, i, "mission.clearance_m", 0.3)
-        assert found.endswith(" come more than 1 cm closer than at the start or the goal")
+        assert found.endswith(" more than 1 cm closer than at the start or the goal")
     assert lowered and rest
     assert "closer than 0.3 m (twice mission.self_clearance_m" in describe_pair(
         space, SCENE, rest[0], "mission.clearance_m", 0.3

@@ -127,4 +127,4 @@ def test_where_there_is_no_way_the_search_ends_and_names_what_is_in_it() -> None
     b = Configuration(np.array([3.9, 0.0, 1.4]), 0.0, FOLDED)
     way = plan_transit(scene, a, b, stream(), slices=4)
     assert way.blocked_by is not None and not len(way.p_WB) and math.isnan(way.clearance)
-    assert way.blocked_by.startswith("no path found") and "come closer than" in way.blocked_by
+    assert way.blocked_by.startswith("no path found") and "closer than" in way.blocked_by

@@ -394,7 +394,8 @@ def test_a_clearance_is_told_with_its_key() -> None:
         return str(plan_mission(d).blocked_by)
 
     assert re.search(
-        r"start: .* and the ground come closer than 0\.051 m \(mission\.clearance_m\), 0\.017 m",
+        r"start: .* and the ground are 0\.017 m apart; required distance: 0\.051 m "
+        r"\(mission\.clearance_m\)",
         ask(),
     )
     assert ask("mission.clearance_m=0.01") == "None"

@@ -123,13 +123,7 @@ def plan_transit(
         path = plan_path(space, ends[0], ends[1], rng, slices=slices)
         touch = _find_touch(scene, space, path.rows, margin_self)
     if path.blocked >= 0:
-        k = int(check_state(space, ends[0], build_scratch(space)))  # the blocked end
-        end = ("start", "goal")[k]
-        near, nearest = measure_clearance(space, ends[[k, k]])
-        if near >= margin:  # two parts of the robot block the end
-            return refuse(f"{end}: {describe_pair(space, scene, path.blocked, key)}")
-        why = f"{end}: {describe_pair(space, scene, nearest, key)}"
-        return refuse(f"{why}: they overlap" if near <= 0.0 else f"{why}, {near:.3f} m")
+        return refuse(describe_blocked(space, scene, ends, path.blocked, key))
     if not len(path.rows):
         often = describe_pair(space, scene, int(np.argmax(path.hits)), key, margin_self)
         return refuse(f"no path found; most frequent obstacle: {often}")
@@ -282,12 +276,29 @@ def _find_touch(scene: PlanningScene, space: Space, rows: Array, margin_self: fl
     return find_self_contact(scene.contacts, u[:, JOINT0:])
 
 
-def describe_pair(
-    space: Space, scene: PlanningScene, pair: int, key: str, margin_self: float = 0.0
+def describe_blocked(
+    space: Space, scene: PlanningScene, ends: Array, blocked: int, key: str
 ) -> str:
+    """Return which of the `ends` (2, n) is blocked, by the nearest obstacle if there is one.
+
+    `blocked` is the pair that the search found; two parts of the robot if no obstacle is too near.
+    """
+    k = int(check_state(space, ends[0], build_scratch(space)))
+    near, nearest = measure_clearance(space, ends[[k, k]])
+    end, margins = ("start", "goal")[k], space[0]["margin"]
+    if nearest >= 0 and near < margins[nearest]:
+        return f"{end}: {describe_pair(space, scene, nearest, key, distance=near)}"
+    return f"{end}: {describe_pair(space, scene, blocked, key)}"
+
+
+def describe_pair(
+    space: Space, scene: PlanningScene, pair: int, key: str, margin_self: float = 0.0,
+    distance: float | None = None,
+) -> str:  # fmt: skip
     """Return which two things are closer than their margin, which `key` sets.
 
     Parts of the robot with a margin below `margin_self` (m) are those that are close at an end.
+    `distance` (m) between the two is stated if it is given.
     """
     a, b, kind = (int(x) for x in space[0]["pairs"][pair])
     names = [*scene.names, "bar"]  # the carried bar comes last
@@ -298,7 +309,11 @@ def describe_pair(
         other = "the ground" if b == 4 else f"the area's limit in {'xyz'[b // 2]}"
     else:
         other, key = names[b], f"twice {BETWEEN_PARTS}: shapes are coarse"
-    both = f"{names[a].removesuffix(' shell')} and {other} come"
+    both = f"{names[a].removesuffix(' shell')} and {other}"
     if kind == PAIR_SELF and margin < margin_self:
         return f"{both} more than {100 * SLACK:.0f} cm closer than at the start or the goal"
-    return f"{both} closer than {margin:.3g} m" + (f" ({key})" if key else "")
+    required = f"{margin:.3g} m" + (f" ({key})" if key else "")
+    if distance is None:
+        return f"{both} closer than {required}"
+    gap = "overlap" if distance <= 0.0 else f"are {distance:.3f} m apart"
+    return f"{both} {gap}; required distance: {required}"

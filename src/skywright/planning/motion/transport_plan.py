@@ -20,7 +20,7 @@ from skywright.planning.motion.planner import Path, plan_path
 from skywright.planning.motion.space import JOINT0, build_scratch
 from skywright.planning.motion.swing import add_bar, build_swing, compute_period
 from skywright.planning.motion.timing import Timed, TimeLimits, assign_times
-from skywright.planning.motion.transit import describe_pair, measure_clearance
+from skywright.planning.motion.transit import describe_blocked, describe_pair, measure_clearance
 from skywright.planning.motion.transport import HANDS, TransportProblem
 
 MARGIN_KEY = "mission.task.margin_m"
@@ -106,8 +106,10 @@ def plan_transport(
         slices=slices,
     )  # fmt: skip
     if path.blocked >= 0:
-        what = describe_pair(problem.space, problem.scene, path.blocked, MARGIN_KEY)
-        raise InputError(f"{_name_end(problem)}: {what}")
+        ends = np.array([problem.start, problem.goal])
+        raise InputError(
+            describe_blocked(problem.space, problem.scene, ends, path.blocked, MARGIN_KEY)
+        )
     if not len(path.rows):
         raise InfeasibleError(
             f"no path within {path.plan_s:.3g} s; {describe_narrowest(problem, path)}", "passage"
@@ -148,11 +150,6 @@ def build_plan_file(
         acceleration, u[:, 4:], du[:, 4:], metrics, problem.world.scenario_seed,
         problem.world.difficulty,
     )  # fmt: skip
-
-
-def _name_end(problem: TransportProblem) -> str:
-    path = plan_path(problem.space, problem.start, problem.start, np.random.default_rng(0), 0.0)
-    return "start" if path.blocked >= 0 else "goal"
 
 
 def describe_narrowest(problem: TransportProblem, path: Path) -> str:
