@@ -330,17 +330,17 @@ def test_a_reference_offset_is_the_clock_of_the_reference_minus_that_of_the_traj
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"time_offset": 0.35}, "--time-offset needs a station.*; valid here: --reference-offset"),
-        ({"span": (0, 10)}, "--calibrate needs a station"),
-        ({"prism": (0.0, 0.0, 1.0)}, "--prism needs a station"),
+        ({"time_offset": 0.35}, "time_offset needs a station.*; valid here: reference_offset"),
+        ({"span": (0, 10)}, "span needs a station"),
+        ({"prism": (0.0, 0.0, 1.0)}, "prism needs a station"),
         ({"span": 3}, "span: 3; valid: 2 numbers, or a text T0:T1"),
         ({"prism": (0, 0)}, r"prism: \(0, 0\); valid: 3 numbers, or a text X,Y,Z"),
-        ({"reference_offset": "0"}, "--reference-offset '0'; valid: a number of seconds"),
+        ({"reference_offset": "0"}, "reference_offset '0'; valid: a number of seconds"),
         ({"frame": ("a.csv",)}, r"frame: \('a.csv',\); valid: two files"),
         ({"frame": "points.csv"}, "frame: 'points.csv'; valid: two files"),
         ({"frame": ("a.csv", "b.csv", "c.csv")}, r"frame: \('a.csv', .*\); valid: two files"),
         ({"frame": ("a.csv", 3)}, r"frame: \('a.csv', 3\); valid: two files"),
-        ({"reference_offset": [0, 1]}, r"--reference-offset \[0, 1\]; valid: a number"),
+        ({"reference_offset": [0, 1]}, r"^reference_offset \[0, 1\]; valid: a number"),
     ],
 )
 def test_arguments_of_locate_that_do_not_fit_are_refused(pair, given, words):
@@ -348,7 +348,32 @@ def test_arguments_of_locate_that_do_not_fit_are_refused(pair, given, words):
         skywright.locate(pair[0], reference=pair[1], **given)
 
 
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: skywright.weld(SCAN, columns="x=a,x=b"), "columns: x is given twice"),
+        (lambda: skywright.weld(SCAN, calibrate="7:0"), "calibrate: '7:0'"),
+        (
+            lambda: skywright.campaign("waypoints", 1, {"world.wind.mean_mps": "none(1)"}),
+            "vary world.wind.mean_mps: unknown distribution 'none'",
+        ),
+        (lambda: skywright.campaign("waypoints", 1, {}, sets={"a": 1}), "sets a: unknown root 'a'"),
+        (
+            lambda: skywright.campaign(
+                "waypoints", 1, {"world.wind.mean_mps": "uniform(0, 1)"},
+                sets=["world.wind.mean_mps=1"],
+            ),
+            "is fixed by sets and varied by vary; choose one",
+        ),
+    ],
+)  # fmt: skip
+def test_errors_name_the_arguments_and_not_the_options(call, words):
+    with pytest.raises(InputError, match=words) as error:
+        call()
+    assert "--" not in str(error.value)
+
+
 @pytest.mark.parametrize("mass", ["5.85", [1.0], -1.0, float("nan")])
 def test_a_mass_that_is_none_is_refused(directory, mass):
-    with pytest.raises(InputError, match=r"--mass .*: give the mass of the robot in kg, above 0"):
+    with pytest.raises(InputError, match=r"^mass .*: give the mass of the robot in kg, above 0"):
         skywright.identify(directory, mass=mass)

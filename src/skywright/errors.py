@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import difflib
 import errno
-from collections.abc import Iterable
+import re
+from collections.abc import Callable, Iterable
+from functools import wraps
+from typing import ParamSpec, TypeVar
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 class SkywrightError(Exception):
@@ -66,3 +72,29 @@ def neighbours(word: str, valid: Iterable[str], count: int = 5) -> str:
     close = difflib.get_close_matches(word, names, n=count, cutoff=0.3)
     close += [name for name in names if name not in close][: count - len(close)]
     return ", ".join(close) + ", ..."
+
+
+def naming_arguments(**options: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Let the InputErrors of a function name its arguments in place of the command's options.
+
+    `options` has the options whose names are not those of the arguments: `sets="--set"`.
+    """
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        code = function.__code__
+        names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
+        known = {options.get(n, "--" + n.replace("_", "-")): n for n in names}
+
+        @wraps(function)
+        def call(*args: P.args, **kwargs: P.kwargs) -> R:
+            try:
+                return function(*args, **kwargs)
+            except InputError as error:
+                text = re.sub(r"--[a-z][a-z-]*", lambda m: known.get(m[0], m[0]), str(error))
+                if type(error) is not InputError or text == str(error):
+                    raise
+                raise InputError(text) from error.__cause__
+
+        return call
+
+    return decorate

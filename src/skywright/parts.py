@@ -23,7 +23,7 @@ from skywright.description.loader import (
 )
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
-from skywright.errors import InputError
+from skywright.errors import InputError, naming_arguments
 
 if TYPE_CHECKING:
     from skywright.analysis.campaign.campaign import CampaignResult
@@ -248,6 +248,7 @@ def plan_motion(
     return plan_between(_as_robot(robot), world, start, goal, shapes, margin, seed)
 
 
+@naming_arguments(sets="--set")
 def campaign(
     mission: Path_,
     runs: int,
@@ -273,11 +274,11 @@ def campaign(
     from skywright.analysis.campaign.spec import build_campaign
 
     varied = [f"{key}={text}" for key, text in vary.items()]
-    with named_sets(sets):
-        plan = build_campaign(mission, varied, robot=robot, world=world, seed=seed, sets=sets)
+    plan = build_campaign(mission, varied, robot=robot, world=world, seed=seed, sets=sets)
     return run_campaign(plan, runs, out=None if out is None else Path(out), workers=workers)
 
 
+@naming_arguments(surface_file="--surface")
 def weld(
     data: Path_,
     *,
@@ -308,6 +309,7 @@ def weld(
     )
 
 
+@naming_arguments(span="--calibrate")
 def locate(
     *data: Path_,
     station: Path_ | None = None,
@@ -341,6 +343,7 @@ def locate(
     )  # fmt: skip
 
 
+@naming_arguments()
 def identify(
     *logs: Path_, robot: Robot | Path_ | None = None, mass: float | None = None
 ) -> Identification:
