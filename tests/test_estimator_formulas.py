@@ -19,7 +19,7 @@ from skywright.vehicle.bus import Allocated, Body, Estimate
 from skywright.vehicle.estimates import EstimatorState, RotorForce
 from skywright.vehicle.estimators import _fusion, _strapdown, filter, observer, station_camera
 from skywright.vehicle.estimators._deviation import fill_deviation
-from skywright.vehicle.estimators._noise import compute_scatter
+from skywright.vehicle.estimators._noise import EARLY, ROW, compute_scatter, is_leaving
 from skywright.vehicle.readings import Fix, ImuBatch, MocapSample, Odometry
 from skywright.vehicle.sensors.station import StationCamera as Station
 
@@ -180,14 +180,32 @@ def test_scatter_is_the_noise_and_not_the_error_of_the_estimate() -> None:
     me.rejected, me.when = 17, np.roll(0.05 * k, 7)  # the oldest is at 7
     drift = np.stack([0.3 + 0.2 * k, 1.0 - 0.1 * k**2, 0.05 * k**2], axis=1)
     me.row[:, :3] = np.roll(drift, 7, axis=0)
-    assert compute_scatter(me, 0, 3) == pytest.approx(0.0, abs=1e-24)
+    assert compute_scatter(me, 0, 3, ROW) == pytest.approx(0.0, abs=1e-24)
     found = []
     for _ in range(2000):
         me.row[:, :3] = np.roll(drift + rng.normal(0.0, 0.02, (10, 3)), 7, axis=0)
-        found.append(compute_scatter(me, 0, 3))
+        found.append(compute_scatter(me, 0, 3, ROW))
     assert np.mean(found) == pytest.approx(0.02**2, rel=0.03)
     me.when = np.roll(0.05 * k + 0.05 * (k > 4), 7)  # one was lost: an error of speed would count
-    assert compute_scatter(me, 0, 3) == np.inf
+    assert compute_scatter(me, 0, 3, ROW) == np.inf
+
+
+def test_an_estimate_that_leaves_its_fixes_is_told_from_a_jump_and_from_noise() -> None:
+    rng, k = np.random.default_rng(4), np.arange(float(EARLY))
+    shares = []
+    for grows in (0.5 * 9.81 * (0.4 + 0.1 * k) ** 2 * 0.1, np.full(EARLY, 5.0), np.zeros(EARLY)):
+        for sigma in (0.005, 0.1):
+            found = []
+            for _ in range(500):
+                me = make(filter.Filter.Me, rejected=ROW + EARLY)
+                me.when = 0.1 * np.arange(ROW)
+                for i in range(EARLY):
+                    me.row[i, :3] = [grows[i], 0.0, 0.0] + rng.normal(0.0, sigma, 3)
+                found.append(is_leaving(me))
+            shares.append(float(np.mean(found)))
+    # tilted by 0.1 rad: at once with RTK, not yet with a plain receiver
+    assert shares[0] > 0.99 and shares[1] < 0.1
+    assert max(shares[2:]) < 0.01
 
 
 def test_fixes_that_are_noisier_than_stated_are_weighed_less() -> None:

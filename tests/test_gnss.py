@@ -186,3 +186,29 @@ def test_every_fix_is_fused_at_every_latency(latency):
         v.tick()
     me = v.get_memory(next(c.name for c in v.assembly.components if isinstance(c, Filter)))
     assert me.late == 0 and me.fused >= d.world.gnss.rate_hz * (6.0 - latency) - 4
+
+
+@pytest.mark.parametrize(
+    ("sensor", "jump", "rate", "seed"),
+    [
+        ("gyroscope", [0.2, 0.0, 0.0], 10, 1),
+        ("gyroscope", [0.14, 0.1, -0.1], 10, 2),
+        ("gyroscope", [0.2, -0.04, 0.0], 5, 7),
+        ("gyroscope", [0.12, -0.16, 0.03], 3, 86),
+        ("accelerometer", [2.0, 0.0, 0.0], 10, 1),
+        ("accelerometer", [-0.11, -0.99, -0.11], 5, 58),
+    ],
+)
+def test_a_bias_that_jumps_is_estimated_again_and_the_robot_lands(sensor, jump, rate, seed):
+    """Five rejected fixes later: the fixes move with the robot, and agree nevertheless."""
+    sets = [
+        "world.localisation=gnss", f"world.gnss.rate_hz={rate}", "plant.faults.a.kind=sensor",
+        f"plant.faults.a.sensor={sensor}", f"plant.faults.a.jump={jump}",
+        "plant.faults.a.start_s=10",
+    ]  # fmt: skip
+    flown = fly_and_evaluate(load_description("waypoints", "hexarotor", seed=seed, sets=sets))
+    s = flown.samples
+    error = np.linalg.norm(s["est_p_WB"] - s["p_WB"], axis=1)
+    assert flown.outcome == "aborted" and "control was lost" not in flown.reason
+    assert error.max() < {3: 4.0, 5: 1.5, 10: 0.8}[rate] and error[-1] < 0.15
+    assert flown.metrics["response.landed"] == 1.0

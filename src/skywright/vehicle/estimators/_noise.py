@@ -19,6 +19,9 @@ ROW = 10  # rejected fixes in a row after which noise or estimate counts as wron
 KNOWN_AFTER = 400  # fixes for noise within 2 %: the error of a variance is sqrt(2 / 3n)
 LEAST = 2.0  # ratio of variances, below which the scatter of ten fixes may be chance
 MOST = 400.0  # times the variance of the data sheet: 20 times its deviation
+EARLY = 5  # rejected fixes in a row after which a growing error of the estimate is recognised
+GROWN = 2.0  # ratio of the last and the first innovation in that row
+CLEAR = 10.0  # ratio of the last innovation and the deviation of the scatter
 EVEN = 1.5  # largest ratio of two intervals of fixes whose differences are compared
 
 
@@ -54,24 +57,41 @@ def keep_innovation(me: Any, nu: Any, t: float) -> None:
 
 
 @helper
-def compute_scatter(me: Any, first: int, n: int) -> float:
-    """Return the variance of the noise of the numbers first..first+n-1 of the last ROW fixes.
+def compute_scatter(me: Any, first: int, n: int, last: int) -> float:
+    """Return the variance of the noise of the numbers first..first+n-1 of the `last` fixes.
 
-    Infinite if the fixes are not evenly spaced.
+    At most ROW of them. Infinite if the fixes are not evenly spaced.
     """
+    begin = me.rejected + ROW - last  # the oldest of them; ROW keeps it positive
     shortest, longest = math.inf, 0.0
-    for k in range(me.rejected, me.rejected + ROW - 1):  # from the oldest of them
+    for k in range(begin, begin + last - 1):
         interval = me.when[(k + 1) % ROW] - me.when[k % ROW]
         shortest, longest = min(shortest, interval), max(longest, interval)
     if not longest <= EVEN * shortest:
         return math.inf
     total = 0.0
-    for k in range(me.rejected, me.rejected + ROW - 3):
+    for k in range(begin, begin + last - 3):
         for i in range(first, first + n):
             a, b = me.row[k % ROW, i], me.row[(k + 1) % ROW, i]
             c, d = me.row[(k + 2) % ROW, i], me.row[(k + 3) % ROW, i]
             total += (d - 3.0 * c + 3.0 * b - a) ** 2
-    return total / (20.0 * n * (ROW - 3))  # 20 = 1 + 9 + 9 + 1
+    return total / (20.0 * n * (last - 3))  # 20 = 1 + 9 + 9 + 1
+
+
+@helper
+def is_leaving(me: Any) -> bool:
+    """Whether the last EARLY rejected fixes show an estimate whose position leaves theirs.
+
+    Their innovations then grow by more than they scatter. Those of a fix that jumped do not grow.
+    """
+    a, b = (me.rejected + ROW - EARLY) % ROW, (me.rejected + ROW - 1) % ROW
+    first = last = 0.0
+    for i in range(3):
+        first += me.row[a, i] ** 2
+        last += me.row[b, i] ** 2
+    if last < GROWN**2 * first:
+        return False
+    return last > CLEAR**2 * 3.0 * compute_scatter(me, 0, 3, EARLY)
 
 
 @helper

@@ -19,14 +19,26 @@ from skywright.vehicle.estimators._noise import (
     KNOWN_AFTER,
     LEAST,
     MOST,
+    ROW,
     compute_product,
     compute_scatter,
     keep_innovation,
     widen,
 )
-from skywright.vehicle.estimators._strapdown import BA_, BG_, MASK, N_STATE, P_, R_, V_
+from skywright.vehicle.estimators._strapdown import (
+    BA_,
+    BG_,
+    HOLD_ACCEL,
+    HOLD_RATE,
+    MASK,
+    N_STATE,
+    P_,
+    R_,
+    V_,
+)
 
 GATES = (16.27, 18.47)  # chi-square of 3 and of 4 degrees of freedom at 99.9 %
+LONGEST_S = 1.0  # s without a fix whose errors of the inertial unit are accounted for
 LEVEL_SAMPLES = 256  # inertial samples at rest that give roll and pitch at the start
 
 
@@ -103,9 +115,9 @@ def judge_again(me: Any, fix: Any) -> bool:
     """
     p, heading = 0.0, 1.0  # the three axes' noise has a known proportion
     for i in range(3):
-        p += compute_scatter(me, i, 1) / me.r_fix[i] / 3.0
+        p += compute_scatter(me, i, 1, ROW) / me.r_fix[i] / 3.0
     if me.r_heading > 0.0:
-        heading = compute_scatter(me, 3, 1) / me.r_heading
+        heading = compute_scatter(me, 3, 1, ROW) / me.r_heading
     if not (p * me.more_fix <= MOST and heading * me.more_heading <= MOST):
         return False  # also if one is not a number
     if p < LEAST and heading < LEAST:
@@ -184,15 +196,18 @@ def start_from_fix(me: Any, fix: Any, n: int, gravity: float, speed: float) -> N
 
 
 @helper
-def move_to_fix(me: Any, fix: Any, speed: float, turn: float) -> None:
-    """Reset the position to a fix; velocity and attitude stay, with a larger covariance.
+def move_to_fix(me: Any, fix: Any, gravity: float) -> None:
+    """Set the position to a fix, and inflate the covariance of what may have made it wrong.
 
-    `speed` (m/s) and `turn` (rad) are the added standard deviations.
+    Fixes that agree contradicted the inertial unit since the last one that was fused. Its biases
+    may have changed by HOLD_RATE and HOLD_ACCEL, and attitude and velocity by their integrals.
     """
-    d, lever = local(3), local(3)
+    d, lever, t = local(3), local(3), min(max(fix.t - me.last_fix, 0.0), LONGEST_S)
     for i in range(3):
         d[i] = me.p_BI[i] - me.p_BF[i]
     mat_vec(me.R_f, d, lever)
+    turn = t * HOLD_RATE
+    speed = t * (HOLD_ACCEL + 0.5 * gravity * turn)
     for i in range(3):
         me.p_f[i] = fix.p[i] + lever[i]
         for j in range(N_STATE):
@@ -200,4 +215,6 @@ def move_to_fix(me: Any, fix: Any, speed: float, turn: float) -> None:
         me.P[P_ + i, P_ + i] = me.r_fix[i]
         me.P[V_ + i, V_ + i] += speed * speed
         me.P[R_ + i, R_ + i] += turn * turn
+        me.P[BG_ + i, BG_ + i] += HOLD_RATE**2
+        me.P[BA_ + i, BA_ + i] += HOLD_ACCEL**2
     me.rejected_row = 0

@@ -33,6 +33,7 @@ from skywright.vehicle.estimates import POSITION_COLUMNS, EstimatorState, RotorF
 from skywright.vehicle.estimators._deviation import fill_deviation
 from skywright.vehicle.estimators._kalman import correct, inject, place_point
 from skywright.vehicle.estimators._noise import (
+    EARLY,
     KNOWN_AFTER,
     LEAST,
     MOST,
@@ -40,6 +41,7 @@ from skywright.vehicle.estimators._noise import (
     Scatter,
     compute_product,
     compute_scatter,
+    is_leaving,
     keep_innovation,
     widen,
 )
@@ -53,7 +55,6 @@ from skywright.vehicle.estimators._position_fix import (
 from skywright.vehicle.estimators._strapdown import (
     BA_,
     BG_,
-    HOLD_RATE,
     MASK,
     N_STATE,
     P_,
@@ -74,6 +75,7 @@ GATE = 22.46  # chi-square of 6 degrees of freedom at 99.9 %
 RESTART_AFTER = ROW  # rejected samples in a row that agree with each other
 AGREE_P, AGREE_R = 0.1, 0.2  # m, rad: largest difference of two samples that agree
 AGREE_SIGMAS = 4.0  # of the noise of fixes, in addition
+AGREE_SPEED = 10.0  # m/s, of the robot between two fixes that agree
 LATE = 16  # inertial samples by which a fix may arrive later than its latency
 SHEET_WORTH = 5.0  # samples that correspond to a data sheet, whose noise is 20 % off
 LEAST_NOISE = 1e-10  # m^2 and rad^2: keeps the innovation covariance of a perfect sensor regular
@@ -100,6 +102,7 @@ class Filter(Estimator):
         refused: int  # samples in a row that the gate rejected
         restarts: int
         last_p: Vec3
+        last_t: float  # s, of the newest fix
         last_R: Mat3
 
     @classmethod
@@ -223,7 +226,7 @@ def fuse_again(me: Any, mocap: Any) -> bool:
 
     Returns False, with the noise as before, if they do not, or if the sample is rejected again.
     """
-    p, turn = compute_scatter(me, 0, 3), compute_scatter(me, 3, 3)
+    p, turn = compute_scatter(me, 0, 3, ROW), compute_scatter(me, 3, 3, ROW)
     if not (p <= MOST * me.sheet_p and turn <= MOST * me.sheet_R):
         return False  # also if one is not a number
     if p < LEAST * me.r_p and turn < LEAST * me.r_R:
@@ -325,7 +328,9 @@ def use_fix(me: Any, fix: Any, t: float, gravity: float) -> bool:
         far += (fix.p[i] - me.last_p[i]) ** 2
         spread += me.r_fix[i]
         me.last_p[i] = fix.p[i]
-    agrees = far < AGREE_P**2 + AGREE_SIGMAS**2 * spread
+    moved = AGREE_SPEED * (fix.t - me.last_t) if me.ready == 2.0 else 0.0  # it starts at rest
+    me.last_t = fix.t
+    agrees = far < (AGREE_P + moved) ** 2 + AGREE_SIGMAS**2 * spread
     if me.ready < 2.0:
         if me.ready == 1.0 and agrees:
             start_from_fix(me, fix, n, gravity, SPEED_START)
@@ -336,10 +341,13 @@ def use_fix(me: Any, fix: Any, t: float, gravity: float) -> bool:
     if not good:
         me.refused += 1
         me.rejected_row = me.rejected_row + 1 if agrees else 1
-        if me.rejected_row >= RESTART_AFTER:
+        if me.rejected_row >= EARLY and is_leaving(me):
+            move_to_fix(me, fix, gravity)
+            me.restarts += 1
+        elif me.rejected_row >= RESTART_AFTER:
             good = judge_again(me, fix)
             if not good:
-                move_to_fix(me, fix, SPEED_START, HOLD_RATE)
+                move_to_fix(me, fix, gravity)
                 me.restarts += 1
     if good:
         me.last_fix = fix.t
