@@ -7,6 +7,9 @@ the table shows where the flights saturate.
 
 from __future__ import annotations
 
+import csv
+from pathlib import Path
+
 from fly_late_link import SHORT
 
 from skywright.description.loader import load_description
@@ -22,26 +25,33 @@ LINKS = (
 )  # fmt: skip
 """delay_s, jitter_s, loss_fraction"""
 SEEDS = (1, 2, 3)
+TABLE = Path(__file__).with_name("jitter.csv")
 
 
 def main() -> None:
-    """Print one row per link."""
+    """Fly each link with all seeds; write and print the table."""
     planning.find_exceeded_delay = lambda setup: None
-    print("delay, jitter (ms), loss | mean age (ms) | saturated of the time, seeds 1 to 3")
+    rows = []
     for delay, jitter, loss in LINKS:
         table = {"delay_s": delay, "jitter_s": jitter, "loss_fraction": loss}
         sets = [*SHORT, *(f"world.link.{key}={value}" for key, value in table.items())]
-        # the rule would slow the loop down and land
-        sets.append("mission.faults.link_late.limit=100")
+        sets.append("mission.faults.link_late.limit=100")  # it would slow the loop down and land
         shares = []
         for seed in SEEDS:
             d = load_description("pipe-weld-scan", sets=sets, seed=seed)
             flown = fly_and_evaluate(d).samples
-            shares.append(float((flown["saturated"] > 0).mean()))
+            shares.append(100.0 * float((flown["saturated"] > 0).mean()))
         age = compute_mean_age(d.world.link, 1.0 / d.robot.control.rate_hz)
-        found = ", ".join(f"{share:.3f}" for share in shares)
-        print(
-            f"{1e3 * delay:g}, {1e3 * jitter:g}, {loss:g} | {1e3 * age:.2f} | {found}", flush=True
+        found = " ".join(f"{share:.1f}" for share in shares)
+        rows.append(
+            [f"{1e3 * delay:g}", f"{1e3 * jitter:g}", f"{100 * loss:g}", f"{1e3 * age:.2f}", found]
+        )
+        print(*rows[-1], sep=", ", flush=True)
+    rows.sort(key=lambda row: float(row[3]))
+    with TABLE.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerows(
+            [["delay_ms", "jitter_ms", "loss_percent", "age_ms", "saturated_percent"], *rows]
         )
 
 
