@@ -53,6 +53,7 @@ lint: $(STAMP)  ## style, types and import contracts
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
+	$(BIN)/mypy --config-file scripts/mypy.ini
 	$(BIN)/lint-imports --no-logo
 
 bench: $(STAMP)  ## measure what things cost, and write it into the docs

@@ -112,7 +112,8 @@ def run_case(case: dict[str, float], cracks: int, seed: int) -> dict[str, Any]:
             found = inspect(rng, display, probe, metal, one, case, procedure)
             if one is not None:
                 sizes.append(1e3 * crack.depth_m)
-                hits.append(match(found, [Flaw("a", crack, 0.0, 0.0)])[0][0] is not None)
+                errors, _ = match(found, [Flaw("a", crack, 0.0, 0.0, (0.0, 0.0))])
+                hits.append(errors[0] is not None)
             else:
                 sites += int(LENGTH / SITE) * int(COILS.max() / SITE * 2)
                 calls += match(found, [])[1]

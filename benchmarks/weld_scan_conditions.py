@@ -20,6 +20,7 @@ from conditions_table import write_table
 from skywright.description.loader import load_description
 from skywright.run.limits import find_exceeded_push, find_exceeded_wind
 from skywright.run.planning import plan_mission
+from skywright.run.setup import Setup
 
 FASTEST = 6.0  # m/s
 KINDS = ("steady", "fan", "sweep", "dryden")
@@ -64,11 +65,14 @@ def find_limit(row: dict[str, Any]) -> float:
     plan = plan_mission(load_description("pipe-weld-scan", sets=calm))
     if not plan.feasible:
         raise SystemExit(f"no plan in still air: {plan.blocked_by}")
+    way = plan.way
+    assert way is not None
 
     def allowed(speed: float) -> bool:
-        d = load_description("pipe-weld-scan", sets={**row, "world.wind.mean_mps": speed})
-        push = find_exceeded_push(d, plan.way.push_force_n)
-        return push is None and find_exceeded_wind(d, plan.segments) is None
+        sets = {**row, "world.wind.mean_mps": speed}
+        setup = Setup(load_description("pipe-weld-scan", sets=sets))
+        push = find_exceeded_push(setup, way.push_force_n)
+        return push is None and find_exceeded_wind(setup, plan.segments) is None
 
     return _bisect(allowed, FASTEST)
 

@@ -169,7 +169,7 @@ def draw_frames(ax) -> None:
     pipe = np.array([1.95, 1.45])
     for x in (1.93, 1.97):
         ax.plot([x, x], [0, pipe[1] - RADIUS_M], color="#9aa3ad", lw=1.5)
-    ax.add_patch(Circle(pipe, RADIUS_M, fc=STEEL, ec=AXIS, lw=1.5))
+    ax.add_patch(Circle((pipe[0], pipe[1]), RADIUS_M, fc=STEEL, ec=AXIS, lw=1.5))
     ax.text(pipe[0] + 0.02, pipe[1] - 0.12, "pipe", ha="center")
     ax.text(pipe[0] + 0.06, 0.6, "support")
 

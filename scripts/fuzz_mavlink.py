@@ -79,7 +79,7 @@ def draw_number(rng: random.Random, kind: str) -> Any:
 def draw_message(rng: random.Random) -> Any:
     """Return any message with any numbers; targets are mostly the right ones."""
     cls = rng.choice(EAGER if rng.random() < 0.5 else CLASSES)
-    values = []
+    values: list[Any] = []
     for name, kind in zip(cls.fieldnames, cls.fieldtypes, strict=True):
         length = cls.array_lengths[cls.ordered_fieldnames.index(name)]
         if kind == "char":

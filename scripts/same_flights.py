@@ -17,6 +17,7 @@ import json
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -144,11 +145,9 @@ def main() -> int:
         samples, metrics = fly(*case)
         name = case[0]
         if arguments.what == "record":
-            np.savez_compressed(
-                arguments.folder / f"{name}.npz",
-                _metrics=json.dumps(metrics),
-                **{c: samples[c] for c in samples.dtype.names},
-            )
+            columns: dict[str, Any] = {c: samples[c] for c in samples.dtype.names}
+            file = arguments.folder / f"{name}.npz"
+            np.savez_compressed(file, _metrics=json.dumps(metrics), **columns)
             print(f"{name}: {len(samples)} samples, {metrics['outcome']}", flush=True)
             continue
         found = compare(name, arguments.folder, samples, metrics)
