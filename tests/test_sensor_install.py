@@ -30,6 +30,7 @@ from skywright.models.scene import build_scene
 from skywright.models.things.box import Box
 from skywright.run.backends import build_vehicle
 from skywright.run.metrics import in_phases
+from skywright.run.planning import plan_mission
 from skywright.run.run import fly_and_evaluate
 from skywright.run.setup import Setup
 
@@ -198,6 +199,8 @@ def test_the_servos_period_is_the_nearest_and_of_two_the_longer(rate: float) -> 
 def test_a_roll_loop_too_slow_to_balance_on_the_link_is_refused(late: str) -> None:
     with pytest.raises(InputError, match=r"to take off from the end of its link .* requires 3\.2"):
         build_vehicle(load_description("sensor-install", sets=[late]), lambda _: None)
+    told = plan_mission(load_description("sensor-install", sets=[late]))
+    assert not told.feasible and "requires 3.2" in str(told.blocked_by)
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,7 @@ from skywright.run.link_limit import find_exceeded_delay
 from skywright.run.localisation_limit import find_slow_localisation
 from skywright.run.need import Need, estimate_need
 from skywright.run.operator import Recording
+from skywright.run.parts import build_law
 from skywright.run.setup import Setup
 
 Array = NDArray[np.float64]
@@ -104,7 +105,8 @@ def plan_mission(description: Description[T], setup: Setup[T] | None = None) -> 
             plan = plan._replace(feasible=False, blocked_by=blocked)
     sensed = find_exceeded_delay(setup) or find_slow_localisation(setup)
     if plan.feasible and sensed is None:  # builds the law, which a blocked plan may not permit
-        sensed = find_noisy_gyroscope(setup)
+        law = build_law(description, setup)
+        sensed = law.find_unflyable(setup) or find_noisy_gyroscope(setup)
     if sensed is not None:
         return plan._replace(feasible=False, blocked_by=sensed)
     too_windy = find_exceeded_wind(setup, plan.segments)

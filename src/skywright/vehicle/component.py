@@ -322,6 +322,10 @@ class Law(Component):
         """Return the one-way delay (s) for a phase margin of `spare` (rad); NaN if unknown."""
         return float("nan")
 
+    def find_unflyable(self, nominal: Nominal) -> str | None:
+        """Return why this law cannot fly the robot, for the check before take-off; None: it can."""
+        return None
+
     def compute_rate_torque(self, nominal: Nominal, I_C: Array) -> Array | None:
         """Return the torque (3, 2) N m per rad/s of roll and pitch for `I_C` (3, 3), or None."""
         loop = self.get_attitude_loop(nominal.robot)
@@ -393,8 +397,3 @@ class Actuator(Component):
     """An actuator other than rotors and servos: applies a Setpoint. `[robot.actuators.NAME]`."""
 
     group, slot, side = "actuator", "actuate", "plant"
-
-
-def overrides(component: Component, method: str) -> bool:
-    """Return whether the class of a component overrides a method of Component."""
-    return getattr(type(component), method) is not getattr(Component, method)

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from skywright.errors import SimulationError
 from skywright.vehicle.assembly import BLOCK, FAST_BLOCK
 from skywright.vehicle.bus import Clock
-from skywright.vehicle.component import overrides
 from skywright.vehicle.failed_step import explain_not_finite
 from skywright.vehicle.plant import MISSION_TICK
+from skywright.vehicle.ports import overrides
 from skywright.vehicle.recorder import Recorder
 from skywright.vehicle.simulated import SimulatedVehicle
 from skywright.vehicle.streams import StreamRecorder

@@ -131,3 +131,8 @@ def _read_ports(component: Component, function: Callable[..., None]) -> list[Por
     if len(out) > MAX_PORTS:
         raise InputError(f"{where} has {len(out)} ports; valid: at most {MAX_PORTS}")
     return out
+
+
+def overrides(component: Component, method: str) -> bool:
+    """Return whether the class of a component overrides a method of Component."""
+    return getattr(type(component), method) is not getattr(Component, method)

@@ -29,7 +29,7 @@ from skywright.recordings.columns import Column, Stream, Topic
 from skywright.vehicle.allocation import RotorAllocation
 from skywright.vehicle.assembly import Assembly, State
 from skywright.vehicle.bus import Allocated, Body, Clock, Estimate
-from skywright.vehicle.component import Component, Estimator, Law, PlantContext, overrides
+from skywright.vehicle.component import Component, Estimator, Law, PlantContext
 from skywright.vehicle.devices import DEVICES, Devices, find_bench
 from skywright.vehicle.estimates import EstimatorState
 from skywright.vehicle.failed_step import Watchdog, explain_not_finite
@@ -42,7 +42,7 @@ from skywright.vehicle.link_arc import compute_link_arc
 from skywright.vehicle.observers.operator import Operator
 from skywright.vehicle.pilot_switch import NoPilotSwitch
 from skywright.vehicle.plant import MISSION_TICK
-from skywright.vehicle.ports import list_steps
+from skywright.vehicle.ports import list_steps, overrides
 from skywright.vehicle.recorder import Recorder
 from skywright.vehicle.set_up import build_home_row, check_rate, fill_bus, list_offers
 from skywright.vehicle.setpoints import Actuators

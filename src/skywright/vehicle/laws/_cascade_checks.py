@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from skywright.description.robot.spec import Control
-from skywright.errors import InputError
 from skywright.models.floating import compute_free_inertia
 from skywright.models.link_age import compute_mean_age
 from skywright.models.nominal import Nominal
@@ -43,23 +42,23 @@ def compute_borne_delay(g: CascadeGains, c: Control, nominal: Nominal, spare: fl
     return max(age + 0.5 * (both - compute_delay(c, world)), 0.0)
 
 
-def check_balance(gains: CascadeGains, context: Context) -> None:
-    """Raise InputError if the roll loop is too slow for the take-off along a link's arc.
+def find_imbalance(gains: CascadeGains, nominal: Context | Nominal) -> str | None:
+    """Return a message if the roll loop is too slow for the take-off along a link's arc, or None.
 
     A robot that stands on the end of its link is an inverted pendulum sideways with an unstable
     pole at sqrt(g / h); the bandwidth of the attitude loop must exceed it.
     """
-    robot, world = context.robot, context.world
-    arc = compute_link_arc(robot, context.model.reshape(1))
+    robot, world, model = nominal.robot, nominal.world, nominal.model.reshape(1)
+    arc = compute_link_arc(robot, model)
     if arc is None:
-        return
-    _, com, _ = compute_body(context.model.reshape(1), posture(robot, "working"))
+        return None
+    _, com, _ = compute_body(model, posture(robot, "working"))
     falls = math.sqrt(world.gravity_mps2 / (arc.top + com[2]))
     found, rate = float(gains.k_attitude[0]), robot.control.rate_hz
-    if found < falls:
-        raise InputError(
-            f"robot.control: at rate_hz = {rate:g} and world.link.delay_s = "
-            f"{world.link.delay_s:g} the roll loop reaches {found:.2f} rad/s; to take off "
-            f"from the end of its link {robot.name!r} requires {falls:.2f} rad/s: raise "
-            "rate_hz or lower delay_s"
-        )
+    if found >= falls:
+        return None
+    return (
+        f"robot.control: at rate_hz = {rate:g} and world.link.delay_s = {world.link.delay_s:g} the "
+        f"roll loop reaches {found:.2f} rad/s; to take off from the end of its link {robot.name!r} "
+        f"requires {falls:.2f} rad/s: raise rate_hz or lower delay_s"
+    )

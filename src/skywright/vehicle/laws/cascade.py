@@ -22,12 +22,13 @@ from skywright.core.record import Array, Vec2, Vec3
 from skywright.core.rotations import cross, log_so3, mat_t_mat, mat_t_vec, mat_vec, norm
 from skywright.core.scratch import local
 from skywright.core.spec import Positive
+from skywright.errors import InputError
 from skywright.models.nominal import Nominal
 from skywright.vehicle.arms.ports import Floating, Hands, Wrench
 from skywright.vehicle.bus import Allocated, Body, Estimate, Reference, WrenchCommand
 from skywright.vehicle.component import Context, Law, Out, helper
 from skywright.vehicle.gusts import GustModel
-from skywright.vehicle.laws._cascade_checks import check_balance, compute_borne_delay
+from skywright.vehicle.laws._cascade_checks import compute_borne_delay, find_imbalance
 from skywright.vehicle.laws._cascade_gains import (
     CascadeGains,
     build_gust_model,
@@ -94,7 +95,9 @@ class Cascade(Law):
         """
         gains = self._compute_gains(context, context.model)
         if me.lead == 0.0:  # first build, on the ground; not a change in flight
-            check_balance(gains, context)
+            imbalance = find_imbalance(gains, context)
+            if imbalance is not None:
+                raise InputError(imbalance)
         for name in gains._fields:
             if name not in ("wrench", "pose"):
                 me[name] = getattr(gains, name)
@@ -104,6 +107,10 @@ class Cascade(Law):
         weight = context.mass * context.world.gravity_mps2
         me.f_external_max, me.t_integral_max = 0.4 * weight, 0.1 * weight
         me.pose_bandwidth, me.pose = gains.pose, math.nan
+
+    def find_unflyable(self, nominal: Nominal) -> str | None:
+        """Return a message if the loops are too slow to take off along a link's arc."""
+        return find_imbalance(self._compute_gains(nominal, nominal.model[0]), nominal)
 
     def observe_wrench(self, context: Context) -> Array:
         """Return the bandwidths (3,) rad/s of the external force that is cancelled."""
