@@ -155,7 +155,7 @@ def judge_install(d: Description[Any], told: dict[str, Any], s: Any) -> list[str
     gap = np.linalg.norm(off, axis=1) - 0.5 * pipe.diameter_m
     if float(np.max(np.abs(gap))) > STUCK_M + 0.02:
         missing.append("sensor off the pipe's surface")
-    tape = next((x for x in d.world.things.values() if x.kind == "tape"), None)
+    tape: Any = next((x for x in d.world.things.values() if x.kind == "tape"), None)
     flown = ~pick(s, list_spans(told, "start", "take_off", "land"))
     if tape is not None:
         t, pressed = s["t"][flown], np.where(force[flown] > 0.02, force[flown], 0.0)
@@ -220,7 +220,7 @@ def judge_tool(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
 def judge_insertion(d: Description[Any], told: dict[str, Any], s: Any) -> list[str]:
     """Return the unmet criteria of an inserted peg."""
     task, things, missing = d.mission.task, d.world.things, tell_touches(told, s)
-    peg = things[task.bar]
+    peg: Any = things[task.bar]
     hole = locate_thing(
         things, task.socket, offsets=find_offsets(things, build_socket_error(d.plant))
     )

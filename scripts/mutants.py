@@ -84,7 +84,8 @@ def find_mutants(group: str, file: str, text: str) -> list[Mutant]:
                 start, end = place(node)
                 before = data[start:end].decode()
                 if after != before and "\n" not in before:
-                    found.append(Mutant(group, file, start, end, node.lineno, kind, before, after))
+                    number = data.count(b"\n", 0, start) + 1
+                    found.append(Mutant(group, file, start, end, number, kind, before, after))
     return found
 
 

@@ -88,7 +88,7 @@ def find_run_mission():  # type: ignore[no-untyped-def]
     try:
         from skywright.run.run import run_mission
     except ImportError:
-        from skywright.evaluation.run import run_mission
+        from skywright.evaluation.run import run_mission  # type: ignore[import-not-found]
     return run_mission
 
 

@@ -128,11 +128,16 @@ def test_the_bandwidth_is_the_fastest_that_the_lag_allows(contact):
 
 
 def test_the_dead_time_counts_the_link_both_ways(othex_force, contact):
-    for delay, age in ((0.004, 0.004), (0.0041, 0.006)):  # until the next control tick
-        link = othex_force.world.link.model_copy(update={"delay_s": delay})
+    for table, age in (
+        ({"delay_s": 0.004}, 0.004),
+        ({"delay_s": 0.0041}, 0.006),  # until the next control tick
+        ({"delay_s": 0.004, "loss_fraction": 0.5}, 0.006),  # one tick in the mean
+        ({"delay_s": 0.004, "jitter_s": 0.002}, 0.00545),  # with the order of packets
+    ):
+        link = othex_force.world.link.model_copy(update=table)
         world = othex_force.world.model_copy(update={"link": link})
         slow = build_contact(othex_force.robot, world, DirectForce.Table(), DT, 0.001)
-        assert slow.delay - contact.delay == pytest.approx(2.0 * age)
+        assert slow.delay - contact.delay == pytest.approx(2.0 * age, rel=2e-3)
     assert slow._replace(delay=0.0) == contact._replace(delay=0.0)
 
 

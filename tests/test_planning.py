@@ -394,7 +394,7 @@ def test_a_clearance_is_told_with_its_key() -> None:
         return str(plan_mission(d).blocked_by)
 
     assert re.search(
-        r"start: .* and the ground are 0\.017 m apart; required distance: 0\.051 m "
+        r"start: .* and the ground are 0\.016 m apart; required distance: 0\.051 m "
         r"\(mission\.clearance_m\)",
         ask(),
     )

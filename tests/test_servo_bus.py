@@ -18,6 +18,7 @@ import skywright
 import skywright.links.servo_bus.bus as wire
 from skywright.cli import main
 from skywright.errors import InputError
+from skywright.links.servo_bus import arms as arms_module
 from skywright.links.servo_bus.arms import (
     ServoFlight,
     ServosFailed,
@@ -203,6 +204,7 @@ def test_an_overload_switches_torque_off_until_it_is_cleared() -> None:
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """On a loaded machine the emulator's thread answers late."""
     monkeypatch.setattr(wire, "ANSWER_S", 0.25)
+    monkeypatch.setattr(arms_module, "LOST_S", 30.0)
 
 
 @pytest.fixture
@@ -317,11 +319,14 @@ def test_the_arms_of_a_flight_are_the_servos(arms: tuple[Emulator, ServoFlight])
         tick_until(uav, lambda: False)
 
 
-def test_a_servo_that_is_lost_ends_the_flight(arms: tuple[Emulator, ServoFlight]) -> None:
+def test_a_servo_that_is_lost_ends_the_flight(
+    arms: tuple[Emulator, ServoFlight], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(arms_module, "LOST_S", 3.0)
     emulator, real = arms
     uav = skywright.fly("bimanual", world="open", seed=1, parts=real.parts, checklist=False)
     emulator.servos[3].silent = True
-    with pytest.raises(ServosFailed, match=r"servo 3 \(.*\) has not answered for 1"):
+    with pytest.raises(ServosFailed, match=r"servo 3 \(.*\) has not answered for \d"):
         tick_until(uav, lambda: False)
     assert real.stale > 0
 

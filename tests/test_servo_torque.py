@@ -14,6 +14,7 @@ import skywright
 import skywright.links.servo_bus.bus as wire
 import skywright.links.servo_bus.worker as work
 from skywright.errors import InputError
+from skywright.links.servo_bus import arms as arms_module
 from skywright.links.servo_bus.arms import ServoFlight, ServosFailed, build_emulator, open_servos
 from skywright.links.servo_bus.bus import ServoBus, open_bus
 from skywright.links.servo_bus.emulator import Emulator
@@ -38,6 +39,7 @@ GOALS = {1: 0.2, 2: 0.2}
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """On a loaded machine the emulator's thread answers late."""
     monkeypatch.setattr(wire, "ANSWER_S", 0.25)
+    monkeypatch.setattr(arms_module, "LOST_S", 30.0)
 
 
 @pytest.fixture

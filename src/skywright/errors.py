@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterable
 from functools import wraps
 from typing import ParamSpec, TypeVar
 
+OPTION = re.compile(r"(?<![\w./-])--[a-z][a-z-]*(?![\w./])")
+"""An option of the command line in a message; file names may contain the same characters."""
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -90,10 +92,10 @@ def naming_arguments(**options: str) -> Callable[[Callable[P, R]], Callable[P, R
             try:
                 return function(*args, **kwargs)
             except InputError as error:
-                text = re.sub(r"--[a-z][a-z-]*", lambda m: known.get(m[0], m[0]), str(error))
-                if type(error) is not InputError or text == str(error):
-                    raise
-                raise InputError(text) from error.__cause__
+                text = OPTION.sub(lambda m: known.get(m[0], m[0]), str(error))
+                if type(error) is InputError:
+                    error.args = (text,)
+                raise
 
         return call
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,7 @@ from skywright.errors import InputError
 
 if TYPE_CHECKING:
     from skywright.inspection.files.import_table import Imported
+    from skywright.inspection.history.entries import StoredComponent, StoredFlight
     from skywright.run.records import RecordStore
 
 
@@ -143,7 +145,7 @@ def records_(
     if run is not None and given.intersection((*TABLE, *owner)):
         raise InputError(f"--import {run}: the options of a table are not valid for a run")
     store = RecordStore(file, create=source is not None)
-    flights, imported = [] if flight is None else [flight], False
+    flights = [] if flight is None else [flight]
     notes: tuple[str, ...] = ()
     try:
         if run is not None:
@@ -155,18 +157,18 @@ def records_(
                 store, source, structure, component, columns, lag, measured, required,
                 registration, dicom is not None or report is not None,
             )  # fmt: skip
-        imported = source is not None
         flight = flights[0] if len(flights) == 1 else None
-        _check_names(store, structure=structure, spot=spot, component=component, flight=flight)
-        if datums is not None:
-            _register(store, datums, structure, flight, as_json)
-            return
-        if decide is not None:
-            _decide(store, decide, who)
-        if local is not None or dicom is not None or parquet is not None:
-            _export(store, structure, component, flights, spot, parquet, local, dicom)
-        if report is not None:
-            _report(store, flight, deviations, report)
+        with _undoing(store, flights if source is not None else ()):
+            _check_names(store, structure=structure, spot=spot, component=component, flight=flight)
+            if datums is not None:
+                _register(store, datums, structure, flight, as_json)
+                return
+            if decide is not None:
+                _decide(store, decide, who)
+            if local is not None or dicom is not None or parquet is not None:
+                _export(store, structure, component, flights, spot, parquet, local, dicom)
+            if report is not None:
+                _report(store, flight, deviations, report)
         if listing in ("readings", "import"):
             show_readings(store, structure, component, flights, spot, table, as_json)
         if listing == "indications" or (run is not None and not as_json):
@@ -184,12 +186,23 @@ def records_(
             )  # fmt: skip
         for note in notes:
             click.echo(f"{source}: {note}", err=True)
-    except InputError:
-        for one in flights if imported else ():
-            store.remove_flight(one)
-        raise
     finally:
         store.close()
+
+
+@contextmanager
+def _undoing(store: RecordStore, imported: Sequence[str]) -> Iterator[None]:
+    """Remove the flights that were `imported` if the block fails, so that it can be repeated."""
+    try:
+        yield
+    except BaseException as error:
+        try:
+            if imported:
+                store.remove_flights(imported)
+        except InputError as second:
+            remain = f"the imported flights {', '.join(imported)} remain"
+            raise InputError(f"{error}; {remain}, because {second}") from error
+        raise
 
 
 def _check_names(store: RecordStore, **given: str | None) -> None:
@@ -292,6 +305,7 @@ def _export(
     from skywright.inspection.files import readings as tables
 
     flight = flights[0] if len(flights) == 1 else None
+    result = None if dicom is None else _find_component(store, flight, component)
     found = find_readings(store, asset, component, flights, spot)
     chosen: list[str | None] = [*flights] or [None]
     indications = [
@@ -304,15 +318,20 @@ def _export(
         frames = store.read("SELECT frame FROM assets WHERE name = ?", (asset or "",))
         data = tables.build_local_json(found, indications, frames[0][0] if frames else "")
         tables.write_local_json(data, local)
-    if dicom is not None:
+    if dicom is not None and result is not None:
         from skywright.inspection.files.diconde import Result, write_diconde
 
-        assert flight is not None and component is not None  # checked with the options
-        one = next(f for f in store.list_flights() if f.id == flight)
-        part = next((c for c in store.list_components(one.asset) if c.name == component), None)
-        if part is None:
-            raise InputError(f"{store.path}: flight {flight} has no component {component!r}")
-        write_diconde(
-            Result(one.asset, part, one, store.list_calibrations(flight), found, indications),
-            dicom,
-        )
+        one, part = result
+        calibrations = store.list_calibrations(one.id)
+        write_diconde(Result(one.asset, part, one, calibrations, found, indications), dicom)
+
+
+def _find_component(
+    store: RecordStore, flight: str | None, component: str | None
+) -> tuple[StoredFlight, StoredComponent]:
+    """Return a flight and the component of its asset; raise InputError if it has none."""
+    one = next(f for f in store.list_flights() if f.id == flight)
+    for part in store.list_components(one.asset):
+        if part.name == component:
+            return one, part
+    raise InputError(f"{store.path}: flight {flight} has no component {component!r}")

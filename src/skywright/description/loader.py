@@ -200,9 +200,9 @@ def named_sets(sets: Sets) -> Iterator[None]:
         yield
     except InputError as error:
         text = str(error)
-        if not isinstance(sets, Mapping) or not text.startswith("--set"):
-            raise
-        raise InputError("sets" + text.removeprefix("--set")) from error.__cause__
+        if isinstance(sets, Mapping) and text.startswith("--set"):
+            error.args = ("sets" + text.removeprefix("--set"),)
+        raise
 
 
 def to_plain(value: Any) -> Any:

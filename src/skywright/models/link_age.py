@@ -32,3 +32,9 @@ def compute_mean_age(link: Link, tick: float) -> float:
         lost = p / settled[k] * (1.0 + lost) if settled[k] > 0.0 else 0.0  # in a row from age k
         mean += float(first[k]) * lost
     return tick * mean
+
+
+def compute_age_by_loss(link: Link, tick: float) -> float:
+    """Return by how much (s) the lost packets of a link raise the mean age."""
+    whole = link.model_copy(update={"loss_fraction": 0.0})
+    return compute_mean_age(link, tick) - compute_mean_age(whole, tick)

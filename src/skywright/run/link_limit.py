@@ -51,8 +51,8 @@ def find_exceeded_delay(setup: Setup[Any]) -> str | None:
     if asked <= most:
         return None
     return (
-        f"world.link has a mean delay of {1000.0 * asked:.1f} ms each way (delay_s, jitter_s, "
-        "loss_fraction, the order of packets, and the wait for the next control tick), more than "
+        f"the packets of world.link have a mean age of {1000.0 * asked:.1f} ms each way (delay_s, "
+        "jitter_s, loss_fraction, the order of packets, the wait for a control tick), more than "
         f"the {1000.0 * most:.1f} ms at which the attitude loop of {d.robot.name!r} has a phase "
         f"margin of {d.mission.link_phase_deg:g} deg (mission.link_phase_deg); "
         f"robot.control.attitude_bandwidth_rad_s = {loop.bandwidth:g} sets that loop, and a lower "
@@ -74,14 +74,17 @@ def compute_most_delay(nominal: Nominal, law: Law, spare: float = 0.0) -> float:
 
 
 def slow_down(vehicle: Backend, delay: float) -> float | None:
-    """Slow a law in flight until it tolerates `delay` (s) each way, as measured with its jitter;
-    returns the share of the bandwidths, or None if none of SHARES suffices or the law cannot be
-    changed."""
+    """Slow a law in flight until it tolerates packets that take `delay` (s) each way.
+
+    `delay` is measured, so it includes the jitter; the loss is that of `[world.link]`. Returns the
+    share of the bandwidths, or None if none of SHARES suffices or the law cannot be changed.
+    """
     if not isinstance(vehicle, SimulatedVehicle):
         return None
     nominal, law = vehicle.nominal, vehicle.law
     link = nominal.world.link.model_copy(update={"delay_s": delay, "jitter_s": 0.0})
     world = nominal.world.model_copy(update={"link": link})
+    age = compute_mean_age(link, 1.0 / nominal.robot.control.rate_hz)
     for share in SHARES:
         told = {k: v for k, v in law.table if v is not None}
         own = {k: TO_LAND.get(k, share * told[k]) for k in (*SCALED, *TO_LAND) if k in told}
@@ -92,7 +95,7 @@ def slow_down(vehicle: Backend, delay: float) -> float | None:
         slower = type(law)(law.name, law.table.model_copy(update=own))
         there = Nominal(robot, world)
         try:
-            late = compute_most_delay(there, slower, SPARE) < delay
+            late = compute_most_delay(there, slower, SPARE) < age
             if late or is_strained(there, slower, SIGMAS):
                 continue
             vehicle.tune_law(slower, there)

@@ -162,6 +162,14 @@ class FlightRecords:
         """Close the file."""
         self._store.close()
 
+    def undo(self) -> None:
+        """Remove the flight. Opens and closes the file."""
+        store = RecordStore(self._path)
+        try:
+            store.remove_flights([self._flight])
+        finally:
+            store.close()
+
     def add(self, flown: Flown[Any, Any]) -> str:
         """Store what the flight found; returns its id. Opens and closes the file."""
         found = load_kind(self._setup.description.mission.kind).entries(flown)

@@ -44,4 +44,8 @@ def import_run(file: Path, directory: Path) -> str:
         records.start(where, datetime.fromtimestamp(began, UTC))
     finally:
         records.close()
-    return records.add(Flown(setup, plan, stored.samples, stored.phases))
+    try:
+        return records.add(Flown(setup, plan, stored.samples, stored.phases))
+    except BaseException:
+        records.undo()
+        raise

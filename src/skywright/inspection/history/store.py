@@ -222,8 +222,11 @@ class InspectionStore(DatumFile):
             (indication, stamp(datetime.now(UTC)), who, disposition, note),
         ))  # fmt: skip
 
-    def remove_flight(self, flight: str) -> None:
-        """Remove a flight with all entries that belong to it; assets and components remain."""
+    def remove_flights(self, flights: Sequence[str]) -> None:
+        """Remove flights and the entries that refer to them, in one transaction.
+
+        Assets, components, procedures and instruments remain.
+        """
         statements = [
             f"DELETE FROM {child} WHERE {key} IN (SELECT id FROM {parent} WHERE flight = ?)"
             for child, key, parent in (
@@ -233,7 +236,7 @@ class InspectionStore(DatumFile):
         for table in ("readings", "indications", "coverages", "datums", "calibrations"):
             statements.append(f"DELETE FROM {table} WHERE flight = ?")
         statements.append("DELETE FROM flights WHERE id = ?")
-        self.write(*((sql, (flight,)) for sql in statements))
+        self.write(*((sql, (flight,)) for flight in flights for sql in statements))
 
     def list_flights(self, asset: str | None = None) -> list[StoredFlight]:
         """Return the flights, of one asset or of all, in the order of their start."""

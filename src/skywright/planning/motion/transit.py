@@ -315,5 +315,10 @@ def describe_pair(
     required = f"{margin:.3g} m" + (f" ({key})" if key else "")
     if distance is None:
         return f"{both} closer than {required}"
-    gap = "overlap" if distance <= 0.0 else f"are {distance:.3f} m apart"
+    if distance <= 0.0:
+        gap = "overlap" if kind == PAIR_WORLD else f"overlap by {-distance:.3f} m"
+    elif distance < 0.001:
+        gap = "are less than 1 mm apart"
+    else:
+        gap = f"are {math.floor(1e3 * distance) / 1e3:.3f} m apart"
     return f"{both} {gap}; required distance: {required}"

@@ -49,6 +49,7 @@ class LinkLate(Rule):
         self._most = math.nan  # s
 
     def begin(self, v: Senses) -> None:
+        from skywright.models.link_age import compute_age_by_loss
         from skywright.run.link_limit import compute_most_delay
         from skywright.vehicle.link import Reception
         from skywright.vehicle.simulated import SimulatedVehicle
@@ -57,7 +58,9 @@ class LinkLate(Rule):
         if isinstance(vehicle, SimulatedVehicle) and vehicle.has_link:
             self._sent, self._delay = v.place(Reception, "sent"), v.place(Reception, "delay")
             link = vehicle.nominal.world.link
+            # of the tolerated age, lost packets take their share
             self._most = compute_most_delay(vehicle.nominal, vehicle.law)
+            self._most -= compute_age_by_loss(link, vehicle.dt)
             if link.jitter_s > 0.0:  # the mission was accepted with this jitter
                 expected = link.delay_s + SIGMAS * link.jitter_s + vehicle.dt
                 self._most = max(self._most, expected)

@@ -80,9 +80,10 @@ def compute_scatter(me: Any, first: int, n: int, last: int) -> float:
 
 @helper
 def is_leaving(me: Any) -> bool:
-    """Whether the last EARLY rejected fixes show an estimate whose position leaves theirs.
+    """Whether the estimate diverges from the last EARLY rejected fixes.
 
-    Their innovations then grow by more than they scatter. Those of a fix that jumped do not grow.
+    The innovations of position then grow by GROWN and exceed their scatter by CLEAR. Those of fixes
+    that jumped do not grow.
     """
     a, b = (me.rejected + ROW - EARLY) % ROW, (me.rejected + ROW - 1) % ROW
     first = last = 0.0

@@ -190,7 +190,7 @@ def start_from_fix(me: Any, fix: Any, n: int, gravity: float, speed: float) -> N
         about_y = me.R_f[0, j] * me.p_ba / gravity
         me.P[R_, BA_ + j] = me.P[BA_ + j, R_] = about_x
         me.P[R_ + 1, BA_ + j] = me.P[BA_ + j, R_ + 1] = about_y
-    me.n_f = n
+    me.n_f, me.last_fix = n, fix.t
     me.ready = 2.0
     me.rejected_row = 0
 
@@ -215,6 +215,6 @@ def move_to_fix(me: Any, fix: Any, gravity: float) -> None:
         me.P[P_ + i, P_ + i] = me.r_fix[i]
         me.P[V_ + i, V_ + i] += speed * speed
         me.P[R_ + i, R_ + i] += turn * turn
-        me.P[BG_ + i, BG_ + i] += HOLD_RATE**2
-        me.P[BA_ + i, BA_ + i] += HOLD_ACCEL**2
+        me.P[BG_ + i, BG_ + i] = max(me.P[BG_ + i, BG_ + i], HOLD_RATE**2)
+        me.P[BA_ + i, BA_ + i] = max(me.P[BA_ + i, BA_ + i], HOLD_ACCEL**2)
     me.rejected_row = 0

@@ -57,8 +57,10 @@ def find_imbalance(gains: CascadeGains, nominal: Context | Nominal) -> str | Non
     found, rate = float(gains.k_attitude[0]), robot.control.rate_hz
     if found >= falls:
         return None
+    age = compute_mean_age(world.link, 1.0 / rate)
     return (
-        f"robot.control: at rate_hz = {rate:g} and world.link.delay_s = {world.link.delay_s:g} the "
-        f"roll loop reaches {found:.2f} rad/s; to take off from the end of its link {robot.name!r} "
-        f"requires {falls:.2f} rad/s: raise rate_hz or lower delay_s"
+        f"robot.control: at rate_hz = {rate:g} and a mean age of {1000.0 * age:.1f} ms of the "
+        f"packets of world.link, the roll loop reaches {found:.2f} rad/s; to take off from the end "
+        f"of its link {robot.name!r} requires {falls:.2f} rad/s: raise rate_hz, or lower the "
+        "delay, jitter or loss of world.link"
     )

@@ -110,7 +110,7 @@ def compute_lead(k_rate: float, rotor_tau: float, delay: float, margin: float) -
         raise InputError(
             f"robot.control: a rate loop of {k_rate:.3g} rad/s (attitude_bandwidth_rad_s "
             f"times loop_separation) has a phase margin below {math.degrees(margin):.3g} "
-            "deg with rate_hz and world.link.delay_s; valid: below "
+            "deg with rate_hz and world.link; valid: below "
             f"{(0.5 * math.pi - margin) / delay:.3g} rad/s"
         )
     return min(math.tan(spare) / k_rate, rotor_tau)

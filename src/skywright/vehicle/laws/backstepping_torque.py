@@ -156,8 +156,8 @@ def build_loop(context: Context, table: Any, rotor: Array) -> TorqueLoop:
     raise InputError(
         f"control law 'backstepping_torque': with a dead time of {1000.0 * loop.delay:.0f} "
         f"ms from encoders to servo torques, a loop of {c.arm_bandwidth_rad_s:g} rad/s "
-        "(arm_bandwidth_rad_s) has a sensitivity above 2: reduce world.link.delay_s, or "
-        "use velocity servos"
+        "(arm_bandwidth_rad_s) has a sensitivity above 2: reduce the delay, jitter or loss "
+        "of world.link, or use velocity servos"
     )
 
 

@@ -223,7 +223,7 @@ def compute_gains(contact: Contact, table: DirectForce.Table) -> Gains:
             f"control law 'direct_force': with a dead time of {1000.0 * contact.delay:.0f} "
             "ms (sensor, control, link both ways) and a rotor lag of "
             f"{1000.0 * contact.lag:.0f} ms no force bandwidth has a sensitivity below 2: "
-            "reduce world.link.delay_s, or use mission.law = 'push_and_slide'"
+            "reduce the delay, jitter or loss of world.link, or use mission.law = 'push_and_slide'"
         )
     return best
 
