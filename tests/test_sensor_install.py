@@ -172,7 +172,7 @@ def test_what_is_in_the_way_is_flown_around_or_named() -> None:
         room, _ = check_line(query, a, b, rot_z(yaw), q)  # by other code than the planner's
         assert room > DESCRIPTION.mission.task.way_clearance_m - 0.005
     refused = plan(Setup(put(way.home, 0.3)))
-    assert not refused.feasible and " and lamp come closer" in str(refused.blocked_by)
+    assert not refused.feasible and " and lamp overlap; required" in str(refused.blocked_by)
 
 
 def test_the_swing_frequency_is_that_of_the_hanging_link() -> None:
