@@ -14,7 +14,7 @@ from skywright.models.rigid_body import compute_body, posture
 from skywright.vehicle.component import Context
 from skywright.vehicle.laws._cascade_gains import CascadeGains, compute_bodies
 from skywright.vehicle.link_arc import compute_link_arc
-from skywright.vehicle.loops import compute_delay
+from skywright.vehicle.loops import DELAY_TICKS
 
 FREE_SPARE = math.radians(12.0)
 """rad: 35 deg less the 22 deg that an attitude loop 2.5 times slower costs."""
@@ -38,8 +38,7 @@ def compute_borne_delay(g: CascadeGains, c: Control, nominal: Nominal, spare: fl
             L = k * (1.0 + float(g.k_attitude[axis]) / s) / (s * (1.0 + g.lead * s))
             at = int(np.argmax(np.abs(L) < 1.0))
             both = min(both, (math.pi + float(np.angle(L[at])) - keeps) / abs(s[at]))
-    age = compute_mean_age(world.link, 1.0 / c.rate_hz)
-    return max(age + 0.5 * (both - compute_delay(c, world)), 0.0)
+    return max(0.5 * (both - DELAY_TICKS / c.rate_hz), 0.0)
 
 
 def find_imbalance(gains: CascadeGains, nominal: Context | Nominal) -> str | None:
