@@ -20,6 +20,7 @@ from skywright.models.capability import (
     check_can_fly,
     compute_capability,
     compute_force_limit,
+    compute_least_wind_limit,
     compute_wind_limit,
 )
 from skywright.models.hover_tilt import compute_hover_tilt
@@ -145,15 +146,17 @@ def test_ray_equals_the_linear_programme(ray: list[float], mass: float, offset: 
         assert closed == pytest.approx(lp, abs=1e-3)
 
 
+EIGHT = {
+    "azimuth_deg": [22.5 + 45 * i for i in range(8)],
+    "alpha_deg": [25, -25] * 4,
+    "beta_deg": [10, 10, -10, -10] * 2,
+    "spin": ["ccw", "cw"] * 4,
+}
+
+
 def test_redundant_rotors_use_the_linear_programme(othex: Robot) -> None:
     """Eight tilted rotors: every limit is feasible, and one newton more is not."""
-    eight = {
-        "azimuth_deg": [22.5 + 45 * i for i in range(8)],
-        "alpha_deg": [25, -25] * 4,
-        "beta_deg": [10, 10, -10, -10] * 2,
-        "spin": ["ccw", "cw"] * 4,
-    }
-    layout = build_layout(build_rotors(changed(othex, rotors=eight).rotors), 0.9)
+    layout = build_layout(build_rotors(changed(othex, rotors=EIGHT).rotors), 0.9)
     assert layout.full and not layout.exact
     weight, com = 22.0, np.array([0.05, 0.0, 0.0])
     angles = np.radians([0.0, 50.0, 200.0])
@@ -164,6 +167,29 @@ def test_redundant_rotors_use_the_linear_programme(othex: Robot) -> None:
         for extra, feasible in ((-0.01, True), (0.01, False)):
             wrench = wrench_at(weight * UP + (force + extra) * d, com)
             assert (compute_thrust(layout, wrench) is not None) == feasible
+
+
+@pytest.mark.parametrize(("weight", "least", "most"), [(8.0, 9, 16), (22.0, 11, 19), (55.0, 1, 5)])
+def test_redundant_rotors_tilt_up_to_the_first_infeasible_wrench(
+    othex: Robot, weight: float, least: float, most: float
+) -> None:
+    layout = build_layout(build_rotors(changed(othex, rotors=EIGHT).rotors), 0.9)
+    com = np.array([0.02, -0.01, 0.03])
+    for angle in np.radians([0.0, 70.0, 135.0, 260.0]):
+        axis = np.array([math.cos(angle), math.sin(angle), 0.0])
+        limit = compute_tilt_limit(layout, weight, com, axis)
+        assert math.radians(least) < limit <= math.radians(most)
+        for tilt, feasible in ((limit - 1e-5, True), (limit + 1e-4, limit == 0.5 * math.pi)):
+            up_B = math.cos(tilt) * UP - math.sin(tilt) * np.cross(axis, UP)
+            found = compute_thrust(layout, wrench_at(weight * up_B, com))
+            assert (found is not None) == feasible
+
+
+def test_wind_from_every_side_is_the_least_of_the_limits(othex: Robot, hexarotor: Robot) -> None:
+    for robot in (othex, hexarotor):
+        c = compute_capability(robot)
+        assert compute_least_wind_limit(robot) == np.nanmin(c.wind_limit)
+        assert compute_least_wind_limit(robot, air_density=0.6) > np.nanmin(c.wind_limit)
 
 
 def test_wind_takes_from_the_hover_tilt_until_level_is_all() -> None:

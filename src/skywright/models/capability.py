@@ -42,6 +42,8 @@ from skywright.models.wind import (
 
 MOTOR_TIMEOUT_S = 0.5
 """s without a command over the control link after which motor controllers stop the motors."""
+EVERY_SIDE = np.radians(np.arange(0.0, 360.0, 5.0))
+"""rad; directions of the limits."""
 LARGEST_PUSH = 100.0
 """N; upper bound of the search for the largest push."""
 
@@ -164,8 +166,9 @@ def compute_capability(
     if not 0.0 < fraction <= 1.0:
         raise InputError(f"thrust_fraction is {fraction:g}; valid: above 0 and at most 1")
     layout = build_layout(build_rotors(robot.rotors), fraction)
-    angles = np.arange(0.0, 360.0, 5.0) if directions_deg is None else np.asarray(directions_deg)
-    directions = np.radians(np.asarray(angles, dtype=np.float64))
+    directions = EVERY_SIDE
+    if directions_deg is not None:
+        directions = np.radians(np.asarray(directions_deg, dtype=np.float64))
     model = build_body_model(robot, gravity)
     worst_q, worst_force = find_worst_posture(robot, model, layout, gravity)
     q, label = choose_posture(robot, posture, worst_q)
@@ -259,15 +262,30 @@ def _best_lean(
     if not layout.full:
         return level
     d = np.column_stack([np.cos(directions), np.sin(directions), np.zeros(len(directions))])
+    m, leans = len(directions), np.linspace(0.0, tilt_max, 7)
 
     def holds(speed: Array) -> Mask:  # some leans balance only in wind: each speed is tested at all
-        each = [
-            is_held(layout, *compute_hold(layout, body, speed[:, None] * d, lean=a), tilt_max)
-            for a in np.linspace(0.0, tilt_max, 7)
-        ]
-        return np.asarray(np.any(each, axis=0))
+        wind = np.tile(speed[:, None] * d, (len(leans), 1))
+        held = compute_hold(layout, body, wind, lean=np.repeat(leans, m))
+        return np.any(is_held(layout, *held, tilt_max).reshape(-1, m), axis=0)
 
     return np.fmax(level, compute_largest(holds, len(directions), FASTEST))
+
+
+def compute_least_wind_limit(
+    robot: Robot, *, gravity: float = 9.81, air_density: float = 1.2
+) -> float:
+    """Return the largest wind (m/s) that a robot with extended arm holds from every direction.
+
+    It is the least `wind_limit` of `compute_capability`. Raises InputError as that does.
+    """
+    layout = build_layout(build_rotors(robot.rotors), robot.rotors.thrust_fraction)
+    model = build_body_model(robot, gravity)
+    q, label = choose_posture(robot, "extended", np.zeros(0))
+    body = build_drag_body(robot, model, q, gravity, air_density)
+    check_hover(robot, layout, body.mass, body.p_BC, gravity, label)
+    tilt_max = math.radians(robot.control.tilt_max_deg)
+    return float(np.nanmin(compute_wind_limits(layout, body, EVERY_SIDE, tilt_max)))
 
 
 def compute_wind_limit(capability: Capability, toward_deg: float) -> float:
@@ -318,5 +336,6 @@ __all__ = [
     "compute_capability",
     "compute_force_limit",
     "compute_lateral_forces",
+    "compute_least_wind_limit",
     "compute_wind_limit",
 ]

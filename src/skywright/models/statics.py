@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import linprog
+from scipy.sparse import block_diag
 from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
 from skywright.core.arrays import Array
@@ -18,6 +19,9 @@ from skywright.models.allocation import Allocator, build_allocator, usable_limit
 from skywright.models.rotors import RotorSet
 
 UP = np.array([0.0, 0.0, 1.0])
+
+EVERY = (-np.inf, np.inf)
+"""Bounds of a variable without bounds."""
 
 TOLERANCE = 1e-9
 """Newtons by which round-off may exceed a thrust limit."""
@@ -150,7 +154,22 @@ def compute_lateral_forces(layout: Layout, weight: float, p_BC: Array, direction
         return np.full(len(directions), np.nan)
     if np.allclose(layout.B[:2], 0.0, atol=1e-12):  # coplanar: every force is along z_B
         return np.zeros(len(directions))
-    return np.array([max(compute_ray(layout, level, ray).hi, 0.0) for ray in rays])
+    return np.maximum(_compute_ends(layout, level, rays), 0.0)
+
+
+def _compute_ends(layout: Layout, w0: Array, rays: Array) -> Array:
+    """Return `compute_ray(...).hi` of many rays (m, 6) from a feasible wrench (6,).
+
+    The programmes of the rays are the diagonal blocks of one: its sum is largest where each is.
+    """
+    m, n = len(rays), layout.B.shape[1]
+    equal = block_diag([np.hstack([layout.B, -ray[:, None]]) for ray in rays])
+    bounds = np.tile(np.vstack([np.column_stack([layout.t_min, layout.t_max]), EVERY]), (m, 1))
+    cost = np.tile(np.append(np.zeros(n), -1.0), m)
+    found = linprog(cost, A_eq=equal, b_eq=np.tile(w0, m), bounds=bounds, method="highs")
+    if found.status != 0:  # a ray of zero length has no end
+        return np.array([compute_ray_lp(layout, w0, ray).hi for ray in rays])
+    return np.asarray(found.x[n :: n + 1])
 
 
 def compute_tilt_limit(layout: Layout, weight: float, p_BC: Array, axis_B: Array) -> float:
@@ -168,7 +187,7 @@ def compute_tilt_limit(layout: Layout, weight: float, p_BC: Array, axis_B: Array
         return 0.0
     lean = wrench_at(weight * side, p_BC)
     if not layout.exact:
-        return _bisect_tilt(layout, level, lean)
+        return _cut_tilt(layout, level, lean)
     a, c = layout.P @ level, layout.P @ lean
     radius, phase = np.hypot(a, c), np.arctan2(c, a)
     best = math.pi / 2
@@ -185,15 +204,36 @@ def compute_tilt_limit(layout: Layout, weight: float, p_BC: Array, axis_B: Array
     return best
 
 
-def _bisect_tilt(layout: Layout, level: Array, lean: Array) -> float:
-    lo, hi = 0.0, math.pi / 2
-    for _ in range(20):
-        mid = 0.5 * (lo + hi)
-        if compute_thrust(layout, math.cos(mid) * level + math.sin(mid) * lean) is None:
-            hi = mid
-        else:
-            lo = mid
-    return lo
+def _cut_tilt(layout: Layout, level: Array, lean: Array) -> float:
+    """Return the largest tilt (rad, at most pi/2) at which the rotors can produce the wrench.
+
+    The wrenches that they can produce are a convex set that contains `level`. While the wrench at a
+    tilt is outside, the ray from `level` to it leaves the set through a face, and the next tilt is
+    where the arc of wrenches crosses the plane of that face. The tilts decrease to the limit.
+    """
+    tilt = math.pi / 2
+    for _ in range(50):
+        ray = math.cos(tilt) * level + math.sin(tilt) * lean - level
+        end, normal = _find_face(layout, level, ray)
+        if end >= 1.0 - 1e-9:
+            break
+        # normal . (level cos + lean sin) <= limit inside; equal at the tilts `phase` +- the angle
+        a, c = float(normal @ level), float(normal @ lean)
+        turn = math.acos(min(max((a + end) / math.hypot(a, c), -1.0), 1.0))
+        tilt = min(max((math.atan2(c, a) - turn) % (2.0 * math.pi), 0.0), tilt)
+    return tilt
+
+
+def _find_face(layout: Layout, w0: Array, w1: Array) -> tuple[float, Array]:
+    """Return the end s of the ray w0 + s w1 and a vector y (6,), with y . (w - w0) <= s for every
+    wrench w that the rotors can produce, and y . w1 = 1."""
+    n = layout.B.shape[1]
+    found = linprog(
+        np.append(np.zeros(n), -1.0),
+        A_eq=np.hstack([layout.B, -w1[:, None]]), b_eq=w0,
+        bounds=np.vstack([np.column_stack([layout.t_min, layout.t_max]), EVERY]), method="highs",
+    )  # fmt: skip
+    return (float(found.x[-1]), found.eqlin.marginals) if found.status == 0 else (0.0, w1)
 
 
 def compute_polytope(layout: Layout, w0: Array, map_: Array) -> Array:

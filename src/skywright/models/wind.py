@@ -53,7 +53,14 @@ def compute_drag(
     across = wind_B[:, None, :] - along[:, :, None] * r.axis
     omega = np.sqrt(np.maximum(thrust + layout.preload, 0.0) / r.k_f)
     f_hub = r.drag_coefficient * omega[:, :, None] * across
-    return f_body + f_hub.sum(axis=1), np.cross(r.position, f_hub).sum(axis=1)
+    turn = np.vstack([_cross(p) for p in r.position])
+    return f_body + f_hub.sum(axis=1), f_hub.reshape(len(f_hub), -1) @ turn
+
+
+def _cross(p: Array) -> Array:
+    """Return the matrix (3, 3) with f @ matrix = p x f: much faster than `np.cross` of few rows."""
+    x, y, z = p
+    return np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
 
 
 def compute_hold(
@@ -62,13 +69,13 @@ def compute_hold(
     wind_W: Array,
     f_push_W: Array | None = None,
     p_push_B: Array | None = None,
-    lean: float = 0.0,
+    lean: float | Array = 0.0,
 ) -> tuple[Array, Array]:
     """Return (thrust (m, n) N, tilt (m,) rad) that hold position in the winds (m, 3) m/s.
 
     `f_push_W` (m, 3) N at `p_push_B` (3,) m: force of the robot on its environment. Yaw is zero.
-    Robots with lateral force hold their attitude, leaning `lean` (rad) against
-    the horizontal load. The others take the tilt at which thrust along z_B balances the load (a
+    Robots with lateral force hold their attitude, leaning `lean` (rad; one or (m,)) against the
+    horizontal load. The others take the tilt at which thrust along z_B balances the load (a
     fixed point, since drag turns with the body). Thrusts may exceed the limits; the caller checks
     them.
     """
@@ -77,7 +84,8 @@ def compute_hold(
     point = np.zeros(3) if p_push_B is None else p_push_B
     weight = body.mass * body.gravity
     up = np.array([0.0, 0.0, 1.0])
-    level = layout.full and lean == 0.0
+    leans = np.broadcast_to(lean, m)
+    level = layout.full and not leans.any()
     thrust = np.full((m, n), weight / n)
     tilt = np.zeros(m)
     R = np.broadcast_to(np.eye(3), (m, 3, 3)).copy()
@@ -91,14 +99,14 @@ def compute_hold(
             flat = load_W * np.array([1.0, 1.0, 0.0])
             size = np.linalg.norm(flat, axis=1, keepdims=True)
             toward = np.where(size > 1e-12, flat / np.maximum(size, 1e-12), 0.0)
-            R = _leaning(math.cos(lean) * up + math.sin(lean) * toward)
-            tilt = np.full(m, lean)
+            R = _leaning(np.cos(leans)[:, None] * up + np.sin(leans)[:, None] * toward)
+            tilt = leans
         elif not layout.full:
             R = _leaning(need_W)
             tilt = np.arccos(np.clip(R[:, 2, 2], -1.0, 1.0))
         up_B = R[:, 2, :]
         f = weight * up_B + f_push_B - f_drag
-        t = np.cross(body.p_BC, weight * up_B) + np.cross(point, f_push_B) - t_drag
+        t = weight * up_B @ _cross(body.p_BC) + f_push_B @ _cross(point) - t_drag
         thrust = np.hstack([f, t]) @ layout.P.T
     return thrust, tilt
 
@@ -109,12 +117,8 @@ def _leaning(z_W: Array) -> Array:
     c = np.clip(z[:, 2], -0.999, 1.0)
     x, y = z[:, 0], z[:, 1]
     k = 1.0 / (1.0 + c)
-    rows = [
-        [1 - k * x * x, -k * x * y, x],
-        [-k * x * y, 1 - k * y * y, y],
-        [-x, -y, c],
-    ]
-    return np.stack([np.stack(row, axis=1) for row in rows], axis=1)
+    rows = [1 - k * x * x, -k * x * y, x, -k * x * y, 1 - k * y * y, y, -x, -y, c]
+    return np.column_stack(rows).reshape(-1, 3, 3)
 
 
 def compute_largest(
@@ -129,6 +133,8 @@ def compute_largest(
     start = holds(np.zeros(count))
     open_ = start.copy()
     for x in np.linspace(0.0, ceiling, steps + 1)[1:]:
+        if not open_.any():
+            break
         good = holds(np.full(count, x))
         failed = open_ & ~good
         hi[failed] = x

@@ -11,7 +11,7 @@ from pydantic import Field
 from skywright.core.record import Record, Vec3
 from skywright.core.spec import NonNegative, Positive
 from skywright.errors import InputError
-from skywright.models.capability import compute_capability
+from skywright.models.capability import compute_least_wind_limit
 from skywright.vehicle.bus import Clock
 from skywright.vehicle.component import Fault, InOut
 from skywright.vehicle.faults.localisation import FOR_GOOD
@@ -49,7 +49,7 @@ class Squall(Fault):
     def draw_table(cls, rng: np.random.Generator, robot: Any, world: Any) -> dict[str, Any] | None:
         """From any side, for a time or for good; None for a robot that holds in no wind."""
         try:
-            holds = float(np.nanmin(compute_capability(robot).wind_limit))
+            holds = compute_least_wind_limit(robot)
         except InputError:  # the robot cannot lift its weight: it works on a bench
             return None
         if not holds > 0.0:
