@@ -505,6 +505,7 @@ def test_an_option_without_effect_is_refused(tmp_path: Path) -> None:
         (("--readings", "--geojson", tmp_path / "o.geojson"), "--geojson: valid for contact"),
         (("--thickness", "--flight", "x"), "merges the flights"),
         (("--import", table, "--flight", "x"), "not for --import"),
+        (("--import", tmp_path / "gone"), "gone: no such file or run directory"),
         (("--import", table, "--spot", "1"), "--spot: valid for"),
         (("--report", tmp_path / "o.html"), "--report requires --flight"),
         (("--dicom", tmp_path / "o.dcm"), "--dicom requires --flight and --component"),

@@ -113,7 +113,7 @@ def compare(table: dict[str, np.ndarray]) -> list[str]:
         best = (np.inf, 0.0, np.zeros(1), "", wanted)
         for lag in LAGS:
             for delay in DELAYS:
-                built = build(follow(command, lag, delay, dt))
+                built = build(follow(command, lag, int(delay), dt))
                 columns = sosfiltfilt(sos, built, axis=0)
                 factors = np.linalg.lstsq(columns[first], wanted[first], rcond=None)[0]
                 left = np.mean((wanted[first] - columns[first] @ factors) ** 2)

@@ -3,7 +3,7 @@
 import skywright
 from skywright import Box, Cylinder, Sphere
 
-scene = [
+scene: list[Box | Cylinder | Sphere] = [
     Box(centre=(2.0, 0.0, 1.0), size=(0.2, 2.0, 2.0)),
     Cylinder(start=(2.0, 2.0, 0.0), end=(2.0, 2.0, 3.0), radius=0.1),
     Sphere(centre=(2.0, -2.0, 1.0), radius=0.3),

@@ -140,6 +140,8 @@ def records_(
     ):  # fmt: skip
         if target is not None:
             check_writable(target, endings)
+    if source is not None and not source.exists():
+        raise InputError(f"--import {source}: no such file or run directory")
     run = source if source is not None and source.is_dir() else None
     owner = {"structure"} if dicom is not None else {"structure", "component"}
     if run is not None and given.intersection((*TABLE, *owner)):
