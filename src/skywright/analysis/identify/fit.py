@@ -89,7 +89,10 @@ def predict(columns: Columns, rotors: RotorSet, mass: float, x: Array) -> Array:
     moment = (height - float(np.mean(rotors.position[:, 2]))) * hub
     out = np.empty((len(f), 6))
     for pose, blind in itertools.product(range(len(columns.poses)), (False, True)):
-        at = (columns.pose == pose) & (columns.no_air == blind)
+        rows = (columns.pose == pose) & (columns.no_air == blind)
+        if not rows.any():
+            continue
+        at = slice(None) if rows.all() else rows  # a slice copies nothing
         y = x[n + 10 + 9 * pose : n + 19 + 9 * pose]
         h = mass * y[:3]
         I_B = unpack_inertia(y[3:])
