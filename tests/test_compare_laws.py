@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from short_mission import HOP
 from skywright.analysis.campaign import local
 from skywright.analysis.campaign.campaign import CampaignResult
 from skywright.analysis.campaign.spec import Campaign
@@ -263,7 +264,8 @@ def test_laws_fly_the_same_seeds_and_a_law_that_cannot_is_told(
     def compare() -> LawComparison:
         return compare_laws(
             laws, "waypoints", robot="hexarotor", cases=["mass"], runs=2, seed=4, workers=1,
-            sets=["mission.timestep_ms=2"], out=out,
+            sets=[*HOP, *(f"mission.requirements.position.{x}_m.limit=0.2" for x in
+                          ("rms", "hold_error"))], out=out,
         )  # fmt: skip
 
     found = compare()
@@ -303,7 +305,8 @@ def test_a_refusal_counts_for_its_own_case(tmp_path: Path) -> None:
     """Nominally the wind is refused; in the calm case nothing is, and both laws fly."""
     found = compare_laws(
         ["backstepping", "backstepping_torque"], "wall-contact",
-        sets=["world.wind.kind=steady", "world.wind.mean_mps=14", "mission.task.forces_n=[2.0]"],
+        sets=["world.wind.kind=steady", "world.wind.mean_mps=14", "mission.task.forces_n=[2.0]",
+              "mission.task.slide_m=0"],
         cases=["calm:world.wind.mean_mps=0"], runs=1, out=tmp_path / "laws", workers=1,
     )  # fmt: skip
     told = {(f.law, f.case): f for f in found.flown}
