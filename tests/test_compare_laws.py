@@ -303,7 +303,8 @@ def test_a_refusal_counts_for_its_own_case(tmp_path: Path) -> None:
     """Nominally the wind is refused; in the calm case nothing is, and both laws fly."""
     found = compare_laws(
         ["backstepping", "backstepping_torque"], "wall-contact",
-        sets=["world.wind.kind=steady", "world.wind.mean_mps=14", "mission.task.forces_n=[2.0]"],
+        sets=["world.wind.kind=steady", "world.wind.mean_mps=14", "mission.task.forces_n=[2.0]",
+              "mission.task.slide_m=0"],
         cases=["calm:world.wind.mean_mps=0"], runs=1, out=tmp_path / "laws", workers=1,
     )  # fmt: skip
     told = {(f.law, f.case): f for f in found.flown}

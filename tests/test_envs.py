@@ -216,7 +216,9 @@ def test_a_vector_flies_as_its_environment(
     options: Any = {
         "sets": QUICK["WeldPress"], "states": 2, "episode_s": 3.0, "ticks": ticks
     }  # fmt: skip
-    env, called = envs.make("WeldPress", **options), list[int]()
+    env, called = build("WeldPress"), list[int]()
+    monkeypatch.setattr(env, "ticks", ticks)
+    monkeypatch.setattr(env, "steps_max", 150 // ticks)
     real = Share._fly_in_python
     monkeypatch.setattr(
         Share, "_fly_in_python", lambda share, i: (called.append(len(rewards)), real(share, i))[1]
@@ -235,11 +237,14 @@ def test_a_vector_flies_as_its_environment(
     assert called[: len(in_python)] == in_python
 
 
-def test_a_vector_ends_within_a_step_as_its_environment() -> None:
+def test_a_vector_ends_within_a_step_as_its_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     """The contact is lost after some of the 20 ticks of a step."""
-    options: Any = {"sets": QUICK["WeldPress"], "states": 2, "ticks": 20}
-    env = envs.make("WeldPress", **options)
-    vector = envs.VectorEnv("WeldPress", 1, workers=1, **options)
+    env = build("WeldPress")
+    monkeypatch.setattr(env, "ticks", 20)
+    monkeypatch.setattr(env, "steps_max", env.steps_max // 20)
+    vector = envs.VectorEnv(
+        "WeldPress", 1, workers=1, sets=QUICK["WeldPress"], states=2, ticks=20
+    )  # fmt: skip
     env.reset(seed=1), vector.reset(seed=1)
     away = np.array([-1.0], np.float32)
     for _ in range(env.steps_max):
@@ -255,9 +260,8 @@ def test_a_vector_ends_within_a_step_as_its_environment() -> None:
 
 def test_a_robot_that_no_longer_follows_ends_the_episode() -> None:
     """It tumbles: in the environment alone and in a vector, in the tick in which a guard fires."""
-    options: Any = {"sets": QUICK["WeldPress"], "states": 2}
-    env = envs.make("WeldPress", **options)
-    vector = envs.VectorEnv("WeldPress", 1, workers=1, **options)
+    env = build("WeldPress")
+    vector = envs.VectorEnv("WeldPress", 1, workers=1, sets=QUICK["WeldPress"], states=2)
     env.reset(seed=1), vector.reset(seed=1)
     still = np.zeros((1, 1), np.float32)
     for k in range(50):

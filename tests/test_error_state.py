@@ -258,7 +258,7 @@ def fly(sets, fault=None, mission="pipe-weld-scan", robot=None):
 
 def test_consistent_over_seeds_and_innovations_white():
     """NEES inside its bounds: touch-down, contact and sliding included (see studies)."""
-    known = [*SHORT, "plant.sensor_noise_error=0"]  # what covariances rest on
+    known = [*SHORT, "plant.sensor_noise_error=0", "mission.timestep_ms=2"]  # what P rests on
     traces = fly_traces("pipe-weld-scan", known, range(1, 5))
     for name, part in PARTS.items():
         c = compute_consistency(traces, part)

@@ -103,4 +103,3 @@ def test_it_ends_with_its_caller(here: None) -> None:
     caller.kill()
     caller.wait()
     wait_for(lambda: has_ended(source) and has_ended(worker))
-    start()[0].kill()

@@ -317,7 +317,7 @@ def test_a_flight_of_a_coplanar_robot_gives_back_its_lag(tmp_path: Path) -> None
     """The file that is given has another lag and inertia of the rotors: the run has its own."""
     import skywright
 
-    run = skywright.run(skywright.load("waypoints", seed=2), out=tmp_path / "flown")
+    run = skywright.run(skywright.load("waypoints", seed=2), out=tmp_path / "flown", report=False)
     assert run.outcome == "succeeded"
     given = change(time_constant_s=0.2, rotor_inertia_kgm2=2e-4)
     for robot in (None, given):

@@ -36,7 +36,7 @@ def test_kept_parts_are_used_and_stale_ones_are_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A second call runs nothing; another effort or a broken file is run again."""
-    job, ran = Job("paper", SUCCESS), []
+    job, ran = Job("paper", OURS), []
     real = jobs.run_job
 
     def counted(job: Job, effort: Effort):

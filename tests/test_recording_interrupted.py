@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from recorded_columns import PARTS, list_recorded
+from recorded_columns import list_recorded
 from skywright.recordings.columns import build_dtype
 from skywright.recordings.recording import read_recording
 from skywright.recordings.writer import RecordingWriter
 
-FULL = list_recorded(("link1", "link2"), 6, PARTS)
+FULL = list_recorded(("link1", "link2"), 6, ("loads",))
 FILES = ("writer.py", "mcap_file.py")
 
 

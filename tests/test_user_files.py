@@ -19,7 +19,7 @@ from skywright.evidence.reproduce.flights import describe_content
 from skywright.evidence.reproduce.spec import Case
 from skywright.recordings.recording import read_recording
 from skywright.run.directory import write_sources
-from user_parts import write_parts
+from user_parts import OWN_LAW, write_parts
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -107,15 +107,15 @@ def test_a_run_directory_repeats_the_run_without_the_files(
 
 
 def test_identities_follow_what_a_file_imports(tmp_path: Path) -> None:
-    mission = write_parts(tmp_path / "mine")
+    law = OWN_LAW.format(compiled=True, body="        cmd.f_B[0] = 0.0")
+    (tmp_path / "mine.py").write_text(f"import gains\n{law}")
+    sets = {"mission.law": f"{tmp_path / 'mine.py'}:Mine"}
     seen = []
-    for text in ("STIFFNESS = 60.0\nHEIGHT = 0.15\n", "STIFFNESS = 61.0\nHEIGHT = 0.15\n"):
-        (mission.parent / "gains.py").write_text(text)
-        campaign = build_campaign(str(mission), ["plant.mass_error=uniform(0,0.1)"])
-        case = Case(mission=str(mission), seeds=[1])
-        described = describe_content(
-            case, load_description(mission, sets=["mission.law.stiffness_n_per_m=5"])
-        )
+    for text in ("STIFFNESS = 60.0\n", "STIFFNESS = 61.0\n"):
+        (tmp_path / "gains.py").write_text(text)
+        campaign = build_campaign("waypoints", ["plant.mass_error=uniform(0,0.1)"], sets=sets)
+        case = Case(mission="waypoints", sets=sets, seeds=[1])
+        described = describe_content(case, load_description("waypoints", sets=sets))
         seen.append((build_identity(campaign)["law"], described))
     assert seen[0][0] != seen[1][0] and seen[0][1] != seen[1][1]
 

@@ -67,8 +67,10 @@ def _blow_over(me, clock, truth, gusts, wind, body, at_hubs):
     for k in range(body.shape[0]):
         clock[0].t = k * clock[0].dt
         _step(me[0], clock[0], truth[0], gusts[k], wind[0])
-        body[k] = wind[0].body_W
-        at_hubs[k] = wind[0].rotor_W[: at_hubs.shape[1]]
+        for i in range(3):  # an assignment to a slice takes three seconds to compile
+            body[k, i] = wind[0].body_W[i]
+            for j in range(at_hubs.shape[1]):
+                at_hubs[k, j, i] = wind[0].rotor_W[j, i]
 
 
 def build_air(wind: Wind, dt: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

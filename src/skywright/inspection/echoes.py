@@ -4,9 +4,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import hilbert
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Mask
 from skywright.errors import InputError
 from skywright.inspection.calibration import robust_std
 from skywright.models.peaks import find_vertex
@@ -43,6 +42,7 @@ class FoundEchoes(NamedTuple):
     amplitudes: tuple[float, ...]  # FSH
     noise: float  # FSH, robust standard deviation of the samples outside the echoes
     saturated: bool  # a sample from the gate on reaches the converter's full scale
+    envelope: Array  # (n,) FSH, of the A-scan
 
 
 def find_echoes(ascan: Array, pulse: Pulse, threshold: float, most: int = 4) -> FoundEchoes:
@@ -56,32 +56,61 @@ def find_echoes(ascan: Array, pulse: Pulse, threshold: float, most: int = 4) -> 
         raise InputError(
             f"A-scan: {x.size} samples; valid: finite ones, more than the {first} before the gate"
         )
-    envelope = np.abs(hilbert(x))
-    reach = max(int(2.0 * pulse.width * pulse.rate), 1)
+    envelope = _compute_envelope(x)
+    times, heights, taken = _list_peaks(envelope, pulse, first, threshold, most)
+    rest = x[~taken]
+    noise = robust_std(rest) if rest.size > 8 else 0.0
+    saturated = bool(np.any(np.abs(x[first:]) >= 0.995 * pulse.full_scale))
+    return FoundEchoes(times, heights, noise, saturated, envelope)
+
+
+def list_more_times(found: FoundEchoes, pulse: Pulse, threshold: float, most: int) -> list[float]:
+    """Return the times (s) of the first `most` echoes, of at least another `threshold` (FSH), in
+    an A-scan of which `find_echoes` returned `found`."""
+    first = math.ceil(pulse.gate_start * pulse.rate)
+    return list(_list_peaks(found.envelope, pulse, first, threshold, most)[0])
+
+
+def _compute_envelope(x: Array) -> Array:
+    """Return the envelope (n,) of a signal: the magnitude of its analytic signal.
+
+    The negative frequencies are set to zero. `scipy.signal.hilbert` does the same in twice the
+    time.
+    """
+    n = x.size
+    spectrum = np.fft.fft(x)
+    spectrum[1 : (n + 1) // 2] *= 2.0
+    spectrum[n // 2 + 1 :] = 0.0
+    return np.abs(np.fft.ifft(spectrum))
+
+
+def _list_peaks(
+    envelope: Array, pulse: Pulse, first: int, threshold: float, most: int
+) -> tuple[tuple[float, ...], tuple[float, ...], Mask]:
+    """Return times (s) and heights of the first `most` peaks, and the mask of samples in peaks.
+
+    The samples before `first` count as taken.
+    """
+    n, reach = envelope.size, max(int(2.0 * pulse.width * pulse.rate), 1)
     left = envelope.copy()
     left[:first] = 0.0
-    times, heights, taken = [], [], np.zeros(x.size, bool)
+    times, heights, taken = [], [], np.zeros(n, bool)
     taken[:first] = True
     for _ in range(2 * most):
         i = int(np.argmax(left))
         if left[i] < threshold:
             break
-        a, b = max(i - 2 * reach, 0), min(i + 2 * reach + 1, x.size)
+        a, b = max(i - 2 * reach, 0), min(i + 2 * reach + 1, n)
         left[a:b] = 0.0
         taken[a:b] = True
-        inside = 0 < i < x.size - 1
+        inside = 0 < i < n - 1
         # the flank of a larger echo or the transmitter's tail is not a peak
         if not inside or envelope[i] < envelope[i - 1] or envelope[i] < envelope[i + 1]:
             continue
         times.append((i + find_vertex(envelope, i)) / pulse.rate)
         heights.append(float(envelope[i]))
-    order = np.argsort(times)[:most]
-    rest = x[~taken]
-    noise = robust_std(rest) if rest.size > 8 else 0.0
-    return FoundEchoes(
-        tuple(times[i] for i in order), tuple(heights[i] for i in order), noise,
-        bool(np.any(np.abs(x[first:]) >= 0.995 * pulse.full_scale)),
-    )  # fmt: skip
+    order = sorted(range(len(times)), key=times.__getitem__)[:most]
+    return tuple(times[i] for i in order), tuple(heights[i] for i in order), taken
 
 
 def measure_delay(ascan: Array, pulse: Pulse, first: float, second: float) -> float:

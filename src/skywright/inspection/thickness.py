@@ -22,6 +22,7 @@ from skywright.inspection.echoes import (
     compare_shapes,
     compute_timing_std,
     find_echoes,
+    list_more_times,
     measure_delay,
 )
 
@@ -266,7 +267,7 @@ class ThicknessGauge:
                     "face that differ by less than a pulse length",
                     thickness,
                 )
-        other = self._find_other(ascan, found, thickness)
+        other = self._find_other(found, thickness)
         if other > 0.0:
             return refuse(
                 f"two walls under the face, {1e3 * thickness:.1f} and {1e3 * other:.1f} mm: a "
@@ -283,7 +284,7 @@ class ThicknessGauge:
         )
         return Reading(t, thickness, K95 * std, first, snr, "")
 
-    def _find_other(self, ascan: Array, found: FoundEchoes, thickness: float) -> float:
+    def _find_other(self, found: FoundEchoes, thickness: float) -> float:
         """Return the thickness (m) of a second wall under the face, 0 if there is none.
 
         The first echo of the second wall arrives before the second echo of the wall that is read.
@@ -292,7 +293,7 @@ class ThicknessGauge:
         setup, first = self.setup, found.times[0]
         strong = max(found.noise * 10 ** (self.rules.other_db / 20), self.rules.other_fsh)
         second = first + 2.0 * thickness / setup.velocity - 4.0 * setup.pulse.width
-        for time in find_echoes(ascan, setup.pulse, strong, most=6).times:
+        for time in list_more_times(found, setup.pulse, strong, most=6):
             if first + 4.0 * setup.pulse.width < time < second:
                 return thickness + 0.5 * setup.velocity * (time - first)
         return 0.0

@@ -13,14 +13,12 @@ passes in one direction it increases the uncertainty.
 """
 
 import math
-from collections.abc import Sequence
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Mask
 from skywright.description.world.spec import Weld
 from skywright.description.world.surface import build_weld_curve
 
@@ -44,6 +42,8 @@ HALF_WIDTH = 0.005
 SLANT = 0.01
 """Points subtracted in the consensus for a line at 45 deg to the pipe's axis; it breaks ties."""
 ALONG = math.cos(math.radians(10.0))
+AT_ONCE = 200
+"""Number of lines that the consensus compares at a time."""
 HUBER = 2.0
 INLIER = 0.006
 """m, lower bound of the distance at which a crossing no longer belongs to a line."""
@@ -178,7 +178,7 @@ def _get_limit(std: Array) -> Array:
     return np.asarray(np.clip(3.0 * std, INLIER, WIDEST))
 
 
-def _consensus(x: _Crossings, c0: float, lag_std: float) -> tuple[NDArray[np.bool_], float | None]:
+def _consensus(x: _Crossings, c0: float, lag_std: float) -> tuple[Mask, float | None]:
     """Flag (n,) the largest set of points that one line through two of them explains.
 
     Returns the flags, and the c (m) of a point of the line if it is a seam, else None. Of sets of
@@ -186,49 +186,54 @@ def _consensus(x: _Crossings, c0: float, lag_std: float) -> tuple[NDArray[np.boo
     seams. A line through two crossings of one pass is excluded, because a path does not cross a
     line that it follows.
     """
-    n, flat, std = len(x.s), x.flatten(c0), x.std
+    flat, std = x.flatten(c0), x.std
     limit, phi = _get_limit(std), (x.c - c0) / x.radius
-    bend, v = list(zip(np.cos(phi).tolist(), np.sin(phi).tolist(), strict=True)), x.v.tolist()
-    best, best_score, seam = np.zeros(n, bool), -math.inf, None
-    pairs = [(i, j) for i in range(n) for j in range(i + 1, n)]
+    best, best_score, seam = np.zeros(len(x.s), bool), -math.inf, None
+    pairs = np.stack(np.triu_indices(len(x.s), 1), axis=1)
     if len(pairs) > 2000:
-        pairs = [pairs[k] for k in np.linspace(0, len(pairs) - 1, 2000).astype(int)]
+        pairs = pairs[np.linspace(0, len(pairs) - 1, 2000).astype(int)]
+    sure = np.maximum(*std[pairs.T]) < HALF_WIDTH
     lags = [k * lag_std for k in LAG_STEPS] if lag_std > LAG_PRIOR else [0.0]
     for lean, lag in product(LEANS if np.any(flat.bow) else LEANS[:1], lags):
         oblique = flat.q - np.outer(flat.bow, [0.0, lean]) - lag * flat.v
         axial = np.stack([x.c, x.s], axis=1) - lag * x.v
-        for (i, j), is_seam in product(pairs, (False, True) if lean == 0.0 else (False,)):
+        for is_seam in (False, True) if lean == 0.0 else (False,):
             at = axial if is_seam else oblique
-            d = (at[j] - at[i]).tolist()
+            d = at[pairs[:, 1]] - at[pairs[:, 0]]
             if is_seam:
-                d[0] = float(_wrap(d[0], x.radius))
-            length = math.hypot(*d)
-            if length < 1e-3 or is_seam != (abs(d[0]) < SEAM * length):
-                continue
-            if max(std[i], std[j]) < HALF_WIDTH and any(
-                _is_along(d if is_seam else _bend(d, lean, *bend[k]), v[k]) for k in (i, j)
-            ):
-                continue
-            off = at - at[i]
-            if is_seam:
-                off[:, 0] = _wrap(off[:, 0], x.radius)
-            r = np.abs(off @ np.array([-d[1], d[0]]) / length) / limit
-            score = float(np.sum(1 - np.minimum(r, 1) ** 2)) + 1e-3 * (length - abs(lean))
-            score -= SLANT * 2.0 * abs(d[0] * d[1]) / length**2 + LAG_LOSS * abs(lag)
-            if score > best_score:
-                best, best_score, seam = r < 1.0, score, float(x.c[i]) if is_seam else None
+                d[:, 0] = _wrap(d[:, 0], x.radius)
+            length = np.hypot(d[:, 0], d[:, 1])
+            use = (length >= 1e-3) & ((np.abs(d[:, 0]) < SEAM * length) == is_seam)
+            for end in pairs.T:
+                bent = d if is_seam else _bend(d, lean, phi[end])
+                use &= ~(sure & _is_along(bent, x.v[end]))
+            left = np.flatnonzero(use)
+            for part in (left[i : i + AT_ONCE] for i in range(0, len(left), AT_ONCE)):
+                (du, ds), span = d[part].T, length[part]
+                off = at - at[pairs[part, :1]]  # (pairs, crossings, 2)
+                if is_seam:
+                    off[..., 0] = _wrap(off[..., 0], x.radius)
+                r = np.abs(off[..., 1] * du[:, None] - off[..., 0] * ds[:, None])
+                r /= span[:, None] * limit
+                score = np.sum(1 - np.minimum(r, 1) ** 2, axis=1) + 1e-3 * (span - abs(lean))
+                score -= SLANT * 2.0 * np.abs(du * ds) / span**2 + LAG_LOSS * abs(lag)
+                k = int(np.argmax(score))
+                if score[k] > best_score:
+                    best, best_score = r[k] < 1.0, float(score[k])
+                    seam = float(x.c[pairs[part[k], 0]]) if is_seam else None
     return best, seam
 
 
-def _bend(d: Sequence[float], lean: float, cos: float, sin: float) -> tuple[float, float]:
-    """Return the direction, on the unrolled surface at an angle phi around the pipe, of a line
-    with the direction `d` over u."""
-    return d[0], d[1] * cos + lean * d[0] * sin
+def _bend(d: Array, lean: float, phi: Array) -> Array:
+    """Return the directions (n, 2), on the unrolled surface at angles phi (n,) around the pipe, of
+    lines with the directions `d` (n, 2) over u."""
+    return np.stack([d[:, 0], d[:, 1] * np.cos(phi) + lean * d[:, 0] * np.sin(phi)], axis=1)
 
 
-def _is_along(d: Sequence[float], v: Sequence[float]) -> bool:
-    """Return whether the motion `v` is along the direction `d`."""
-    return abs(d[0] * v[0] + d[1] * v[1]) > ALONG * math.hypot(*d) * math.hypot(*v)
+def _is_along(d: Array, v: Array) -> Mask:
+    """Return whether each motion `v` (n, 2) is along the direction `d` (n, 2)."""
+    along = np.abs(np.sum(d * v, axis=1))
+    return np.asarray(along > ALONG * np.hypot(*d.T) * np.hypot(*v.T))
 
 
 def estimate_weld_line(

@@ -10,7 +10,8 @@ template of bytes, into which NumPy writes the numbers of many messages column b
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 HEADER = b"\x00\x01\x00\x00"
@@ -52,7 +53,7 @@ class Layout(NamedTuple):
     """
 
     template: bytes
-    leaves: dict[str, Column]
+    leaves: Mapping[str, Column]
 
     def column(self, path: str) -> Column:
         """Return the location of a number, or of all numbers below `path` (one block of one type).
@@ -82,7 +83,8 @@ class Layout(NamedTuple):
         return below == [".x", ".y", ".z", ".w"]
 
 
-def parse_definition(kind: str, text: str) -> dict[str, list[Field]]:
+@lru_cache(maxsize=256)  # a recording has the same ones in many topics
+def parse_definition(kind: str, text: str) -> Mapping[str, Sequence[Field]]:
     """Parse a `ros2msg` schema: the type itself, then `MSG: name` sections after lines of `=`.
 
     Return the fields of every type by its name (`pkg/Type`). Constants and comments are skipped.
@@ -113,11 +115,20 @@ def build_layout(
     `texts` maps the path of a string (`header.frame_id`, `name[0]`) to its text (default: empty).
     `lengths` maps the path of a sequence to its length (default: 0).
     """
+    return _build_layout(kind, definition, tuple(texts.items()), tuple(lengths.items()))
+
+
+@lru_cache(maxsize=512)  # every recording of a robot has the same topics
+def _build_layout(
+    kind: str, definition: str, texts: tuple[tuple[str, str], ...],
+    lengths: tuple[tuple[str, int], ...],
+) -> Layout:  # fmt: skip
+    text_of, length_of = dict(texts), dict(lengths)
     return _lay_out(
         kind,
         definition,
-        lambda path, at: texts.get(path, "").encode() + b"\0",
-        lambda path, at: lengths.get(path, 0),
+        lambda path, at: text_of.get(path, "").encode() + b"\0",
+        lambda path, at: length_of.get(path, 0),
     )
 
 

@@ -6,6 +6,7 @@ Every recording contains the definitions, so that reading it requires neither RO
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 
 from skywright.recordings.columns import Topic
 
@@ -60,7 +61,12 @@ def definition(kind: str, types: Mapping[str, str] | None = None) -> str:
 
     `types` defines the types that are not in STANDARD.
     """
-    known = {**STANDARD, **(types or {})}
+    return _define(kind, tuple((types or {}).items()))
+
+
+@lru_cache(maxsize=256)
+def _define(kind: str, types: tuple[tuple[str, str], ...]) -> str:
+    known = {**STANDARD, **dict(types)}
     parts, todo, seen = [], [kind], {kind}
     while todo:
         name = todo.pop(0)

@@ -83,13 +83,16 @@ def predict(columns: Columns, rotors: RotorSet, mass: float, x: Array) -> Array:
     hub = drag * columns.rotor_drag[:, :3]
     f = lift + hub + columns.body_drag * area
     f = f + columns.R_T @ wind - columns.arm[:, :3]
-    lever = np.cross(rotors.position, rotors.axis) - kappa * rotors.spin[:, None] * rotors.axis
+    lever = cross(rotors.position, rotors.axis) - kappa * rotors.spin[:, None] * rotors.axis
     torque = T @ lever + drag * columns.rotor_drag[:, 3:] - columns.arm[:, 3:]
     torque = torque + inertia * (columns.spin - delay * columns.spin_rate)
     moment = (height - float(np.mean(rotors.position[:, 2]))) * hub
     out = np.empty((len(f), 6))
     for pose, blind in itertools.product(range(len(columns.poses)), (False, True)):
-        at = (columns.pose == pose) & (columns.no_air == blind)
+        rows = (columns.pose == pose) & (columns.no_air == blind)
+        if not rows.any():
+            continue
+        at = slice(None) if rows.all() else rows  # a slice copies nothing
         y = x[n + 10 + 9 * pose : n + 19 + 9 * pose]
         h = mass * y[:3]
         I_B = unpack_inertia(y[3:])
@@ -105,6 +108,13 @@ def predict(columns: Columns, rotors: RotorSet, mass: float, x: Array) -> Array:
         left[:, :2] += np.column_stack([-bend[:, 1], bend[:, 0]])
         out[at, 3:] = np.linalg.solve(I_B, left.T).T
     return out
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Return the cross products (n, 3) of vectors (n, 3): np.cross in a third of its time."""
+    return np.asarray(
+        a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
+    )  # fmt: skip
 
 
 def unpack_inertia(y: Array) -> Array:

@@ -182,6 +182,7 @@ def _fit_fixed(link: Link, x: Array, hit: Array, c: float) -> tuple[float, float
     u = (x - centre) / scale
     share = float(np.clip(np.mean(hit) / c, 0.05, 0.95))
     b = np.array([link.quantile(share), 1.0])
+    design = np.stack([np.ones_like(u), u], axis=1)
 
     def log_likelihood(b: Array) -> float:
         return _compute_log_likelihood(link, b[0] + b[1] * u, hit, c)
@@ -191,15 +192,15 @@ def _fit_fixed(link: Link, x: Array, hit: Array, c: float) -> tuple[float, float
         eta = b[0] + b[1] * u
         p, rest = _compute_shares(link, eta, c)
         density, variance = c * link.pdf(eta), p * rest
-        design = np.stack([np.ones_like(u), u], axis=1)
         score = design.T @ (density * np.where(hit > 0, 1.0 / p, -1.0 / rest))
         information = (design * (density**2 / variance)[:, None]).T @ design
         step = np.linalg.lstsq(information, score, rcond=None)[0]
-        rate = 1.0
-        while rate > 1e-6 and not log_likelihood(b + rate * step) >= best:
+        rate, now = 1.0, log_likelihood(b + step)
+        while rate > 1e-6 and not now >= best:
             rate *= 0.5
+            now = log_likelihood(b + rate * step)
         b = b + rate * step
-        gained, best = log_likelihood(b) - best, log_likelihood(b)
+        gained, best = now - best, now
         if abs(b[1]) > STEEPEST or (gained < 1e-12 * (1.0 + abs(best)) and rate > 1e-6):
             break
         if rate <= 1e-6:
