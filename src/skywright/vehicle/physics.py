@@ -21,8 +21,8 @@ from skywright.core.user_code import njit
 def load_library() -> str:
     """Load libmujoco permanently into LLVM's symbol table; return its path.
 
-    MuJoCo's own timers, `MjData.timer`, are stopped: eighteen readings of the clock are a microsecond
-    of every step.
+    MuJoCo's own timers, `MjData.timer`, are stopped: eighteen readings of the clock take a
+    microsecond of every step.
     """
     folder = os.path.dirname(mujoco.__file__)
     found = sorted(glob.glob(os.path.join(folder, "**", "*mujoco.so*"), recursive=True))
