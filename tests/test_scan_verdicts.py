@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numba import njit
 
 from exact_map import EXACT
 from skywright.description.loader import load_description
@@ -154,6 +155,15 @@ def test_false_crossings_make_no_second_line() -> None:
     assert count_passes(lines[0], s, c, np.ones(len(s), bool)) == 6
 
 
+@njit
+def read_probe(ps, s, c, gap, noise):  # type: ignore[no-untyped-def]
+    """The instrument's readings (n, 2) of an upright probe."""
+    out = np.empty((len(s), 2))
+    for i in range(len(s)):
+        out[i, 0], out[i, 1] = ec_signal(ps, s[i], c[i], gap[i], 0.0, noise[i, 0], noise[i, 1])
+    return out
+
+
 def process_signal(run: Any, cylinder: Any, blobs: tuple[float, ...] = ()) -> Any:
     """Process the instrument's signal along a perfect scan at 10 mm/s.
 
@@ -164,12 +174,9 @@ def process_signal(run: Any, cylinder: Any, blobs: tuple[float, ...] = ()) -> An
     world = run.setup.true.world
     signal = build_probe_signal(world.pipe, world.list_welds(), rng)
     noise = rng.standard_normal((len(s) + 300, 2))
-
-    def read(at: int, gap: float, k: int) -> tuple[float, float]:
-        return ec_signal(signal, along[at], around[at], gap, 0.0, *noise[k])
-
-    touch = np.array([read(0, max(0.0, 0.05 - 2.5e-4 * k), k) for k in range(300)])
-    ec = np.array([read(k, 0.0, 300 + k) for k in range(len(s))])
+    approach, still = np.maximum(0.0, 0.05 - 2.5e-4 * np.arange(300)), np.ones(300)
+    touch = read_probe(signal, along[0] * still, around[0] * still, approach, noise[:300])
+    ec = read_probe(signal, along, around, np.zeros(len(s)), noise[300:])
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(s["p_WT"], axis=0), axis=1))])
     real = build_probe_signal(world.pipe, [Weld()], rng)
     weld = ec_signal(real, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -41,7 +41,7 @@ from skywright.vehicle.targets import NEVER, Target, TargetEstimate
 
 DESCRIPTION = load_description("tool-install")
 TOOL = DESCRIPTION.world.find_thing("tool", Tool)
-QUICK = ["mission.task.hover_s=2", "mission.task.wait_s=2", "mission.timestep_ms=2"]
+QUICK = ["mission.task.hover_s=0", "mission.task.wait_s=1", "mission.timestep_ms=2"]
 """Where what the robot decides is tested, not how well it flies."""
 
 

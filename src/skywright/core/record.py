@@ -110,7 +110,8 @@ class View:
 
     def copy(self) -> Any:
         """Return a copy of the row, with named fields."""
-        return self._row.copy()
+        row = self._row  # its own `copy` goes field by field, in several times the time
+        return np.frombuffer(bytearray(row.tobytes()), row.dtype)[0]
 
     @property
     def dtype(self) -> Any:

@@ -228,5 +228,7 @@ def fill_tips(backend: Backend, table: Table) -> None:
     for row in table:
         row["p_WT"], row["R_WT"] = backend.tip_of(row)
     table["v_WT"] = 0.0
-    if len(table) > 1:
+    if len(table) == 2:  # of a tick: the same, in a tenth of the time
+        table["v_WT"] = (table["p_WT"][1] - table["p_WT"][0]) / ROW_PERIOD
+    elif len(table) > 2:
         table["v_WT"] = np.gradient(table["p_WT"], ROW_PERIOD, axis=0)

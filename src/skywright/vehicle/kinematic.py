@@ -14,13 +14,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.record import fill
 from skywright.core.rotations import rot_to_quat
 from skywright.description.world.thing import Fixture
 from skywright.description.world.things import find_first
 from skywright.errors import InputError
 from skywright.models.rigid_body import compute_tip
-from skywright.vehicle.bus import Body, Clock, Estimate, Reference, Truth
+from skywright.vehicle.bus import Body, Clock, Estimate, Reference
 from skywright.vehicle.devices import Devices
 from skywright.vehicle.estimates import EstimatorState
 from skywright.vehicle.interface import R, Ticked
@@ -29,7 +28,7 @@ from skywright.vehicle.readings import ImuBatch, Telemetry
 from skywright.vehicle.schedule import end_control, is_due, run_rows
 from skywright.vehicle.setpoints import Actuators
 from skywright.vehicle.simulated import SimulatedVehicle
-from skywright.vehicle.ticker import list_stretches
+from skywright.vehicle.ticker import Stretch, list_stretches
 
 Array = NDArray[np.float64]
 
@@ -56,10 +55,13 @@ class KinematicVehicle(SimulatedVehicle):
             if any(port.record is Body and port.use == FILL for port in s.ports)
         ]  # fmt: skip
         self._after_move = [*body, *seen]
-        self._told, self._seen = _list_runs(told), _list_runs(sorted(self._after_move))
-        self._python = set(a.list_python_rows())
-        self._clock, self._ref, self._truth = a.get(Clock), a.get(Reference), a.get(Truth)
-        self._est, self._state = a.get(Estimate), a.get(EstimatorState)
+        self._told, self._seen = self._list_runs(told), self._list_runs(self._after_move)
+        self._clock, self._state = a.get(Clock), a.get(EstimatorState)
+        # views of the fields: reading one of a record by its name takes longer
+        self._ref, self._est = _view_fields(a.get(Reference)), _view_fields(a.get(Estimate))
+        d, places = self.sim.data, self.scene.places
+        self._qpos, self._qvel, self._forces = d.qpos, d.qvel, d.actuator_force
+        self._joint_qpos, self._joint_dof = places.joint_qpos, places.joint_dof
         self._imu = a.records.get((ImuBatch, ""))
         self._state["ready"], self._state["pose_std"] = 1.0, math.nan
         self._gauge: Any = None
@@ -72,7 +74,7 @@ class KinematicVehicle(SimulatedVehicle):
 
     def run_also(self, rows: list[int]) -> None:
         """Also run further rows of the schedule, such as those of a law."""
-        self._seen = _list_runs(sorted({*self._after_move, *rows}))
+        self._seen = self._list_runs([*self._after_move, *rows])
 
     def look(self, record: type[R], name: str = "") -> R:
         """Return a record of KEPT itself; raise InputError for any other record."""
@@ -115,22 +117,28 @@ class KinematicVehicle(SimulatedVehicle):
             self.flush()
         return Ticked(self.t, 0, self.t - self._table_start >= self._table_end - 1e-9)
 
-    def _run(self, runs: list[tuple[int, int]], at: int, clock_at: int) -> None:
-        for first, last in runs:
-            for i, j in list_stretches(first, last, sorted(self._python)):
-                row = self.assembly.rows[i]
-                if j >= 0:
-                    run_rows(at, i, j, clock_at)
-                elif is_due(int(self._clock["tick"]), row["every"], row["calls"], row["phase"]):
-                    self.assembly.run_python(i)
+    def _list_runs(self, rows: list[int]) -> list[Stretch]:
+        """Return rows of the schedule as stretches, in their order."""
+        slow = self.assembly.list_python_rows()
+        runs = _join(sorted(set(rows)))
+        return [s for first, last in runs for s in list_stretches(first, last, slow)]
+
+    def _run(self, stretches: list[Stretch], at: int, clock_at: int) -> None:
+        for i, j in stretches:
+            if j >= 0:
+                run_rows(at, i, j, clock_at)
+                continue
+            row = self.assembly.rows[i]
+            if is_due(int(self._clock["tick"]), row["every"], row["calls"], row["phase"]):
+                self.assembly.run_python(i)
 
     def _move(self) -> None:
         """Move to the pose of the reference, on or above the ground."""
-        ref, d = self._ref, self.sim.data
+        ref, q, qd = self._ref, self._qpos, self._qvel
         if self._bench is not None:
-            self._show(d.qpos[:3].copy(), d.qvel[:3].copy(), ref["R_WB"], d.qvel[3:6].copy(), False)
+            self._show(q[:3].copy(), qd[:3].copy(), ref["R_WB"], qd[3:6].copy(), False)
             return
-        p, v = np.array(ref["p_WB"]), np.array(ref["v_WB"])
+        p, v = ref["p_WB"].copy(), ref["v_WB"].copy()
         if p[2] <= self._floor:
             p[2], v[2] = self._floor, max(v[2], 0.0)
         self._show(p, v, ref["R_WB"], ref["w_WB_B"])
@@ -138,31 +146,34 @@ class KinematicVehicle(SimulatedVehicle):
     def _show(self, p: Array, v: Array, R: Array, w: Array, moves: bool = True) -> None:
         """Set the state of the robot: p (3,) m, v (3,) m/s, R (3, 3), w (3,) rad/s in B.
 
-        The joints follow their reference; truth and estimate are updated. With `moves` False the
-        bench holds the platform.
+        The joints follow their reference; the estimate is updated. With `moves` False the bench
+        holds the platform.
         """
-        ref, truth, est, d = self._ref, self._truth, self._est, self.sim.data
+        ref, est, qpos, qvel, n = self._ref, self._est, self._qpos, self._qvel, self.n_joints
         if moves:
-            d.qpos[:3], d.qvel[:3], d.qvel[3:6] = p, v, w
-            rot_to_quat(np.ascontiguousarray(R), d.qpos[3:7])
-        places, n = self.scene.places, self.n_joints
-        d.qpos[places.joint_qpos], d.qvel[places.joint_dof] = ref["q"][:n], ref["qd"][:n]
-        d.actuator_force[:] = 0.0  # else the forces of the scene's start remain
-        mujoco.mj_kinematics(self.scene.model, d)
-        fill(est, truth)
-        est["t"] = self._state["heard"] = self.t
+            qpos[:3], qvel[:3], qvel[3:6] = p, v, w
+            rot_to_quat(np.ascontiguousarray(R), qpos[3:7])
+        qpos[self._joint_qpos], qvel[self._joint_dof] = ref["q"][:n], ref["qd"][:n]
+        self._forces[:] = 0.0  # else the forces of the scene's start remain
+        mujoco.mj_kinematics(self.scene.model, self.sim.data)
+        est["t"][...] = self._state["heard"] = self.t
         if self._imu is not None:
             self._imu["t"][0] = self.t  # the link counts as alive
-        est["p_WB"], est["v_WB"], est["w_WB_B"] = p, v, w
-        est["R_WB"] = R
-        est["q"], est["qd"] = ref["q"], ref["qd"]
+        est["p_WB"][:], est["v_WB"][:], est["w_WB_B"][:], est["R_WB"][:] = p, v, w, R
+        est["q"][:], est["qd"][:] = ref["q"], ref["qd"]
         if (q := est["q"].tobytes()) != self._posture:  # the arms are mostly at rest
             self._posture, self._tip = q, compute_tip(self.model, est["q"])
         p_BT, R_BT = self._tip
-        est["p_WT"], est["R_WT"] = est["p_WB"] + est["R_WB"] @ p_BT, est["R_WB"] @ R_BT
+        est["p_WT"][:], est["R_WT"][:] = est["p_WB"] + est["R_WB"] @ p_BT, est["R_WB"] @ R_BT
 
 
-def _list_runs(rows: list[int]) -> list[tuple[int, int]]:
+def _view_fields(record: Any) -> dict[str, Any]:
+    """Return arrays that are the memory of a record's fields, by their names."""
+    row = np.asarray(record)
+    return {name: row[name] for name in row.dtype.names or ()}
+
+
+def _join(rows: list[int]) -> list[tuple[int, int]]:
     """Return consecutive row numbers as ranges (first, last + 1)."""
     out: list[tuple[int, int]] = []
     for i in rows:

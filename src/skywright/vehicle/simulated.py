@@ -205,7 +205,7 @@ class SimulatedVehicle(NoPilotSwitch):
     @property
     def localised(self) -> bool:
         """Whether the estimator has started."""
-        return bool(self.read(EstimatorState).ready > 0.0)
+        return bool(self.look(EstimatorState).ready > 0.0)
 
     @property
     def fix_age(self) -> float:
@@ -225,7 +225,7 @@ class SimulatedVehicle(NoPilotSwitch):
     @property
     def pose_std(self) -> float:
         """Largest standard deviation (m) of the estimated position; NaN if unknown."""
-        return float(self.read(EstimatorState).pose_std)
+        return float(self.look(EstimatorState).pose_std)
 
     def track(self, table: Table) -> None:
         """Follow `table` from now on; its last row holds."""

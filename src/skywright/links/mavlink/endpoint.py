@@ -68,9 +68,12 @@ def parse_url(text: str, option: str = "--mavlink") -> Url:
 class Peer:
     """The other end of a connection."""
 
-    def __init__(self, address: Any, system: int, component: int, now: float) -> None:
+    def __init__(
+        self, address: Any, system: int, component: int, now: float, counts: Counter[str]
+    ) -> None:
         self.address, self.heard = address, now
         self.stream = MavlinkStream(system, component)
+        self.stream.counts = counts  # all peers of an endpoint are counted together
 
 
 class Wire(Protocol):
@@ -98,7 +101,7 @@ class Endpoint:
         self.peers: dict[Any, Peer] = {}
         if url.kind != "udpin":
             first = (place.host, place.port)
-            self.peers[first] = Peer(first, system, component, time.monotonic())
+            self.peers[first] = Peer(first, system, component, time.monotonic(), self.counts)
             self._fixed: Any = first
         else:
             self._fixed = None
@@ -115,10 +118,7 @@ class Endpoint:
             if peer is None:
                 self.counts["peers"] += 1
                 continue
-            before = peer.stream.counts.copy()
-            messages = peer.stream.feed(data)
-            self.counts += peer.stream.counts - before
-            for message in messages:
+            for message in peer.stream.feed(data):
                 peer.heard = now
                 yield message, peer
 
@@ -134,7 +134,7 @@ class Endpoint:
                 del self.peers[other]
             if len(self.peers) >= PEERS:
                 return None
-            peer = self.peers[address] = Peer(address, *self.ids, now)
+            peer = self.peers[address] = Peer(address, *self.ids, now, self.counts)
         return peer
 
     def send(self, message: Any, peer: Peer | None = None) -> None:

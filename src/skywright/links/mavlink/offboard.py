@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from skywright.errors import InputError
 from skywright.links.mavlink import modes
 from skywright.links.mavlink.body_force import BodyForce
-from skywright.links.mavlink.frames import move_point
+from skywright.links.mavlink.frames import cross, move_point
 from skywright.links.mavlink.heard import PX4, Heard
 from skywright.links.mavlink.link import Target, VehicleLink
 from skywright.links.mavlink.orders import arm, choose_mode, land_and_disarm
@@ -190,7 +190,7 @@ class Offboard(SimulatedVehicle):
         row, r = self.reference_now, self._p_BC
         R, w, wd = (np.array(row[name]) for name in ("R_WB", "w_WB_B", "wd_WB_B"))
         p, v = move_point(np.array(row["p_WB"]), np.array(row["v_WB"]), R, w, r)
-        a = row["a_WB"] + R @ (np.cross(wd, r) + np.cross(w, np.cross(w, r)))
+        a = row["a_WB"] + R @ (cross(wd, r) + cross(w, cross(w, r)))
         return Target(p - self._shift, v, a, R, float(w[2]))
 
     def _lift(self) -> None:

@@ -72,6 +72,7 @@ class Reports:
         self._b: Backend = robot.vehicle.backend
         self.unix_us: Callable[[], int] = lambda: 0
         self._lack, self._lack_at = "", -math.inf
+        self._at, self._geodetic = b"", (0, 0, 0, 0.0)  # a position, and what it is on the earth
         self._makers: dict[int, Callable[[], Any]] = {
             0: self._heartbeat, 1: self._sys_status, 2: self._system_time, 24: self._gps,
             30: self._attitude, 31: self._quaternion, 32: self._local, 33: self._global,
@@ -109,11 +110,13 @@ class Reports:
     def _place(self) -> tuple[int, int, int, float]:
         """Return latitude, longitude (1e-7 deg), altitude (mm) and height (m) above the origin."""
         p = np.asarray(self._b.estimate["p_WB"])
-        at = to_geodetic(self.origin, p)
-        return (
-            round(1e7 * at.latitude_deg), round(1e7 * at.longitude_deg),
-            round(1e3 * at.altitude_m), float(p[2]),
-        )  # fmt: skip
+        if p.tobytes() != self._at:  # several messages of a tick tell it
+            at = to_geodetic(self.origin, p)
+            self._at, self._geodetic = p.tobytes(), (
+                round(1e7 * at.latitude_deg), round(1e7 * at.longitude_deg),
+                round(1e3 * at.altitude_m), float(p[2]),
+            )  # fmt: skip
+        return self._geodetic
 
     def _heading_deg(self) -> float:
         R = np.asarray(self._b.estimate["R_WB"])

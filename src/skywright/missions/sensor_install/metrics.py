@@ -201,11 +201,11 @@ def _find_least_lever(
     sides = sorted({limb.side for limb in joints if limb.side >= 0})
     mine = [[j for j, limb in enumerate(joints) if limb.side == side] for side in sides]
     reach = sum(sorted(joints[j].link.length_m for j in mine[0])[-2:])  # upper and forearm
-    for row in q[::LEVER_EVERY]:
-        J = compute_kinematics(setup.model, row[: len(joints)])["J_BH"]
-        for h in range(len(mine)) if hands is None else hands:
-            own = mine[h]
-            least = min(least, float(np.linalg.svd(J[h][:, own], compute_uv=False)[-1]))
+    rows = q[::LEVER_EVERY, : len(joints)]
+    J = np.array([compute_kinematics(setup.model, row)["J_BH"] for row in rows])
+    for h in range(len(mine)) if hands is None else hands:
+        values = np.linalg.svd(J[:, h][:, :, mine[h]], compute_uv=False)
+        least = min(least, float(np.min(values[:, -1])))
     return least / reach
 
 
