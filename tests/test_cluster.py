@@ -91,11 +91,8 @@ kind = "steady"
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[str]:
-    """A Ray of this machine with one worker, to which this program is connected already.
-
-    Each worker spends seconds on imports; test_campaign.py has two.
-    """
-    assert connect("local", 1)
+    """A Ray of this machine with two workers, to which this program is connected already."""
+    assert connect("local", 2)
     yield "local"
     disconnect()
 

@@ -37,8 +37,6 @@ INSTALL = (
     "mission.task.hold_s=6",
     "mission.timestep_ms=2",
     "mission.record_raw=false",
-    "robot.control.speed_max_mps=1.5",  # short ways
-    "robot.control.acceleration_max_mps2=2",
 )
 TOOL = (
     "mission.task.hover_s=0", "mission.task.wait_s=1", "mission.timestep_ms=2",

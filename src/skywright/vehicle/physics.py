@@ -19,22 +19,16 @@ from skywright.core.user_code import njit
 
 
 def load_library() -> str:
-    """Load libmujoco permanently into LLVM's symbol table; return its path.
-
-    MuJoCo's own timers, `MjData.timer`, are stopped: eighteen readings of the clock take a
-    microsecond of every step.
-    """
+    """Load libmujoco permanently into LLVM's symbol table; return its path."""
     folder = os.path.dirname(mujoco.__file__)
     found = sorted(glob.glob(os.path.join(folder, "**", "*mujoco.so*"), recursive=True))
     found += sorted(glob.glob(os.path.join(folder, "**", "*mujoco*.dylib"), recursive=True))
     found += sorted(glob.glob(os.path.join(folder, "**", "mujoco.dll"), recursive=True))
     for path in found:
         try:
-            library = ctypes.CDLL(path)
-            library.mj_step  # noqa: B018 - the right library has the symbol
+            ctypes.CDLL(path).mj_step  # noqa: B018 - the right library has the symbol
         except (OSError, AttributeError):
             continue
-        ctypes.c_void_p.in_dll(library, "mjcb_time").value = None
         llvm.load_library_permanently(path)
         return path
     raise ImportError(f"libmujoco was not found in {folder}")
