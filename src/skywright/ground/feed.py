@@ -21,7 +21,15 @@ from numpy.typing import NDArray
 from skywright.core.interrupt import check_interrupt
 from skywright.ground.control import HOLD_S
 from skywright.ground.disturb import DISTURBANCES
-from skywright.ground.link import ASKED, PAUSED, SILENT_S, STICK, pack_frame
+from skywright.ground.link import (
+    ASKED,
+    PAUSED,
+    SILENT_S,
+    SPEED_FASTEST,
+    SPEEDS,
+    STICK,
+    pack_frame,
+)
 from skywright.ground.reserve import Reserve
 from skywright.ground.steering import Steering
 from skywright.ground.video import describe_video
@@ -52,9 +60,6 @@ STATUS_PERIOD = 0.5  # s of wall time between status messages
 RECENT = 500  # ticks over which the status reports the median
 REST_S = 0.5  # s of mission time after the end of a request before the operator may rest
 GRACE_S = 3.0  # s for which a flight without pages is still paced: one may be reloading
-SPEEDS = (0.1, 20.0)
-SPEED_FASTEST = 0.0
-"""Speed that stands for "as fast as possible"."""
 SCENE = "scene.json"
 
 

@@ -21,6 +21,10 @@ PAUSED, STICK, ASKED = 1, 2, 4
 """Flags: the flight is paused; the stick moves the robot; the mission requests an operator."""
 SILENT_S = 3.0
 """s without a message after which the other side counts as disconnected."""
+SPEEDS = (0.1, 20.0)
+"""Least and largest speed that a page may ask for, 1 in real time."""
+SPEED_FASTEST = 0.0
+"""Speed that stands for "as fast as possible"."""
 
 
 def read_flight(value: Any) -> list[float] | None:

@@ -13,8 +13,7 @@ from skywright.core.keys import parse_assignment
 from skywright.core.toml_files import parse_value
 from skywright.errors import InputError
 from skywright.ground.disturb import DISTURBANCES
-from skywright.ground.feed import SPEED_FASTEST, SPEEDS
-from skywright.ground.link import read_flight
+from skywright.ground.link import SPEED_FASTEST, SPEEDS, read_flight
 from skywright.ground.steering import MODES, ORDERS
 from skywright.links.pair import parse, read_number
 from skywright.run.backends import PHYSICS

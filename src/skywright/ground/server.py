@@ -25,8 +25,7 @@ from skywright.errors import InputError
 from skywright.ground.guard import REPORT_POLICY, Guard
 from skywright.ground.orders import LARGEST, parse_order
 from skywright.ground.station import Station, Watcher, dump
-from skywright.reports.replay import read_asset
-from skywright.reports.served import read_report
+from skywright.reports.served import read_asset, read_report
 
 HOST_NAME = re.compile(r"[\w.:%-]{1,253}")
 LOCAL = ("127.0.0.1", "localhost", "::1")

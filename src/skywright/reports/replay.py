@@ -7,7 +7,6 @@ It is the ground station's page (reports/station) with embedded scene and frames
 import json
 import math
 import zlib
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +22,7 @@ from skywright.reports.frames import FrameBuilder, list_columns
 from skywright.reports.page import write_page
 from skywright.reports.phases import explain_phase
 from skywright.reports.scene3d import ESTIMATE, Scene3d, encode
+from skywright.reports.served import read_asset
 from skywright.reports.trace3d import COLOURS, build_legend, list_judged
 from skywright.reports.views3d import View, build_views
 from skywright.run.backends import has_forces
@@ -65,11 +65,6 @@ def embed_page(data: dict[str, Any], links: str) -> str:
         f'<script type="module">{script}</script>'
     )
     return html.replace('<script type="module" src="station.js"></script>', inside, 1)
-
-
-def read_asset(name: str) -> str:
-    """Return a file of the built page: station.html, station.js or station.css."""
-    return (files("skywright.reports") / "station" / name).read_text(encoding="utf-8")
 
 
 def build_replay_data(result: RunResult) -> dict[str, Any]:
