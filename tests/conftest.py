@@ -196,9 +196,9 @@ def chromium() -> str:
 
 
 FEWER_PICTURES = """{ const draw = window.requestAnimationFrame;
-    window.requestAnimationFrame = (f) => setTimeout(() => draw(f), 80);
+    window.requestAnimationFrame = (f) => setTimeout(() => draw(f), 250);
     window.cancelAnimationFrame = clearTimeout; }"""
-"""Ten pictures a second: without a graphics card each takes a processor for longer than a frame."""
+"""Four pictures a second: without a graphics card one takes a processor for longer than a frame."""
 
 
 @pytest.fixture(scope="module")

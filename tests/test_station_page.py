@@ -20,8 +20,9 @@ from waiting import wait_for
 
 OpenPage = Callable[..., Page]
 Press = Callable[[Locator], None]
-LONG = """mission.task.points=[{ x_m = 1.0, y_m = 0.0, z_m = 1.0, hold_s = 3000.0 }]
+ONE_POINT = """mission.task.points=[{{ x_m = 1.0, y_m = 0.0, z_m = 1.0, hold_s = {hold_s} }}]
 robot.battery.energy_wh=5000"""
+LONG = ONE_POINT.format(hold_s=3000.0)
 """A flight that outlasts a test on an overloaded machine."""
 TRY_MS = 20_000.0
 """Time of one try of an order: longer than any answer of a machine that is not overloaded."""
@@ -185,9 +186,11 @@ def test_a_flight_is_started_watched_paused_taken_over_aborted_and_replayed(
     expect(one.locator("#alarms")).to_contain_text(lost)
     _order(two, "▶ go on", _shows(two.locator("#clock"), re.compile("s, [0-9]")))
     _choose_speed(two, "× 5")
-    wait_for(lambda: _clock(two) > max(12.0, at + 0.5))
+    wait_for(lambda: _clock(two) > max(9.0, at + 0.5))
     _choose_speed(two, "real time")
     _order(two, "Abort", _shows(two.locator("#alarms"), "You ordered: abort"))
+    with suppress(NoAnswer):  # it may have landed meanwhile
+        two.get_by_role("combobox", name="Speed").select_option("fastest", timeout=TRY_MS)
     expect(one.locator("#alarms")).to_contain_text("the operator ordered an abort")
     expect(two.locator("#told")).to_contain_text("aborted")
     expect(one.locator("#logbook")).to_contain_text("waypoints: aborted")
@@ -219,7 +222,7 @@ def test_a_flight_is_set_up_taken_over_flown_and_given_back_by_keyboard_alone(
         e.ariaLabel || e.closest('label')?.textContent.trim())).map((e) => e.outerHTML)""")
     assert unnamed == []
     # a page on a computer that is too slow loses control, tells it and takes it again
-    stall = "(() => { const end = performance.now() + 5000; while (performance.now() < end); })()"
+    stall = "(() => { const end = performance.now() + 3000; while (performance.now() < end); })()"
     _until(
         _shows(page.locator("#alarms"), "You lost control"),
         lambda: (_control(page, _press_enter), page.evaluate(stall)),
@@ -230,7 +233,6 @@ def test_a_flight_is_set_up_taken_over_flown_and_given_back_by_keyboard_alone(
     for wrong, says in (
         ("mission.nonsense=1", "nonsense"),
         ("mission.law.kind=evil.py:Law", "Python file"),
-        ("world.wind.mean_mps=NaN", "mean_mps"),
     ):
         _go_to(values)
         keys.press("Control+a")
@@ -245,7 +247,8 @@ def test_a_flight_is_set_up_taken_over_flown_and_given_back_by_keyboard_alone(
     expect(_button(page, "Next")).to_be_disabled()
 
     def read_x() -> float:
-        return float(page.evaluate("window.skywright.view.parts[0].position.x"))
+        newest = "window.skywright.player.step(), window.skywright.view.parts[0].position.x"
+        return float(page.evaluate(newest))  # whether it has been drawn or not
 
     def read_flown() -> float:
         with suppress(NoAnswer, AssertionError):
@@ -349,19 +352,20 @@ def test_a_back_end_is_chosen_flown_and_refused_with_the_reason(
 
         _until(_shows(why, says), act)
 
+    page.get_by_label("Other values").fill(ONE_POINT.format(hold_s=30.0))
+    _order(page, "Start the flight", _shows(page.locator("#title"), "kinematic"))
+    _choose_speed(page, "fastest")
+    logbook = page.locator("#logbook")
+    expect(logbook).to_contain_text("waypoints: succeeded")
+    expect(logbook).to_contain_text("kinematic")
+    metrics = json.loads((tmp_path / "runs" / "waypoints-1" / "metrics.json").read_text())
+    assert metrics["backend"] == "kinematic"
+    page.get_by_label("Other values").fill("")
     choose("sensor-install", "requires hands")
     expect(why).to_contain_text("kinematic does not fly this; another back end is chosen")
     expect(backend).to_have_value("physics")
     expect(backend.locator("option[value=kinematic]")).to_have_attribute("disabled", "")
     choose("bar-transport", "held by a clamp")
-    backend.select_option("kinematic")
-    _order(page, "Start the flight", _shows(page.locator("#title"), "kinematic"))
-    _choose_speed(page, "fastest")
-    logbook = page.locator("#logbook")
-    expect(logbook).to_contain_text("bar-transport: succeeded")
-    expect(logbook).to_contain_text("kinematic")
-    metrics = json.loads((tmp_path / "runs" / "bar-transport-1" / "metrics.json").read_text())
-    assert metrics["backend"] == "kinematic"
 
 
 def test_the_bundle_is_what_the_source_builds(repository: Path, tmp_path: Path) -> None:
