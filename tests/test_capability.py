@@ -179,10 +179,22 @@ def test_redundant_rotors_tilt_up_to_the_first_infeasible_wrench(
         axis = np.array([math.cos(angle), math.sin(angle), 0.0])
         limit = compute_tilt_limit(layout, weight, com, axis)
         assert math.radians(least) < limit <= math.radians(most)
-        for tilt, feasible in ((limit - 1e-5, True), (limit + 1e-4, limit == 0.5 * math.pi)):
+        inside = [(tilt, True) for tilt in np.linspace(0.0, limit - 1e-5, 5)]
+        for tilt, feasible in (*inside, (limit + 1e-4, False)):
             up_B = math.cos(tilt) * UP - math.sin(tilt) * np.cross(axis, UP)
             found = compute_thrust(layout, wrench_at(weight * up_B, com))
             assert (found is not None) == feasible
+
+
+def test_redundant_rotors_at_their_limit_do_not_tilt(othex: Robot) -> None:
+    """The weight is the largest that they hold level: a lean needs more, in every direction."""
+    layout = build_layout(build_rotors(changed(othex, rotors=EIGHT).rotors), 0.9)
+    com = np.zeros(3)
+    weight = compute_ray_lp(layout, np.zeros(6), wrench_at(UP, com)).hi
+    for angle in np.radians([0.0, 70.0, 135.0, 260.0]):
+        axis = np.array([math.cos(angle), math.sin(angle), 0.0])
+        for less, most in ((0.0, 0.1), (1e-7, 0.1)):
+            assert 0.0 <= compute_tilt_limit(layout, weight - less, com, axis) < math.radians(most)
 
 
 def test_wind_from_every_side_is_the_least_of_the_limits(othex: Robot, hexarotor: Robot) -> None:

@@ -16,12 +16,12 @@ from skywright.recordings.columns import build_dtype
 from skywright.recordings.recording import read_recording
 from skywright.recordings.writer import RecordingWriter
 
-FULL = list_recorded(("link1", "link2"), 6, ("loads",))
+RECORDED = list_recorded(("link1", "link2"), 6, ("loads",))
 FILES = ("writer.py", "mcap_file.py")
 
 
 def make_samples(n: int) -> np.ndarray:
-    samples = np.zeros(n, build_dtype(FULL.columns))
+    samples = np.zeros(n, build_dtype(RECORDED.columns))
     samples["t"] = np.arange(n) * 0.01
     return samples
 
@@ -66,7 +66,7 @@ def test_an_interrupt_at_any_line_leaves_a_recording_that_goes_on(
 
     def begin(name: str) -> tuple[Path, RecordingWriter]:
         path = tmp_path / f"{name}.mcap"
-        writer = RecordingWriter(path, *FULL)
+        writer = RecordingWriter(path, *RECORDED)
         writer.append(samples[:20])
         return path, writer
 

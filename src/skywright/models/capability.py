@@ -44,6 +44,7 @@ MOTOR_TIMEOUT_S = 0.5
 """s without a command over the control link after which motor controllers stop the motors."""
 EVERY_SIDE = np.radians(np.arange(0.0, 360.0, 5.0))
 """rad; directions of the limits."""
+EVERY_SIDE.setflags(write=False)
 LARGEST_PUSH = 100.0
 """N; upper bound of the search for the largest push."""
 
@@ -267,7 +268,7 @@ def _best_lean(
     def holds(speed: Array) -> Mask:  # some leans balance only in wind: each speed is tested at all
         wind = np.tile(speed[:, None] * d, (len(leans), 1))
         held = compute_hold(layout, body, wind, lean=np.repeat(leans, m))
-        return np.any(is_held(layout, *held, tilt_max).reshape(-1, m), axis=0)
+        return np.any(is_held(layout, *held, tilt_max).reshape(len(leans), m), axis=0)
 
     return np.fmax(level, compute_largest(holds, len(directions), FASTEST))
 

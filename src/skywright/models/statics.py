@@ -22,6 +22,8 @@ UP = np.array([0.0, 0.0, 1.0])
 
 EVERY = (-np.inf, np.inf)
 """Bounds of a variable without bounds."""
+COARSE = tuple(math.radians(x) for x in range(10, 91, 10))
+"""rad; tilts at which the search for a robot's tilt limit starts."""
 
 TOLERANCE = 1e-9
 """Newtons by which round-off may exceed a thrust limit."""
@@ -163,6 +165,8 @@ def _compute_ends(layout: Layout, w0: Array, rays: Array) -> Array:
     The programmes of the rays are the diagonal blocks of one: its sum is largest where each is.
     """
     m, n = len(rays), layout.B.shape[1]
+    if m == 0:
+        return np.zeros(0)
     equal = block_diag([np.hstack([layout.B, -ray[:, None]]) for ray in rays])
     bounds = np.tile(np.vstack([np.column_stack([layout.t_min, layout.t_max]), EVERY]), (m, 1))
     cost = np.tile(np.append(np.zeros(n), -1.0), m)
@@ -209,31 +213,46 @@ def _cut_tilt(layout: Layout, level: Array, lean: Array) -> float:
 
     The wrenches that they can produce are a convex set that contains `level`. While the wrench at a
     tilt is outside, the ray from `level` to it leaves the set through a face, and the next tilt is
-    where the arc of wrenches crosses the plane of that face. The tilts decrease to the limit.
+    where the arc of wrenches crosses the plane of that face. The tilts decrease to the limit, from
+    the first of COARSE that is outside, because the arc may enter the set again.
     """
-    tilt = math.pi / 2
+
+    def holds(tilt: float) -> bool:
+        return compute_thrust(layout, math.cos(tilt) * level + math.sin(tilt) * lean) is not None
+
+    tilt = next((t for t in COARSE if not holds(t)), math.pi)
+    if tilt > math.pi / 2:
+        return math.pi / 2
     for _ in range(50):
         ray = math.cos(tilt) * level + math.sin(tilt) * lean - level
-        end, normal = _find_face(layout, level, ray)
+        found = _find_face(layout, level, ray)
+        if found is None:  # `level` itself is at the limit
+            return 0.0
+        end, normal = found
         if end >= 1.0 - 1e-9:
             break
-        # normal . (level cos + lean sin) <= limit inside; equal at the tilts `phase` +- the angle
+        # inside, normal . (level cos + lean sin) <= a + end: from 0 on up to `phase - half`
         a, c = float(normal @ level), float(normal @ lean)
-        turn = math.acos(min(max((a + end) / math.hypot(a, c), -1.0), 1.0))
-        tilt = min(max((math.atan2(c, a) - turn) % (2.0 * math.pi), 0.0), tilt)
+        phase, half = math.atan2(c, a), math.acos(min(max((a + end) / math.hypot(a, c), -1.0), 1.0))
+        crossing = max(math.remainder(phase - half, 2.0 * math.pi), 0.0)
+        before, tilt = tilt, min(crossing, tilt)
+        if before - tilt < 1e-12:
+            break
     return tilt
 
 
-def _find_face(layout: Layout, w0: Array, w1: Array) -> tuple[float, Array]:
-    """Return the end s of the ray w0 + s w1 and a vector y (6,), with y . (w - w0) <= s for every
-    wrench w that the rotors can produce, and y . w1 = 1."""
+def _find_face(layout: Layout, w0: Array, w1: Array) -> tuple[float, Array] | None:
+    """Return the end s of the ray w0 + s w1 and a vector y (6,); None if w0 is infeasible.
+
+    y . (w - w0) <= s for every wrench w that the rotors can produce, and y . w1 = 1.
+    """
     n = layout.B.shape[1]
     found = linprog(
         np.append(np.zeros(n), -1.0),
         A_eq=np.hstack([layout.B, -w1[:, None]]), b_eq=w0,
         bounds=np.vstack([np.column_stack([layout.t_min, layout.t_max]), EVERY]), method="highs",
     )  # fmt: skip
-    return (float(found.x[-1]), found.eqlin.marginals) if found.status == 0 else (0.0, w1)
+    return (float(found.x[-1]), found.eqlin.marginals) if found.status == 0 else None
 
 
 def compute_polytope(layout: Layout, w0: Array, map_: Array) -> Array:

@@ -54,7 +54,7 @@ def compute_drag(
     omega = np.sqrt(np.maximum(thrust + layout.preload, 0.0) / r.k_f)
     f_hub = r.drag_coefficient * omega[:, :, None] * across
     turn = np.vstack([_cross(p) for p in r.position])
-    return f_body + f_hub.sum(axis=1), f_hub.reshape(len(f_hub), -1) @ turn
+    return f_body + f_hub.sum(axis=1), f_hub.reshape(len(f_hub), len(turn)) @ turn
 
 
 def _cross(p: Array) -> Array:
@@ -100,7 +100,7 @@ def compute_hold(
             size = np.linalg.norm(flat, axis=1, keepdims=True)
             toward = np.where(size > 1e-12, flat / np.maximum(size, 1e-12), 0.0)
             R = _leaning(np.cos(leans)[:, None] * up + np.sin(leans)[:, None] * toward)
-            tilt = leans
+            tilt = leans.copy()
         elif not layout.full:
             R = _leaning(need_W)
             tilt = np.arccos(np.clip(R[:, 2, 2], -1.0, 1.0))
