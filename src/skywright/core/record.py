@@ -110,11 +110,8 @@ class View:
 
     def copy(self) -> Any:
         """Return a copy of the row, with named fields."""
-        row = self._row
-        if not row.dtype.itemsize:  # a record without fields
-            return row.copy()
-        # its own `copy` goes field by field, in several times the time
-        return np.frombuffer(bytearray(row.tobytes()), row.dtype)[0]
+        r = self._row  # its own `copy` goes field by field, in several times the time
+        return np.frombuffer(bytearray(r.tobytes()), r.dtype)[0] if r.dtype.itemsize else r.copy()
 
     @property
     def dtype(self) -> Any:
