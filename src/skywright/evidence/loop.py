@@ -32,6 +32,7 @@ from skywright.errors import InputError
 from skywright.evidence.command import Command
 from skywright.models.capability import compute_capability
 from skywright.models.rigid_body import build_body_model, compute_body, compute_tip, posture
+from skywright.models.vectors import build_cross_matrix
 from skywright.models.wind import compute_drag
 
 Complex = NDArray[np.complex128]
@@ -148,8 +149,8 @@ class Matrices(NamedTuple):
 
 def build_matrices(m: LoopModel, g: Gains) -> Matrices:
     """Build the matrices of body and contact, and of the laws (4) and (3)."""
-    tip = np.hstack([np.eye(3), -_cross(m.p_CT)])
-    base = np.hstack([np.eye(3), -_cross(m.p_CB)])
+    tip = np.hstack([np.eye(3), -build_cross_matrix(m.p_CT)])
+    base = np.hstack([np.eye(3), -build_cross_matrix(m.p_CB)])
     inertia, damper, spring = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
     inertia[:3, :3], inertia[3:, 3:] = m.mass * np.eye(3), m.inertia
     damper[:] = m.friction_damping * np.outer(tip[ACROSS], tip[ACROSS])
@@ -238,10 +239,6 @@ def compute_tip_rms(m: LoopModel, g: Gains) -> Array:
     closed = build_matrices(m, g).tip @ np.linalg.inv(plant + control) @ m.drag
     power = np.abs(closed) ** 2 @ compute_spectrum(m, w)[:, :, None]
     return np.asarray(np.sqrt(np.trapezoid(power[:, :, 0], w, axis=0)))
-
-
-def _cross(p: Array) -> Array:
-    return np.array([[0.0, -p[2], p[1]], [p[2], 0.0, -p[0]], [-p[1], p[0], 0.0]])
 
 
 @click.command("loop", cls=Command)

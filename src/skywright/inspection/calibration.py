@@ -68,16 +68,7 @@ def robust_std(x: Array) -> float:
     """Return the standard deviation from the median absolute deviation (0 for no samples)."""
     if x.size == 0:
         return 0.0
-    return 1.4826 * _compute_median(np.abs(x - _compute_median(x)))
-
-
-def _compute_median(x: Array) -> float:
-    """Return what `np.median` returns for a vector of floats, in half of its time."""
-    half, odd = divmod(x.size, 2)
-    ordered = np.partition(x, [half - 1 + odd, half, -1])
-    if np.isnan(ordered[-1]):
-        return math.nan
-    return 0.5 * float(ordered[half - 1 + odd] + ordered[half])
+    return float(1.4826 * np.median(np.abs(x - np.median(x))))
 
 
 def _curve_at(curve: tuple[float, float, float], lift_off: Array, excursion: float) -> Array:

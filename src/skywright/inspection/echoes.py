@@ -4,6 +4,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy.signal import hilbert
 
 from skywright.core.arrays import Array, Mask
 from skywright.errors import InputError
@@ -30,6 +31,11 @@ class Pulse(NamedTuple):
         return compute_pulse_width(self.frequency, self.bandwidth)
 
     @property
+    def first_sample(self) -> int:
+        """Index of the first sample in the gate."""
+        return math.ceil(self.gate_start * self.rate)
+
+    @property
     def rms_frequency(self) -> float:
         """Rms frequency (Hz), which determines the timing uncertainty."""
         return math.hypot(self.frequency, 0.5 / math.pi / self.width)
@@ -51,13 +57,13 @@ def find_echoes(ascan: Array, pulse: Pulse, threshold: float, most: int = 4) -> 
     `ascan` is (n,) FSH. Raises InputError if it is shorter than its gate or not finite.
     """
     x = np.asarray(ascan, float)
-    first = math.ceil(pulse.gate_start * pulse.rate)
+    first = pulse.first_sample
     if x.ndim != 1 or x.size <= first + 8 or not np.all(np.isfinite(x)):
         raise InputError(
             f"A-scan: {x.size} samples; valid: finite ones, more than the {first} before the gate"
         )
-    envelope = _compute_envelope(x)
-    times, heights, taken = _list_peaks(envelope, pulse, first, threshold, most)
+    envelope = np.abs(hilbert(x))
+    times, heights, taken = _list_peaks(envelope, pulse, threshold, most)
     rest = x[~taken]
     noise = robust_std(rest) if rest.size > 8 else 0.0
     saturated = bool(np.any(np.abs(x[first:]) >= 0.995 * pulse.full_scale))
@@ -65,33 +71,21 @@ def find_echoes(ascan: Array, pulse: Pulse, threshold: float, most: int = 4) -> 
 
 
 def list_more_times(found: FoundEchoes, pulse: Pulse, threshold: float, most: int) -> list[float]:
-    """Return the times (s) of the first `most` echoes, of at least another `threshold` (FSH), in
-    an A-scan of which `find_echoes` returned `found`."""
-    first = math.ceil(pulse.gate_start * pulse.rate)
-    return list(_list_peaks(found.envelope, pulse, first, threshold, most)[0])
+    """Return the times (s) of the first `most` echoes above another `threshold` (FSH).
 
-
-def _compute_envelope(x: Array) -> Array:
-    """Return the envelope (n,) of a signal: the magnitude of its analytic signal.
-
-    The negative frequencies are set to zero. `scipy.signal.hilbert` does the same in twice the
-    time.
+    `found` is the result of `find_echoes` for the same A-scan, whose envelope it contains.
     """
-    n = x.size
-    spectrum = np.fft.fft(x)
-    spectrum[1 : (n + 1) // 2] *= 2.0
-    spectrum[n // 2 + 1 :] = 0.0
-    return np.abs(np.fft.ifft(spectrum))
+    return list(_list_peaks(found.envelope, pulse, threshold, most)[0])
 
 
 def _list_peaks(
-    envelope: Array, pulse: Pulse, first: int, threshold: float, most: int
+    envelope: Array, pulse: Pulse, threshold: float, most: int
 ) -> tuple[tuple[float, ...], tuple[float, ...], Mask]:
     """Return times (s) and heights of the first `most` peaks, and the mask of samples in peaks.
 
-    The samples before `first` count as taken.
+    The samples before the gate count as taken.
     """
-    n, reach = envelope.size, max(int(2.0 * pulse.width * pulse.rate), 1)
+    n, first, reach = envelope.size, pulse.first_sample, max(int(2.0 * pulse.width * pulse.rate), 1)
     left = envelope.copy()
     left[:first] = 0.0
     times, heights, taken = [], [], np.zeros(n, bool)

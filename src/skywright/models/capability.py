@@ -273,9 +273,7 @@ def _best_lean(
     return np.fmax(level, compute_largest(holds, len(directions), FASTEST))
 
 
-def compute_least_wind_limit(
-    robot: Robot, *, gravity: float = 9.81, air_density: float = 1.2
-) -> float:
+def compute_least_wind_limit(robot: Robot, gravity: float, air_density: float) -> float:
     """Return the largest wind (m/s) that a robot with extended arm holds from every direction.
 
     It is the least `wind_limit` of `compute_capability`. Raises InputError as that does.

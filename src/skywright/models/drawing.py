@@ -19,6 +19,7 @@ from skywright.description.world.things import list_movers
 from skywright.models.rigid_body import joint_names
 from skywright.models.scene import Scene, build_scene
 from skywright.models.things._build import OBJECT
+from skywright.models.vectors import compute_cross
 from skywright.recordings.columns import has_columns
 
 _KINDS = {
@@ -217,14 +218,5 @@ def multiply_quaternions(a: Array, b: Array) -> Array:
 def rotate_vectors(quaternion: Array, v: Array) -> Array:
     """Rotate vectors (n, 3) by wxyz quaternions (n, 4)."""
     w, u = quaternion[:, :1], quaternion[:, 1:]
-    t = 2.0 * _cross(u, v)
-    return np.asarray(v + w * t + _cross(u, t))
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Return the cross products (n, 3); np.cross takes 30 us per call for one pair."""
-    ax, ay, az = a.T
-    bx, by, bz = b.T
-    out = np.empty((len(a), 3))
-    out[:, 0], out[:, 1], out[:, 2] = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-    return out
+    t = 2.0 * compute_cross(u, v)
+    return np.asarray(v + w * t + compute_cross(u, t))

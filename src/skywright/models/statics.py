@@ -7,7 +7,7 @@ units, torques about B's origin.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import linprog
@@ -20,8 +20,6 @@ from skywright.models.rotors import RotorSet
 
 UP = np.array([0.0, 0.0, 1.0])
 
-EVERY = (-np.inf, np.inf)
-"""Bounds of a variable without bounds."""
 COARSE = tuple(math.radians(x) for x in range(10, 91, 10))
 """rad; tilts at which the search for a robot's tilt limit starts."""
 
@@ -94,14 +92,9 @@ def compute_rays(layout: Layout, w0: Array, w1: Array) -> tuple[Array, Array]:
 
 def compute_ray_lp(layout: Layout, w0: Array, w1: Array) -> Interval:
     """`compute_ray` as a linear programme over (T, s): B T = w0 + s w1 within the limits."""
-    n = layout.B.shape[1]
-    equal = np.hstack([layout.B, -np.asarray(w1)[:, None]])
-    bounds = [*zip(layout.t_min, layout.t_max, strict=True), (None, None)]
     ends: list[float] = []
     for sign in (1.0, -1.0):
-        cost = np.zeros(n + 1)
-        cost[-1] = sign
-        found = linprog(cost, A_eq=equal, b_eq=w0, bounds=bounds, method="highs")
+        found = _solve_ends(layout, w0, np.asarray(w1)[None], sign)
         if found.status == 3:
             ends.append(-sign * math.inf)
         elif found.status != 0:
@@ -160,20 +153,28 @@ def compute_lateral_forces(layout: Layout, weight: float, p_BC: Array, direction
 
 
 def _compute_ends(layout: Layout, w0: Array, rays: Array) -> Array:
-    """Return `compute_ray(...).hi` of many rays (m, 6) from a feasible wrench (6,).
-
-    The programmes of the rays are the diagonal blocks of one: its sum is largest where each is.
-    """
-    m, n = len(rays), layout.B.shape[1]
-    if m == 0:
+    """Return `compute_ray(...).hi` of many rays (m, 6) from a feasible wrench (6,)."""
+    n = layout.B.shape[1]
+    if len(rays) == 0:
         return np.zeros(0)
-    equal = block_diag([np.hstack([layout.B, -ray[:, None]]) for ray in rays])
-    bounds = np.tile(np.vstack([np.column_stack([layout.t_min, layout.t_max]), EVERY]), (m, 1))
-    cost = np.tile(np.append(np.zeros(n), -1.0), m)
-    found = linprog(cost, A_eq=equal, b_eq=np.tile(w0, m), bounds=bounds, method="highs")
+    found = _solve_ends(layout, w0, rays, -1.0)
     if found.status != 0:  # a ray of zero length has no end
         return np.array([compute_ray_lp(layout, w0, ray).hi for ray in rays])
     return np.asarray(found.x[n :: n + 1])
+
+
+def _solve_ends(layout: Layout, w0: Array, rays: Array, sign: float) -> Any:
+    """Solve the linear programmes over (T, s) of rays (m, 6): least sum of sign * s.
+
+    Each has B T = w0 + s ray, with T within the limits. They are the diagonal blocks of one.
+    """
+    m, n = len(rays), layout.B.shape[1]
+    equal = block_diag([np.hstack([layout.B, -ray[:, None]]) for ray in rays])
+    one = np.vstack([np.column_stack([layout.t_min, layout.t_max]), [-np.inf, np.inf]])
+    cost = np.tile(np.append(np.zeros(n), sign), m)
+    return linprog(
+        cost, A_eq=equal, b_eq=np.tile(w0, m), bounds=np.tile(one, (m, 1)), method="highs"
+    )
 
 
 def compute_tilt_limit(layout: Layout, weight: float, p_BC: Array, axis_B: Array) -> float:
@@ -246,12 +247,7 @@ def _find_face(layout: Layout, w0: Array, w1: Array) -> tuple[float, Array] | No
 
     y . (w - w0) <= s for every wrench w that the rotors can produce, and y . w1 = 1.
     """
-    n = layout.B.shape[1]
-    found = linprog(
-        np.append(np.zeros(n), -1.0),
-        A_eq=np.hstack([layout.B, -w1[:, None]]), b_eq=w0,
-        bounds=np.vstack([np.column_stack([layout.t_min, layout.t_max]), EVERY]), method="highs",
-    )  # fmt: skip
+    found = _solve_ends(layout, w0, w1[None], -1.0)
     return (float(found.x[-1]), found.eqlin.marginals) if found.status == 0 else None
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from skywright.core.arrays import Array, Mask
 from skywright.core.compiled import helper
 from skywright.models.statics import Layout
+from skywright.models.vectors import compute_cross
 
 FASTEST = 40.0
 """m/s; upper bound of the search, reported for any larger limit."""
@@ -53,14 +54,7 @@ def compute_drag(
     across = wind_B[:, None, :] - along[:, :, None] * r.axis
     omega = np.sqrt(np.maximum(thrust + layout.preload, 0.0) / r.k_f)
     f_hub = r.drag_coefficient * omega[:, :, None] * across
-    turn = np.vstack([_cross(p) for p in r.position])
-    return f_body + f_hub.sum(axis=1), f_hub.reshape(len(f_hub), len(turn)) @ turn
-
-
-def _cross(p: Array) -> Array:
-    """Return the matrix (3, 3) with f @ matrix = p x f: much faster than `np.cross` of few rows."""
-    x, y, z = p
-    return np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
+    return f_body + f_hub.sum(axis=1), compute_cross(r.position, f_hub).sum(axis=1)
 
 
 def compute_hold(
@@ -106,7 +100,7 @@ def compute_hold(
             tilt = np.arccos(np.clip(R[:, 2, 2], -1.0, 1.0))
         up_B = R[:, 2, :]
         f = weight * up_B + f_push_B - f_drag
-        t = weight * up_B @ _cross(body.p_BC) + f_push_B @ _cross(point) - t_drag
+        t = compute_cross(body.p_BC, weight * up_B) + compute_cross(point, f_push_B) - t_drag
         thrust = np.hstack([f, t]) @ layout.P.T
     return thrust, tilt
 

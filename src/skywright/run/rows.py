@@ -102,13 +102,8 @@ class FailureGroup(NamedTuple):
 
 def compute_interval(succeeded: int, runs: int, confidence: float = CONFIDENCE) -> Array:
     """Wilson score interval (2,) of a success rate (Wilson, J. Am. Stat. Assoc. 22, 1927)."""
-    z, share = float(scipy.special.ndtri(0.5 + 0.5 * confidence)), succeeded / runs
-    whole = 2.0 * (runs + z**2)
-    middle = (2.0 * succeeded + z**2) / whole
-    half = z / whole * math.sqrt(4.0 * runs * share * (1.0 - share) + z**2)
-    return np.array([
-        0.0 if succeeded == 0 else middle - half, 1.0 if succeeded == runs else middle + half,
-    ])  # fmt: skip
+    found = scipy.stats.binomtest(succeeded, runs).proportion_ci(confidence, method="wilson")
+    return np.array([found.low, found.high])
 
 
 def compute_headroom(

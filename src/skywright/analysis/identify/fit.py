@@ -17,6 +17,7 @@ from skywright.analysis.identify.signals import INERTIA_AXES, Columns
 from skywright.core.arrays import Array, Ints, Mask
 from skywright.description.robot.spec import Robot
 from skywright.models.rotors import RotorSet, build_rotors
+from skywright.models.vectors import compute_cross
 
 CONFIDENCE = 0.95
 BLOCK = 2.0  # s, duration within which residuals may be correlated
@@ -83,7 +84,7 @@ def predict(columns: Columns, rotors: RotorSet, mass: float, x: Array) -> Array:
     hub = drag * columns.rotor_drag[:, :3]
     f = lift + hub + columns.body_drag * area
     f = f + columns.R_T @ wind - columns.arm[:, :3]
-    lever = cross(rotors.position, rotors.axis) - kappa * rotors.spin[:, None] * rotors.axis
+    lever = compute_cross(rotors.position, rotors.axis) - kappa * rotors.spin[:, None] * rotors.axis
     torque = T @ lever + drag * columns.rotor_drag[:, 3:] - columns.arm[:, 3:]
     torque = torque + inertia * (columns.spin - delay * columns.spin_rate)
     moment = (height - float(np.mean(rotors.position[:, 2]))) * hub
@@ -108,13 +109,6 @@ def predict(columns: Columns, rotors: RotorSet, mass: float, x: Array) -> Array:
         left[:, :2] += np.column_stack([-bend[:, 1], bend[:, 0]])
         out[at, 3:] = np.linalg.solve(I_B, left.T).T
     return out
-
-
-def cross(a: Array, b: Array) -> Array:
-    """Return the cross products (n, 3) of vectors (n, 3): np.cross in a third of its time."""
-    return np.asarray(
-        a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
-    )  # fmt: skip
 
 
 def unpack_inertia(y: Array) -> Array:

@@ -30,6 +30,7 @@ from skywright.models.body_records import Kinematics
 from skywright.models.link_motion import build_motion
 from skywright.models.rigid_body import build_body_model, fill_kinematics
 from skywright.models.rotors import RotorSet, build_rotors
+from skywright.models.vectors import build_cross_matrix
 from skywright.planning.inverse_dynamics import compute_wrench
 
 CUTOFF = 5.0  # Hz, of the low-pass filter
@@ -66,15 +67,6 @@ class Columns(NamedTuple):
 
 
 INERTIA_AXES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-
-
-def cross_matrix(a: Array) -> Array:
-    """Return S (k, 3, 3) with S b = a x b for a (k, 3)."""
-    out = np.zeros((len(a), 3, 3))
-    out[:, 0, 1], out[:, 0, 2] = -a[:, 2], a[:, 1]
-    out[:, 1, 0], out[:, 1, 2] = a[:, 2], -a[:, 0]
-    out[:, 2, 0], out[:, 2, 1] = -a[:, 1], a[:, 0]
-    return out
 
 
 def inertia_columns(a: Array) -> Array:
@@ -223,7 +215,7 @@ def _build_stretch(
     else:  # R^T v' = (R^T v)' + w x (R^T v)
         s = slope(smooth(v_B)) + smooth(np.cross(w, v_B) + log.gravity * to_body[:, :, 2])
     wd = slope(smooth(w))
-    W = cross_matrix(w)
+    W = build_cross_matrix(w)
     ww = smooth(W @ W)
     gyroscopic = smooth(np.einsum("kij,kjc->kic", W, inertia_columns(w)))
     arm = compute_arm_wrench(log, smooth(log.q[at]), slope, s, smooth(w), wd, use)
@@ -245,9 +237,9 @@ def _build_stretch(
         poses=np.zeros((0, 0)),
         s=s,
         wd=wd,
-        wh=cross_matrix(wd) + ww,
+        wh=build_cross_matrix(wd) + ww,
         ww=ww,
-        s_cross=-cross_matrix(s),
+        s_cross=-build_cross_matrix(s),
         inertia=inertia_columns(wd) + gyroscopic,
         gyroscopic=gyroscopic,
         thrust=smooth(T),

@@ -25,6 +25,7 @@ from skywright.core.arrays import Array
 from skywright.core.rotations import exp_so3, log_so3
 from skywright.errors import InputError
 from skywright.inspection.history.entries import COVERAGE, Datum
+from skywright.models.vectors import build_cross_matrix
 
 TURN_STD = math.radians(3.0)
 """rad, prior standard deviation of each component of the rotation: error of map and heading."""
@@ -68,7 +69,7 @@ class Registration(NamedTuple):
         the flight's frame.
         """
         lever = _turn(self.turn) @ (np.asarray(p, float) - self.middle)
-        J = np.hstack([np.eye(3), -_cross(lever)])
+        J = np.hstack([np.eye(3), -build_cross_matrix(lever)])
         spread = J @ self.covariance @ J.T
         std = math.sqrt(max(float(np.linalg.eigvalsh(spread)[-1]), 0.0))
         return self.middle + self.shift + lever, std
@@ -94,7 +95,7 @@ def register_flight(
     x = np.zeros(6)
     for _ in range(STEPS):
         levers = (p - middle) @ _turn(x[3:]).T
-        J = np.vstack([np.hstack([np.eye(3), -_cross(v)]) for v in levers])
+        J = np.vstack([np.hstack([np.eye(3), -build_cross_matrix(v)]) for v in levers])
         off = q - (middle + x[:3] + levers)
         covariance = np.linalg.inv(J.T @ (weight[:, None] * J) + np.diag(prior))
         step = covariance @ (J.T @ (weight * off.ravel()) - prior * x)
@@ -162,8 +163,3 @@ def _find_turn(R: Array) -> Array:
     w = np.empty(3)
     log_so3(np.ascontiguousarray(R), w)
     return w
-
-
-def _cross(v: Array) -> Array:
-    """Return [v]x (3, 3)."""
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

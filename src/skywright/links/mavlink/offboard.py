@@ -22,11 +22,12 @@ from numpy.typing import NDArray
 from skywright.errors import InputError
 from skywright.links.mavlink import modes
 from skywright.links.mavlink.body_force import BodyForce
-from skywright.links.mavlink.frames import cross, move_point
+from skywright.links.mavlink.frames import move_point
 from skywright.links.mavlink.heard import PX4, Heard
 from skywright.links.mavlink.link import Target, VehicleLink
 from skywright.links.mavlink.orders import arm, choose_mode, land_and_disarm
 from skywright.links.px4.parameters import build_airframe
+from skywright.models.vectors import compute_cross
 from skywright.vehicle.ended import VehicleEnded
 from skywright.vehicle.geodesy import Geodetic, to_local
 from skywright.vehicle.interface import Ticked
@@ -190,7 +191,7 @@ class Offboard(SimulatedVehicle):
         row, r = self.reference_now, self._p_BC
         R, w, wd = (np.array(row[name]) for name in ("R_WB", "w_WB_B", "wd_WB_B"))
         p, v = move_point(np.array(row["p_WB"]), np.array(row["v_WB"]), R, w, r)
-        a = row["a_WB"] + R @ (cross(wd, r) + cross(w, cross(w, r)))
+        a = row["a_WB"] + R @ (compute_cross(wd, r) + compute_cross(w, compute_cross(w, r)))
         return Target(p - self._shift, v, a, R, float(w[2]))
 
     def _lift(self) -> None:

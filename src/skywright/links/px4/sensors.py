@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 from skywright.core.streams import build_stream
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
-from skywright.links.mavlink.frames import FRD_FROM_FLU, NED_FROM_ENU, cross, to_ned_quaternion
+from skywright.links.mavlink.frames import FRD_FROM_FLU, NED_FROM_ENU, to_ned_quaternion
 from skywright.links.sitl.earth import HOME, compute_field, compute_pressure
 from skywright.links.sitl.plant import Placed, Reading
+from skywright.models.vectors import compute_cross
 from skywright.vehicle.geodesy import to_geodetic
 
 Array = NDArray[np.float64]
@@ -82,7 +83,7 @@ class Px4Sensors:
     def build(self, reading: Reading) -> list[Any]:
         """Return the messages of a step; the last one is HIL_SENSOR, which lockstep waits for."""
         out: list[Any] = []
-        v_WG = reading.v_WB + reading.R_WB @ cross(reading.w_WB_B, self._p_BG)
+        v_WG = reading.v_WB + reading.R_WB @ compute_cross(reading.w_WB_B, self._p_BG)
         self._past.append((reading.t, v_WG))
         if reading.fix is not None:
             out.append(self._build_gps(reading.fix))

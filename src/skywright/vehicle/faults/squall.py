@@ -49,7 +49,7 @@ class Squall(Fault):
     def draw_table(cls, rng: np.random.Generator, robot: Any, world: Any) -> dict[str, Any] | None:
         """From any side, for a time or for good; None for a robot that holds in no wind."""
         try:
-            holds = compute_least_wind_limit(robot)
+            holds = compute_least_wind_limit(robot, world.gravity_mps2, world.air_density_kg_m3)
         except InputError:  # the robot cannot lift its weight: it works on a bench
             return None
         if not holds > 0.0:
