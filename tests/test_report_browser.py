@@ -45,6 +45,9 @@ PLOTS = "Object.values(skywrightPlots)[0].plots"
 """Those with a common clock, as JavaScript."""
 
 
+WIDTHS = "[...document.querySelectorAll('.uplot canvas')].map(canvas => canvas.width)"
+"""Those of all plots, as JavaScript; they change when a plot is drawn for another window."""
+
 NOTE_TEXTS = """{ const texts = new Map(), to = CanvasRenderingContext2D.prototype;
     const {fillText, clearRect} = to;
     to.clearRect = function (...box) { texts.set(this.canvas, []); clearRect.apply(this, box); };
@@ -136,7 +139,30 @@ def _find(page: Page, plot: int, t: float) -> tuple[float, float]:
     return left, top
 
 
+def _list_cut(page: Page) -> list[Any]:
+    """Return the texts in canvases that leave their canvas."""
+    return [
+        text
+        for width, height, texts in page.evaluate("readTexts()")
+        for text in texts
+        if text[1] < 0 or text[2] > width or text[3] < 0 or text[4] > height
+    ]
+
+
+def _check_nothing_is_cut(page: Page, has_plots: bool) -> None:
+    wait_for(lambda: page.evaluate("document.documentElement.scrollWidth <= innerWidth"))
+    wide = page.locator("header *, main *").evaluate_all("""all => all.filter(e =>
+        !e.closest(".uplot, #labels") && e.scrollWidth > e.clientWidth + 1
+        && getComputedStyle(e).overflowX !== "visible").map(e => e.outerHTML.slice(0, 200))""")
+    assert wide == []
+    assert has_plots == (page.evaluate("readTexts()") != [])
+    assert _list_cut(page) == []
+    for picture in page.locator("figure.live img").all():
+        expect(picture).to_be_hidden()
+
+
 def test_plots_zoom_together_and_share_a_cursor(page: Page) -> None:
+    _check_nothing_is_cut(page, has_plots=True)  # loaded in a wide window
     whole = _read_ranges(page)
     assert len(whole) == 6  # distance, attitude, tilt, estimate, rotors, power
     page.mouse.move(*_find(page, 2, 20.0))
@@ -164,39 +190,16 @@ def test_plots_zoom_together_and_share_a_cursor(page: Page) -> None:
     assert np.allclose(_read_ranges(page), [[10.0, 15.0]] * 6, atol=0.2)
 
 
-def _list_cut(page: Page) -> list[Any]:
-    """Return the texts in canvases that leave their canvas."""
-    return [
-        text
-        for width, height, texts in page.evaluate("readTexts()")
-        for text in texts
-        if text[1] < 0 or text[2] > width or text[3] < 0 or text[4] > height
-    ]
-
-
-@pytest.mark.parametrize("width", [1280, 800])
 @pytest.mark.parametrize("name", ["flight", "scan", "replay", "runs", "campaign"])
-def test_nothing_is_cut_off(
-    show: Callable[..., Page], pages: dict[str, Path], name: str, width: int
-) -> None:
-    page = show(pages[name], width)
-    wait_for(lambda: page.evaluate("document.documentElement.scrollWidth <= innerWidth"))
-    wide = page.locator("header *, main *").evaluate_all("""all => all.filter(e =>
-        !e.closest(".uplot, #labels") && e.scrollWidth > e.clientWidth + 1
-        && getComputedStyle(e).overflowX !== "visible").map(e => e.outerHTML.slice(0, 200))""")
-    assert wide == []
-    assert (name == "campaign") == (page.evaluate("readTexts()") == [])
-    assert _list_cut(page) == []
-    for picture in page.locator("figure.live img").all():
-        expect(picture).to_be_hidden()
-
-
-@pytest.mark.parametrize("name", ["flight", "scan", "replay", "runs", "campaign"])
-def test_every_link_leads_somewhere(
+def test_nothing_is_cut_off_and_every_link_leads_somewhere(
     show: Callable[..., Page], pages: dict[str, Path], name: str
 ) -> None:
-    """Report, replay and recording lead to each other, a comparison to both reports."""
-    path, page = pages[name], show(pages[name])
+    """At 800 px and in a window that is drawn wider.
+
+    Report, replay and recording lead to each other, a comparison to both reports.
+    """
+    path, page = pages[name], show(pages[name], 800)
+    _check_nothing_is_cut(page, has_plots=name != "campaign")
     links = [urlsplit(x) for x in page.locator("a").evaluate_all("all => all.map(a => a.href)")]
     assert {link.scheme for link in links} == {"file"}
     targets = {Path(unquote(link.path)) for link in links} - {path}
@@ -209,6 +212,10 @@ def test_every_link_leads_somewhere(
     inside = page.locator("nav a")
     assert inside.count() > 2 or name == "replay"
     assert inside.evaluate_all("all => all.every(a => document.querySelector(a.hash) !== null)")
+    narrow = page.evaluate(WIDTHS)
+    page.set_viewport_size({"width": 1280, "height": 900})
+    wait_for(lambda: all(np.subtract(page.evaluate(WIDTHS), narrow) > 0))  # drawn anew
+    _check_nothing_is_cut(page, has_plots=name != "campaign")
 
 
 def test_a_report_prints_with_its_figures(page: Page, report: Path, tmp_path: Path) -> None:
