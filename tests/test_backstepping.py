@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-import sympy as sp
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -50,6 +49,8 @@ def test_the_law_makes_lyapunov_fall() -> None:
 
     With the printed signs, K = 1 - lambda^2 + k (28), it does not (E004-2).
     """
+    import sympy as sp  # a second that each worker would take
+
     k1, k2, lam, z1, chi, z1_dot = sp.symbols("k1 k2 lam z1 chi z1_dot", real=True)
     z2 = z1_dot + lam * chi + k1 * z1
 

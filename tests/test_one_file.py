@@ -55,10 +55,10 @@ class Words(NamedTuple):
 
 
 def read_words(source: str) -> Words:
-    words, tree = Words([], []), ast.parse(source)
-    docs = {id(text) for node in ast.walk(tree) if (text := find_docstring(node)) is not None}
-    kinds = set(map(id, list_kind_texts(tree)))
-    for node in ast.walk(tree):
+    words, nodes = Words([], []), list(ast.walk(ast.parse(source)))
+    docs = {id(text) for node in nodes if (text := find_docstring(node)) is not None}
+    kinds = set(map(id, list_kind_texts(nodes)))
+    for node in nodes:
         if isinstance(node, ast.ImportFrom) and node.module:
             whole = [f"{node.module}.{alias.name}" for alias in node.names]
             words.imports.append((node.lineno, [node.module, *whole]))
@@ -66,7 +66,7 @@ def read_words(source: str) -> Words:
             words.imports.append((node.lineno, [alias.name for alias in node.names]))
     words.texts.extend(
         (node.lineno, node.value, id(node) in kinds)
-        for node in ast.walk(tree)
+        for node in nodes
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docs
     )
     return words
@@ -94,9 +94,9 @@ def find_docstring(node: ast.AST) -> ast.AST | None:
     return None
 
 
-def list_kind_texts(tree: ast.AST) -> Iterator[ast.AST]:
+def list_kind_texts(nodes: list[ast.AST]) -> Iterator[ast.AST]:
     """Yield the texts that stand where a kind does: compared with one, assigned, asked for."""
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Compare):
             sides = [node.left, *node.comparators]
             if any(ASKS.search(end_of(side)) for side in sides):

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import mujoco
 import numpy as np
 import pytest
-import sympy as sp
 
 from skywright.description.loader import load_description
 from skywright.description.robot.limbs import list_servos
 from skywright.models.arm_body import Deviation
 from skywright.models.rigid_body import build_body_model
 from skywright.models.scene import build_scene, set_pose
+
+if TYPE_CHECKING:
+    import sympy as sp
 
 
 def derive_mass_matrix(model, motors: list[float]) -> sp.Matrix:
@@ -21,6 +25,8 @@ def derive_mass_matrix(model, motors: list[float]) -> sp.Matrix:
     whose pulley at the base stands still while link 1 turns, so that with ratio 1 it turns by the
     absolute angle of link 2 (Tognon 2018, III-B).
     """
+    import sympy as sp  # a second that each worker would take
+
     q, v = sp.symbols("q1 q2"), sp.symbols("v1 v2")
     angle, rate = [q[0], q[0] + q[1]], [v[0], v[0] + v[1]]
 

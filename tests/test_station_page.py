@@ -298,7 +298,8 @@ def test_a_hand_is_moved_by_keys_and_let_go_and_nothing_is_cut_off(
     page.get_by_role("combobox", name="Mission", exact=True).select_option("sensor-install")
     page.get_by_label("I do the work by hand").check()
     page.get_by_label("Other values").fill(
-        "mission.task.hover_s=0\nmission.task.swing_deg=0\nmission.task.survey=false"
+        "mission.task.hover_s=0\nmission.task.swing_deg=0\nmission.task.survey=false\n"
+        "mission.timestep_ms=2"
     )
     _order(page, "Start the flight", _shows(page.locator("#clock"), "ms late"))
     _choose_speed(page, "fastest")  # up to where the mission asks
