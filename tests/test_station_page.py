@@ -10,14 +10,16 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Locator, Page, expect
 from playwright.sync_api import TimeoutError as NoAnswer
 
-from waiting import wait_for
+import waiting
 
+wait_for = partial(waiting.wait_for, every=0.2)  # a question costs a browser milliseconds
 OpenPage = Callable[..., Page]
 Press = Callable[[Locator], None]
 ONE_POINT = """mission.task.points=[{{ x_m = 1.0, y_m = 0.0, z_m = 1.0, hold_s = {hold_s} }}]

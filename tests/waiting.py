@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable
 
 
-def wait_for(what: Callable[[], object], seconds: float = 300.0) -> None:
-    """Poll until `what` is true; fails the test after `seconds`.
+def wait_for(what: Callable[[], object], seconds: float = 300.0, every: float = 0.02) -> None:
+    """Poll until `what` is true, every so many seconds; fails the test after `seconds`.
 
     The limit only ends a test that would hang: a loaded machine, or code that must be compiled
     first, may take minutes.
@@ -15,7 +15,7 @@ def wait_for(what: Callable[[], object], seconds: float = 300.0) -> None:
     end = time.monotonic() + seconds
     while not what():
         assert time.monotonic() < end, f"waited {seconds:g} s in vain"
-        time.sleep(0.02)
+        time.sleep(every)
 
 
 class Clock:
