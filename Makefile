@@ -7,8 +7,9 @@ STAMP_RUN := $(VENV)/.installed-run
 # Each process imports a thousand modules; parsing them anew takes six seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-# Workers of `make test`: four keep two cores busy, since some tests wait in real time.
-WORKERS := 4
+# Workers of `make test`: three keep two cores busy, since some tests wait in real time. Each one
+# more imports everything again (9 s).
+WORKERS := 3
 
 .DEFAULT_GOAL := help
 .PHONY: help demo check test durations wheel pythons lint bench docs page lock pictures claims evidence clean
