@@ -7,8 +7,8 @@ STAMP_RUN := $(VENV)/.installed-run
 # Each process imports a thousand modules; parsing them anew takes six seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-# Workers of `make test`: three keep two cores busy, since some tests wait in real time. Each one
-# more imports everything again (9 s).
+# Workers of `make test`: three keep two cores busy, since some tests wait in real time.
+# Each further worker imports everything again.
 WORKERS := 3
 
 .DEFAULT_GOAL := help

@@ -49,7 +49,7 @@ def test_the_law_makes_lyapunov_fall() -> None:
 
     With the printed signs, K = 1 - lambda^2 + k (28), it does not (E004-2).
     """
-    import sympy as sp  # a second that each worker would take
+    import sympy as sp  # takes a second, in every worker if at the top
 
     k1, k2, lam, z1, chi, z1_dot = sp.symbols("k1 k2 lam z1 chi z1_dot", real=True)
     z2 = z1_dot + lam * chi + k1 * z1

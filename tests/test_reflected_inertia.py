@@ -25,7 +25,7 @@ def derive_mass_matrix(model, motors: list[float]) -> sp.Matrix:
     whose pulley at the base stands still while link 1 turns, so that with ratio 1 it turns by the
     absolute angle of link 2 (Tognon 2018, III-B).
     """
-    import sympy as sp  # a second that each worker would take
+    import sympy as sp  # takes a second, in every worker if at the top
 
     q, v = sp.symbols("q1 q2"), sp.symbols("v1 v2")
     angle, rate = [q[0], q[0] + q[1]], [v[0], v[0] + v[1]]

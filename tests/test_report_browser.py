@@ -46,7 +46,8 @@ PLOTS = "Object.values(skywrightPlots)[0].plots"
 
 
 WIDTHS = "[...document.querySelectorAll('.uplot canvas')].map(canvas => canvas.width)"
-"""Those of all plots, as JavaScript; they change when a plot is drawn for another window."""
+"""Widths of the canvases of all plots, as JavaScript."""
+
 
 NOTE_TEXTS = """{ const texts = new Map(), to = CanvasRenderingContext2D.prototype;
     const {fillText, clearRect} = to;
@@ -194,7 +195,7 @@ def test_plots_zoom_together_and_share_a_cursor(page: Page) -> None:
 def test_nothing_is_cut_off_and_every_link_leads_somewhere(
     show: Callable[..., Page], pages: dict[str, Path], name: str
 ) -> None:
-    """At 800 px and in a window that is drawn wider.
+    """Loaded at 800 px, then widened to 1280 px.
 
     Report, replay and recording lead to each other, a comparison to both reports.
     """
@@ -213,7 +214,9 @@ def test_nothing_is_cut_off_and_every_link_leads_somewhere(
     assert inside.count() > 2 or name == "replay"
     assert inside.evaluate_all("all => all.every(a => document.querySelector(a.hash) !== null)")
     narrow = page.evaluate(WIDTHS)
+    assert (narrow == []) == (name == "campaign")
     page.set_viewport_size({"width": 1280, "height": 900})
+    wait_for(lambda: page.evaluate("innerWidth") == 1280)
     wait_for(lambda: all(np.subtract(page.evaluate(WIDTHS), narrow) > 0))  # drawn anew
     _check_nothing_is_cut(page, has_plots=name != "campaign")
 

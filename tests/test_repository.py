@@ -381,6 +381,20 @@ SOURCES = sorted((ROOT / "src").rglob("*.py"))
 CORE_LINES = 2_500
 
 
+def test_the_list_of_slow_tests_names_tests() -> None:
+    """A renamed test would run with the quick ones: `make durations` writes the list."""
+    listed = (ROOT / "tests" / "slow.txt").read_text(encoding="utf-8").splitlines()
+    gone = []
+    for test in listed:
+        file, *_, name = test.split("::")
+        path = ROOT / file
+        if name != "runTest" and not (  # of a state machine of Hypothesis
+            path.is_file() and f"def {name}(" in path.read_text(encoding="utf-8")
+        ):
+            gone.append(test)
+    assert len(listed) > 100 and gone == []
+
+
 def test_files_are_short() -> None:
     long = {
         path.relative_to(ROOT / "src" / "skywright").as_posix()

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 
 def wait_for(what: Callable[[], object], seconds: float = 300.0, every: float = 0.02) -> None:
-    """Poll until `what` is true, every so many seconds; fails the test after `seconds`.
+    """Poll every `every` seconds until `what` is true; fail the test after `seconds`.
 
     The limit only ends a test that would hang: a loaded machine, or code that must be compiled
     first, may take minutes.
