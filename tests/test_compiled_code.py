@@ -1,7 +1,8 @@
-"""Compiled code whose callees changed is thrown away, and nothing else."""
+"""Compiled code is found on disk; code whose callees changed is thrown away, and nothing else."""
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import subprocess
 import sys
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from skywright.core.compiled_code import drop_stale_code, find_dependents
+from skywright.run.warm_up import is_cached
 
 FILES = {
     "__init__.py": "",
@@ -90,3 +92,26 @@ def test_dependents_are_found_through_others() -> None:
     imports = {"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": set[str]()}
     assert find_dependents({"c"}, imports) == {"a", "b", "c"}
     assert find_dependents({"d"}, imports) == {"d"}
+
+
+def test_cache_of_compiled_code_is_recognised(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = tmp_path / "cold_module.py"
+    source.write_text(
+        "from numba import njit\n@njit(cache=True)\ndef add(a, b):\n    return a + b\n"
+    )
+
+    def load() -> object:
+        spec = importlib.util.spec_from_file_location("cold_module", source)
+        assert spec is not None and spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        monkeypatch.setitem(sys.modules, "cold_module", module)
+        spec.loader.exec_module(module)
+        return module.add
+
+    add = load()
+    assert not is_cached(add)
+    assert add(1, 2) == 3  # type: ignore[operator]
+    assert is_cached(add)
+    assert is_cached(load())  # from disk, as a second process finds it

@@ -408,6 +408,19 @@ def test_no_squall_is_drawn_that_the_robot_does_not_hold(robot):
     assert all(0.6 * min(holds, 12.0) <= x["speed_mps"] <= min(holds, 12.0) for x in drawn)
 
 
+def test_a_squall_is_drawn_for_the_gravity_and_the_air_of_its_world():
+    """In another world the same draws have another speed, in the ratio of the robot's limits."""
+    speeds, limits = [], []
+    for sets in ([], ["world.air_density_kg_m3=2.4"], ["world.gravity_mps2=12.0"]):
+        d, rng = load_description("waypoints", "f550-bridge", sets=sets), np.random.default_rng(5)
+        gravity, air = d.world.gravity_mps2, d.world.air_density_kg_m3
+        c = compute_capability(d.robot, gravity=gravity, air_density=air)
+        limits.append(min(float(np.min(c.wind_limit)), 12.0))
+        speeds.append(find("fault", "squall").cls.draw_table(rng, d.robot, d.world)["speed_mps"])
+    assert np.array(speeds) / speeds[0] == pytest.approx(np.array(limits) / limits[0])
+    assert limits[1] < 0.9 * limits[0] and limits[2] < 0.9 * limits[0]
+
+
 def test_a_hexarotor_lands_without_a_rotor():
     check_down(fly("tool-install", "rotor", efficiency=0, start_s=8), "rotor_lost", 8.0, 0.2)
 
