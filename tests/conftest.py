@@ -249,3 +249,31 @@ def open_page(browser: Browser) -> Iterator[Callable[..., Page]]:
                 print(page.url, page.locator("body").inner_text(timeout=5000.0), sep="\n")
         context.close()
     assert errors == []
+
+
+@pytest.fixture
+def show_page(open_page: Callable[..., Page]) -> Iterator[Callable[..., Page]]:
+    """Opens a page without a network; it has nothing to say to the console.
+
+    Where a replay is drawn in software, the browser itself warns.
+    """
+    from playwright.sync_api import expect
+
+    from page_checks import NOTE_TEXTS
+
+    said: list[str] = []
+
+    def open_one(path: Path, width: int = 1280) -> Page:
+        page = open_page(width, 900, offline=True)
+        if path.name != "replay.html":
+            page.on("console", lambda message: said.append(message.text))
+        page.add_init_script(NOTE_TEXTS)
+        page.goto(path.as_uri())
+        if page.locator("figure > script").count():
+            expect(page.locator("html[data-plots=ready]")).to_be_attached()
+        if path.name == "replay.html":
+            expect(page.locator("html[data-ready=yes]")).to_be_attached()
+        return page
+
+    yield open_one
+    assert said == []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -11,7 +12,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from playwright.sync_api import Page
 
+from page_checks import check_page
 from skywright.analysis.campaign.jobs import fly_jobs
 from skywright.analysis.compare.compare import add_flights, compare_robots, list_flights
 from skywright.analysis.compare.comparison import Comparison
@@ -139,10 +142,21 @@ def test_statements_are_judged_by_numbers(pair: Comparison) -> None:
     json.dumps(pair.to_json(), allow_nan=False)
 
 
-def test_the_page_is_complete_in_itself(pair: Comparison) -> None:
+@pytest.fixture(scope="module")
+def page(pair: Comparison) -> str:
     pipe = load_description("sensor-install").world.pipe
     assert pipe is not None
-    page = render_compare_page(pair, pipe, collect_versions())
+    return render_compare_page(pair, pipe, collect_versions())
+
+
+def test_nothing_of_the_page_is_cut_off(
+    page: str, tmp_path: Path, show_page: Callable[..., Page]
+) -> None:
+    (tmp_path / "compare.html").write_text(page, encoding="utf-8")
+    check_page(show_page, tmp_path / "compare.html", has_plots=False)
+
+
+def test_the_page_is_complete_in_itself(page: str) -> None:
     assert page.count("<img") == 5  # pipe, way, reach, torque, recoil; nothing was flown
     assert "http:" not in page.replace("http://www.w3.org", "") and "https:" not in page
     for text in (

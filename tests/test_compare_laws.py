@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from playwright.sync_api import Page
 
+from page_checks import check_page
 from skywright.analysis.campaign import local
 from skywright.analysis.campaign.campaign import CampaignResult
 from skywright.analysis.campaign.spec import Campaign
@@ -154,6 +157,25 @@ def test_aborted_flights_are_hollow_dots_and_count_in_the_median(tmp_path: Path)
     text = (tmp_path / "laws.html").read_text()
     assert "did not reach their end; the median includes them" in text
     assert "Incomplete flights" not in text
+
+
+def test_nothing_of_the_page_is_cut_off(tmp_path: Path, show_page: Callable[..., Page]) -> None:
+    """With many laws, cases and metrics of long names."""
+    laws = [f"law_of_a_long_name_{k}" for k in range(9)]
+    cases = [Case(f"case {k}", (f"robot.some.long.key_{k}=0.123456",)) for k in range(6)]
+    metrics = [f"requirements.of_a_long_name.metric_{k}_mm" for k in range(8)]
+    rows = [build_row(k, **dict.fromkeys(metrics, 1.0 + k)) for k in range(8)]
+    differences = [
+        compare_metric(law, case.name, metric, np.ones(8), np.arange(8.0))
+        for law in laws[1:] for case in cases for metric in metrics
+    ]  # fmt: skip
+    found = LawComparison(
+        "pipe-weld-scan", "othex", "pipe", 1, 8, laws, cases, {}, metrics, {},
+        [Flown(law, case.name, rows, "") for law in laws for case in cases],
+        [d for d in differences if d is not None], set(), dict.fromkeys(laws, 1e-6), (),
+    )  # fmt: skip
+    write_laws_page(found, tmp_path / "laws.html")
+    check_page(show_page, tmp_path / "laws.html", has_plots=False)
 
 
 def test_cases_are_named_or_defined_and_the_nominal_one_is_always_there() -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from playwright.sync_api import Page
 from scipy.spatial.transform import Rotation
 
 from identify_log import (
@@ -19,14 +21,16 @@ from identify_log import (
     make_log,
     truth,
 )
+from page_checks import check_page
 from skywright.analysis.identify.fit import INERTIA_AXES, Fit, choose_held_out
 from skywright.analysis.identify.flight_log import FlightLog
-from skywright.analysis.identify.identify import identify
+from skywright.analysis.identify.identify import Identification, identify
 from skywright.analysis.identify.lag import fit_lag
 from skywright.analysis.identify.load import build_log
 from skywright.analysis.identify.overrides import build_overrides
+from skywright.analysis.identify.report import write_identify_page
 from skywright.cli import main
-from skywright.description.loader import load_description
+from skywright.description.loader import Description, load_description
 from skywright.description.robot.loader import load_robot
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
@@ -268,21 +272,31 @@ def test_bad_task(sets: tuple[str, ...], said: str) -> None:
     assert result.exit_code == 2 and said in result.stderr, result.stderr
 
 
-def test_a_flight_gives_back_the_plant_s_deviations(tmp_path: Path) -> None:
-    """run and identify: the perturbed plant's gains, mass distribution and lag."""
+@pytest.fixture(scope="module")
+def shaken(tmp_path_factory: pytest.TempPathFactory) -> tuple[Description, Identification]:
+    """An excitation flight of a perturbed plant, and what its recording identifies."""
     import skywright
-    from skywright.models.deviation import build_deviation
 
+    folder = tmp_path_factory.mktemp("shaken") / "shaken"
     sets = [
         'mission.task.poses=["folded"]',
         "mission.task.joint_deg=0",
         "mission.task.duration_s=24",
     ]
     d = skywright.load("excitation", sets=sets, seed=3)
-    result = skywright.run(d, out=tmp_path / "shaken", report=False)
+    result = skywright.run(d, out=folder, report=False)
     assert result.outcome == "succeeded"
     mass = 2.5 * (1 + d.plant.mass_error)  # what a scale would say
-    found = identify([tmp_path / "shaken"], None, mass)
+    return d, identify([folder], None, mass)
+
+
+def test_a_flight_gives_back_the_plant_s_deviations(
+    shaken: tuple[Description, Identification],
+) -> None:
+    """run and identify: the perturbed plant's gains, mass distribution and lag."""
+    from skywright.models.deviation import build_deviation
+
+    d, found = shaken
     values = {e.parameter.name: e for e in found.fit.estimates}
     gain = build_deviation(d.plant, d.robot, 3).rotor_gain
     for i, g in enumerate(gain):
@@ -296,6 +310,17 @@ def test_a_flight_gives_back_the_plant_s_deviations(tmp_path: Path) -> None:
     r2 = found.fit.prediction.r_squared(found.fit.prediction.predicted)
     assert np.all(r2[3:] > 0.87)  # the rates' noise is up to 1.6 times the file's
     assert "extends" in build_overrides(found, "f550-bridge")
+
+
+def test_the_page_zooms_over_time_and_nothing_is_cut_off(
+    shaken: tuple[Description, Identification], tmp_path: Path,
+    show_page: Callable[..., Page],
+) -> None:  # fmt: skip
+    _, found = shaken
+    write_identify_page(found, build_overrides(found, "f550-bridge"), tmp_path / "identify.html")
+    page = check_page(show_page, tmp_path / "identify.html", has_plots=True)
+    assert page.locator(".panels h4").count() == 6  # three accelerations, three specific forces
+    assert page.locator(".panels p").first.inner_text() == "time in the log (s)"
 
 
 def test_truth_is_the_plant_s() -> None:

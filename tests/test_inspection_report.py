@@ -7,13 +7,16 @@ import html
 import json
 import re
 import shutil
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from playwright.sync_api import Page
 
+from page_checks import check_page
 from skywright.cli import main
 from skywright.errors import InputError
 from skywright.inspection.files.nde import UltrasonicScan, write_nde
@@ -81,6 +84,11 @@ def write(folder: Path, flight: str, *more: str) -> str:
     done = CliRunner().invoke(main, args)
     assert done.exit_code == 0, done.output
     return page.read_text(encoding="utf-8")
+
+
+def test_nothing_of_the_page_is_cut_off(tmp_path: Path, show_page: Callable[..., Page]) -> None:
+    write(tmp_path, build_database(tmp_path), "--deviation", "wind 6 m/s, procedure allows 5")
+    check_page(show_page, tmp_path / "page.html", has_plots=False)
 
 
 def test_the_page_states_what_is_stored(tmp_path: Path) -> None:

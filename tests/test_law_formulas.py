@@ -14,6 +14,7 @@ import pytest
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
+import skywright
 from law_parts import build_case, call
 from skywright.core.record import View
 from skywright.vehicle.follower import Press
@@ -225,3 +226,21 @@ def test_the_delay_margin_brings_the_loop_to_its_limit(
     assert loop(cross, margin) == pytest.approx(-1.0, abs=5e-3)
     spare = compute_delay_margin(AttitudeGains(w, zeta, wi), tau, 0.4)
     assert margin - spare == pytest.approx(0.4 / cross, rel=5e-3)
+
+
+@pytest.mark.parametrize(("robot", "mass"), [("othex", 1.0), ("tilthex-arm", 6.0)])
+def test_the_integrals_hold_a_share_of_the_weight(robot: str, mass: float) -> None:
+    """A lasting error adds four tenths of the weight W, or the torque of a tenth of W at 1 m."""
+    d = skywright.load("waypoints", robot=robot, sets={"robot.platform.mass_kg": mass})
+    weight = float(np.linalg.norm(skywright.build_law(d).step().f_B))
+    for name in ("f_B", "t_B"):
+        law = skywright.build_law(d)
+        if name == "f_B":
+            law.estimate.p_WB = law.reference.p_WB + [0.0, 0.1, 0.0]
+        else:
+            law.estimate.R_WB = Rotation.from_rotvec([0.1, 0.0, 0.0]).as_matrix()
+        first = getattr(law.step(), name).copy()
+        for _ in range(6000):
+            last = law.step()
+        held = np.linalg.norm(getattr(last, name) - first)
+        assert held == pytest.approx({"f_B": 0.4, "t_B": 0.1}[name] * weight, rel=0.01)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from page_checks import check_page
 from skywright.analysis.locate import reach
 from skywright.analysis.locate.demo import STATION_CLOCK
 from skywright.analysis.locate.locate import locate
@@ -75,6 +76,19 @@ def test_demo_writes_files_that_can_be_read_again(demo):
     page = (demo / "locate.html").read_text()
     assert "http://" not in page.replace("http://www.w3.org", "") and 'src="data:' in page
     assert "without the station" not in page and "Outages of the station" in page
+
+
+def test_the_page_zooms_over_time_and_nothing_is_cut_off(demo, show_page):
+    page = check_page(show_page, demo / "locate.html", has_plots=True)
+    titles = page.locator(".panels h4").all_inner_texts()
+    assert "Distance from the reference over time" in titles and len(titles) == 7
+    jumps = page.evaluate("""Object.values(skywrightPlots).flatMap(c => c.plots)
+        .filter(({panel}) => panel.marks.length).map(({panel}) => panel.label)""")
+    assert jumps == ["drift (mm)"]
+    one = page.evaluate("""(() => { const {u} = Object.values(skywrightPlots)
+        .flatMap(c => c.plots).find(({panel}) => panel.log);
+        return [1, 10, 100].map(y => u.valToPos(y, "y")); })()""")
+    assert one[0] - one[1] == pytest.approx(one[1] - one[2], rel=1e-6)  # a logarithmic axis
 
 
 def test_json_prints_one_object_and_writes_only_where_asked(demo, tmp_path, monkeypatch):

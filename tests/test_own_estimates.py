@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import skywright
 from skywright.errors import InputError
+from skywright.vehicle.own_samples import check_samples
 
 
 def simulate_imu(h, seconds=6.0, rest=0.0):
@@ -42,6 +43,14 @@ def test_an_estimator_follows_ones_own_arrays(h):
     assert np.abs(found["p_WB"] - true)[late].max() < 0.005
     assert np.abs(found["v_WB"][:, 0] - np.sin(2 * (found["t"] - 1e6)))[late].max() < 0.05
     assert np.abs(found["w_WB_B"][:, 2] - 0.4 * np.cos(found["t"] - 1e6))[late].max() < 0.02
+
+
+def test_attitudes_may_be_quaternions() -> None:
+    """w first; scalar-last ones of other programs would be another rotation."""
+    turn = Rotation.from_rotvec([[0.1, -0.2, 0.3], [0.0, 0.0, 2.0]])
+    fixes = ([0.0, 1.0], np.zeros((2, 3)), np.zeros((2, 3)), [0.0, 1.0], np.zeros((2, 3)))
+    found = check_samples(*fixes, turn.as_quat(scalar_first=True), None)
+    assert np.allclose(found[5], turn.as_matrix(), atol=1e-12) and found[6] is None
 
 
 def test_an_estimator_takes_fixes_of_the_antenna_with_a_heading():
@@ -175,9 +184,9 @@ GNSS = skywright.load("waypoints", sets={"world.localisation": "gnss"})
         ({"gyro": np.zeros((99, 3))}, r"gyro: has the shape \(99, 3\); valid: \(100, 3\)"),
         ({"accel": np.full((100, 3), np.nan)}, "accel: row 0 is not finite"),
         ({"t": np.linspace(0, 1, 100) ** 3}, "t: .*evenly spaced"),
-        ({"t_fix": [0.2, 0.1]}, "t_fix: .*rise"),
-        ({"t": np.zeros(100)}, "t: .*rise"),
-        ({"t": -0.001 * np.arange(100)}, "t: .*rise"),
+        ({"t_fix": [0.2, 0.1]}, "t_fix: .*ascending"),
+        ({"t": np.zeros(100)}, "t: .*ascending"),
+        ({"t": -0.001 * np.arange(100)}, "t: .*ascending"),
         ({"t": 1e9 + 0.001 * np.arange(100)}, "t_fix: 0.01 to 0.02 s; .*same clock"),
         ({"t": [0.0, 0.001], "gyro": np.zeros((2, 3)), "accel": np.zeros((2, 3))},
          "t_fix: .*within the times t"),
@@ -187,6 +196,10 @@ GNSS = skywright.load("waypoints", sets={"world.localisation": "gnss"})
         ({"R_fix": np.stack([np.eye(3), 2.0 * np.eye(3)])}, "R_fix: row 1 is not a rotation"),
         ({"R_fix": np.stack([np.eye(3), -np.eye(3)])}, "R_fix: row 1 is not a rotation"),
         ({"R_fix": None}, "R_fix: missing"),
+        ({"R_fix": [[1.0, 0.0, 0.0, 0.0], [2.0, 0.0, 0.0, 0.0]]}, "R_fix: row 1 is not a rotation"),
+        ({"R_fix": [[1.0, 0.0], [0.0]]}, r"R_fix: has the shape \(\)"),
+        ({"t": [0.2, 0.1]}, "t: steps from -0.1 to -0.1 s; valid: ascending"),
+        ({"t_fix": [0.1, 0.1]}, "t_fix: steps from 0 to 0 s; valid: ascending"),
         ({"heading": [0.0, 0.0]}, "heading: not read; .*give R_fix only"),
         ({"description": GNSS, "R_fix": None}, "heading: missing"),
         ({"description": GNSS, "heading": [0.0, 0.0]}, "R_fix: not read; .*give heading only"),

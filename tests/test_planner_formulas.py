@@ -23,6 +23,7 @@ from skywright.description.robot.loader import load_robot
 from skywright.description.world.loader import load_world
 from skywright.description.world.spec import World
 from skywright.description.world.surface import Cylinder
+from skywright.missions.scan.plan import plan
 from skywright.models.body_records import Kinematics
 from skywright.models.kinematic_tree import FIXED, HINGE, Tree
 from skywright.models.link_motion import build_motion
@@ -31,9 +32,9 @@ from skywright.models.rigid_body import (
     fill_kinematics,
     posture,
 )
-from skywright.planning import problem
+from skywright.planning import problem, scan
 from skywright.planning.checks import Trace, check_dynamics
-from skywright.planning.configurations import compute_manipulability
+from skywright.planning.configurations import compute_manipulability, find_configurations
 from skywright.planning.excitation import Excitation, _build_rows, _from_angles, share_lines
 from skywright.planning.inverse_dynamics import Loads, build_loads, compute_thrusts
 from skywright.planning.inverse_kinematics import (
@@ -196,6 +197,39 @@ def test_each_joint_s_acceleration_moves_the_centre_of_mass() -> None:
     force = loads.B[:3] @ trace.thrust[: len(rotors.axis)]
     mass = model.mass0 + model.mass[: model.n_links].sum()
     np.testing.assert_allclose(force, moved + [0.0, 0.0, mass * model.gravity], atol=1e-6)
+
+
+def test_a_configuration_near_the_last_one_is_preferred(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The score falls with the square of the rotations of platform and joints, and by no more."""
+    kept: list[Search] = []
+
+    def keep(search: Search, *_: object) -> tuple[dict[str, Any], Array, str]:
+        kept.append(search)
+        return {}, np.zeros((0, 2)), "kept"
+
+    monkeypatch.setattr(scan, "_plan", keep)
+    assert plan(Setup(load_description("pipe-weld-scan", "othex"))).blocked_by == "kept"
+    (search,) = kept
+    corner = search.task.pattern.corners[0]
+    tip, n_W = search.tip(*corner)[0], search.axis(corner[1])
+    yaw, q_last, pull = 2.9, np.array([0.4, -0.7]), 3.0
+    yaws = np.array([0.0, 0.1, math.pi, -3.1])
+
+    def find(last_pull: float) -> dict[tuple[float, ...], float]:
+        found = find_configurations(
+            search.prob, tip, n_W, search.task.depth, yaws, search.postures, search.q_working,
+            q_last, yaw, last_pull, (corner[0], corner[1]),
+        )  # fmt: skip
+        headings = np.arctan2(found.R[:, 1, 0], found.R[:, 0, 0])
+        keys = [(h, *q) for h, q in zip(headings, found.q[:, :2], strict=True)]
+        return dict(zip(keys, found.score, strict=True))
+
+    free, pulled = find(0.0), find(pull)
+    assert len(free) > 5 and free.keys() == pulled.keys()
+    for (heading, *q), score in free.items():
+        turn = (heading - yaw + math.pi) % (2.0 * math.pi) - math.pi
+        away = turn**2 + np.sum((np.array(q) - q_last) ** 2)
+        assert score - pulled[(heading, *q)] == pytest.approx(pull * away, rel=1e-9)
 
 
 # Wind for which a plan reserves thrust

@@ -6,7 +6,7 @@ import base64
 import json
 import re
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -18,6 +18,7 @@ from playwright.sync_api import Page, expect
 
 import skywright
 from exact_map import EXACT
+from page_checks import check_nothing_is_cut, list_cut, widen
 from pdf_text import read_pdf_text
 from skywright.analysis.campaign.report import Facts, write_campaign_page
 from skywright.analysis.compare_runs.overlay import compare_runs
@@ -43,29 +44,6 @@ RUN_FILES = {"report.html", "replay.html", "recording.mcap", "mission.toml", "me
 
 PLOTS = "Object.values(skywrightPlots)[0].plots"
 """Those with a common clock, as JavaScript."""
-
-
-WIDTHS = "[...document.querySelectorAll('.uplot canvas')].map(canvas => canvas.width)"
-"""Widths of the canvases of all plots, as JavaScript."""
-
-
-NOTE_TEXTS = """{ const texts = new Map(), to = CanvasRenderingContext2D.prototype;
-    const {fillText, clearRect} = to;
-    to.clearRect = function (...box) { texts.set(this.canvas, []); clearRect.apply(this, box); };
-    to.fillText = function (text, x, y, most = Infinity) {
-        const m = this.measureText(text), narrow = Math.min(1, most / m.width);
-        const [left, right] = [m.actualBoundingBoxLeft, m.actualBoundingBoxRight];
-        const ends = [[x - narrow * left, y - m.actualBoundingBoxAscent],
-                      [x + narrow * right, y + m.actualBoundingBoxDescent]]
-            .map(([x, y]) => this.getTransform().transformPoint({x, y}));
-        const [[x0, x1], [y0, y1]] = ["x", "y"].map(k => ends.map(p => p[k]).sort((a, b) => a - b));
-        if (!texts.has(this.canvas)) texts.set(this.canvas, []);
-        texts.get(this.canvas).push([text, x0, x1, y0, y1]);
-        fillText.call(this, text, x, y, ...(most < Infinity ? [most] : []));
-    };
-    window.readTexts = () => [...texts].filter(([canvas]) => canvas.isConnected)
-        .map(([canvas, all]) => [canvas.width, canvas.height, all]); }"""
-"""Keeps every text that a canvas shows, with the pixels that it covers."""
 
 
 @pytest.fixture(scope="module")
@@ -96,32 +74,8 @@ def report(pages: dict[str, Path]) -> Path:
 
 
 @pytest.fixture
-def show(open_page: Callable[..., Page]) -> Iterator[Callable[..., Page]]:
-    """Opens a page without a network; it has nothing to say to the console.
-
-    Where a replay is drawn in software, the browser itself warns.
-    """
-    said: list[str] = []
-
-    def open_one(path: Path, width: int = 1280) -> Page:
-        page = open_page(width, 900, offline=True)
-        if path.name != "replay.html":
-            page.on("console", lambda message: said.append(message.text))
-        page.add_init_script(NOTE_TEXTS)
-        page.goto(path.as_uri())
-        if page.locator("figure > script").count():
-            expect(page.locator("html[data-plots=ready]")).to_be_attached()
-        if path.name == "replay.html":
-            expect(page.locator("html[data-ready=yes]")).to_be_attached()
-        return page
-
-    yield open_one
-    assert said == []
-
-
-@pytest.fixture
-def page(show: Callable[..., Page], report: Path) -> Page:
-    return show(report)
+def page(show_page: Callable[..., Page], report: Path) -> Page:
+    return show_page(report)
 
 
 def _read_ranges(page: Page) -> np.ndarray:
@@ -140,30 +94,8 @@ def _find(page: Page, plot: int, t: float) -> tuple[float, float]:
     return left, top
 
 
-def _list_cut(page: Page) -> list[Any]:
-    """Return the texts in canvases that leave their canvas."""
-    return [
-        text
-        for width, height, texts in page.evaluate("readTexts()")
-        for text in texts
-        if text[1] < 0 or text[2] > width or text[3] < 0 or text[4] > height
-    ]
-
-
-def _check_nothing_is_cut(page: Page, has_plots: bool) -> None:
-    wait_for(lambda: page.evaluate("document.documentElement.scrollWidth <= innerWidth"))
-    wide = page.locator("header *, main *").evaluate_all("""all => all.filter(e =>
-        !e.closest(".uplot, #labels") && e.scrollWidth > e.clientWidth + 1
-        && getComputedStyle(e).overflowX !== "visible").map(e => e.outerHTML.slice(0, 200))""")
-    assert wide == []
-    assert has_plots == (page.evaluate("readTexts()") != [])
-    assert _list_cut(page) == []
-    for picture in page.locator("figure.live img").all():
-        expect(picture).to_be_hidden()
-
-
 def test_plots_zoom_together_and_share_a_cursor(page: Page) -> None:
-    _check_nothing_is_cut(page, has_plots=True)  # loaded in a wide window
+    check_nothing_is_cut(page, has_plots=True)  # loaded in a wide window
     whole = _read_ranges(page)
     assert len(whole) == 6  # distance, attitude, tilt, estimate, rotors, power
     page.mouse.move(*_find(page, 2, 20.0))
@@ -193,14 +125,14 @@ def test_plots_zoom_together_and_share_a_cursor(page: Page) -> None:
 
 @pytest.mark.parametrize("name", ["flight", "scan", "replay", "runs", "campaign"])
 def test_nothing_is_cut_off_and_every_link_leads_somewhere(
-    show: Callable[..., Page], pages: dict[str, Path], name: str
+    show_page: Callable[..., Page], pages: dict[str, Path], name: str
 ) -> None:
     """Loaded at 800 px, then widened to 1280 px.
 
     Report, replay and recording lead to each other, a comparison to both reports.
     """
-    path, page = pages[name], show(pages[name], 800)
-    _check_nothing_is_cut(page, has_plots=name != "campaign")
+    path, page = pages[name], show_page(pages[name], 800)
+    check_nothing_is_cut(page, has_plots=name != "campaign")
     links = [urlsplit(x) for x in page.locator("a").evaluate_all("all => all.map(a => a.href)")]
     assert {link.scheme for link in links} == {"file"}
     targets = {Path(unquote(link.path)) for link in links} - {path}
@@ -213,12 +145,7 @@ def test_nothing_is_cut_off_and_every_link_leads_somewhere(
     inside = page.locator("nav a")
     assert inside.count() > 2 or name == "replay"
     assert inside.evaluate_all("all => all.every(a => document.querySelector(a.hash) !== null)")
-    narrow = page.evaluate(WIDTHS)
-    assert (narrow == []) == (name == "campaign")
-    page.set_viewport_size({"width": 1280, "height": 900})
-    wait_for(lambda: page.evaluate("innerWidth") == 1280)
-    wait_for(lambda: all(np.subtract(page.evaluate(WIDTHS), narrow) > 0))  # drawn anew
-    _check_nothing_is_cut(page, has_plots=name != "campaign")
+    widen(page, has_plots=name != "campaign")
 
 
 def test_a_report_prints_with_its_figures(page: Page, report: Path, tmp_path: Path) -> None:
@@ -244,7 +171,7 @@ def test_a_report_prints_with_its_figures(page: Page, report: Path, tmp_path: Pa
 
 @pytest.mark.parametrize("width", [1280, 800])
 def test_many_phases_and_limits_can_be_read(
-    show: Callable[..., Page], tmp_path: Path, width: int
+    show_page: Callable[..., Page], tmp_path: Path, width: int
 ) -> None:
     """No text of a plot covers another or is cut; the key names all phases; also zoomed in."""
     ends = np.cumsum([5.0 if i % 4 == 3 else 0.3 for i in range(32)])
@@ -264,19 +191,19 @@ def test_many_phases_and_limits_can_be_read(
                 draw_limit(ax, value, name, spans=[span])
             draw_limit(ax, -0.35, "limit of all phases")  # where the last name would be
         draw_limit(axes[1], 0.0, "a name that is too long for a window " * 5)
-        picture = build_picture("Over time", figure, "", zoom=True)
+        picture = build_picture("Over time", figure, "")
     run = SimpleNamespace(outcome="succeeded", reason="")
     found = SimpleNamespace(a=run, b=run, settings=[], metrics=[])
     write_page(tmp_path / "page.html", render_page(
         "compare_runs.html.j2", found=found, names=("a", "b"), reports=("", ""), picture=picture,
         number=str,
     ))  # fmt: skip
-    page = show(tmp_path / "page.html", width)
+    page = show_page(tmp_path / "page.html", width)
     key = page.locator(".panels p").inner_text().replace("\u00a0", " ")
     assert key.endswith("Phases: " + " · ".join(f"{i} part {i}" for i in range(1, 33)))
 
     def check() -> list[str]:
-        assert _list_cut(page) == []
+        assert list_cut(page) == []
         canvases = page.evaluate("readTexts()")
         levels = page.evaluate(f"""{PLOTS}.map(({{u, panel}}) =>
             panel.levels.map(level => u.valToPos(level.y, "y", true)))""")

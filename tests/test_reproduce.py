@@ -13,6 +13,7 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
+from page_checks import check_page
 from skywright.errors import InputError, SimulationError
 from skywright.evidence.command import Command
 from skywright.evidence.reproduce import cache as cache_module
@@ -452,7 +453,7 @@ def measured(tmp_path_factory):
     (folder / "one.toml").write_text(text.replace("[sets]\n", short, 1))
     report = runner.reproduce(str(folder / "one.toml"), cache=folder, only=only)
     write_claims_page([report], folder / "claims.html")
-    return report, (folder / "claims.html").read_text(encoding="utf-8")
+    return report, folder / "claims.html"
 
 
 def test_real_flights_give_verdicts(measured):
@@ -466,8 +467,13 @@ def test_real_flights_give_verdicts(measured):
     assert by_id["displaced-reduced"].values["limit"] == pytest.approx(1.0, abs=1e-3)
 
 
+def test_nothing_of_the_page_is_cut_off(measured, show_page):
+    check_page(show_page, measured[1], has_plots=True)  # touch-down: over time
+
+
 def test_the_page_is_complete_in_itself(measured):
-    report, page = measured
+    report, path = measured
+    page = path.read_text(encoding="utf-8")
     assert page.count("data:image/svg+xml;base64,") == len(report.claims)
     assert 'src="http' not in page and "?" not in report.claims[0].explanation
     for claim in report.claims:

@@ -151,5 +151,5 @@ def test_touches_lie_on_what_was_found(u: list[float], arc: float) -> None:
 
 
 def test_a_place_that_is_no_number_is_refused() -> None:
-    with pytest.raises(InputError, match="not finite"):
+    with pytest.raises(InputError, match="valid: finite"):
         fit_cylinder_touches(MAP, ERROR, np.full((3, 3), math.nan), TIP, STD)

@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skywright.description.loader import (
@@ -190,7 +189,8 @@ def run_estimator(
 
     `t` (n,) s, evenly spaced; `gyro` (n, 3) rad/s and `accel` (n, 3) m/s^2 (specific force), in
     B; fixes at `t_fix` (m,) s on the same clock: `p_fix` (m, 3) m in W, and with motion capture
-    `R_fix` (m, 3, 3), else (satellites) `heading` (m,) rad of B's x axis. Positions are
+    `R_fix`, rotation matrices (m, 3, 3) or unit quaternions (m, 4) with w first, else (satellites)
+    `heading` (m,) rad of B's x axis. Positions are
     those of B's origin, with satellites those of the antenna; the robot must then be at rest at
     the start. The estimator assumes the noise of the mission's robot and world: set the keys
     `world.mocap.position_noise_m` and `attitude_noise_rad` to those of your data. A UserWarning
@@ -201,27 +201,11 @@ def run_estimator(
     `w_WB_B`, `p_std` (m, stated deviations) and `ready`. Until the first fixes start the
     estimator, `ready` is false and the others, except for `t`, are NaN.
     """
+    from skywright.vehicle.own_samples import check_samples
     from skywright.vehicle.stepped import EstimatorRun
 
-    times, fixed = _check("t", t, ()), _check("t_fix", t_fix, ())
-    n, m = len(times), len(fixed)
-    if n < 2 or not np.allclose(np.diff(times), np.median(np.diff(times)), rtol=0.2, atol=0.0):
-        raise InputError("t: valid: at least two times (s), evenly spaced within 20 %")
-    if not np.median(np.diff(times)) > 0.0:
-        raise InputError("t: valid: times (s) that rise")
-    if not np.all(np.diff(fixed) > 0.0):
-        raise InputError("t_fix: valid: times (s) that rise")
-    arrays = [
-        _check("gyro", gyro, (3,), n), _check("accel", accel, (3,), n), fixed,
-        _check("p_fix", p_fix, (3,), m),
-    ]  # fmt: skip
-    more = [
-        None if value is None else _check(name, value, shape, m)
-        for name, value, shape in (("R_fix", R_fix, (3, 3)), ("heading", heading, ()))
-    ]
-    if more[0] is not None:
-        _check_rotations("R_fix", more[0])
-    return EstimatorRun(build_vehicle(description)).feed(times, *arrays, *more)
+    samples = check_samples(t, gyro, accel, t_fix, p_fix, R_fix, heading)
+    return EstimatorRun(build_vehicle(description)).feed(*samples)
 
 
 def plan_motion(
@@ -369,29 +353,3 @@ def _as_world(world: World | Path_) -> World:
 def as_description(description: Description | Path_) -> Description:
     """Return a description unchanged, or load the mission of that name, file or run."""
     return description if isinstance(description, Description) else load_description(description)
-
-
-def _check(name: str, value: ArrayLike, shape: tuple[int, ...], n: int | None = None) -> Any:
-    """Return an array (n, *shape) of finite numbers; raises InputError naming the argument."""
-    try:
-        out = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        out = np.zeros(())
-    rows = "n" if n is None else n
-    wanted = f"({', '.join(map(str, (rows, *shape)))}{'' if shape else ','})"
-    if out.ndim != 1 + len(shape) or out.shape[1:] != shape or n not in (None, len(out)):
-        raise InputError(f"{name}: has the shape {out.shape}; valid: {wanted}")
-    if not np.all(np.isfinite(out)):
-        raise InputError(f"{name}: row {int(np.argwhere(~np.isfinite(out))[0, 0])} is not finite")
-    return out
-
-
-def _check_rotations(name: str, R: NDArray[Any]) -> None:
-    """Raise InputError, which names the row, unless all matrices (n, 3, 3) are rotations."""
-    off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-    wrong = (off > 1e-3) | (np.abs(np.linalg.det(R) - 1.0) > 2e-3)
-    if np.any(wrong):
-        raise InputError(
-            f"{name}: row {int(np.argmax(wrong))} is not a rotation; valid: orthonormal matrices "
-            "with the determinant 1, within 0.001"
-        )

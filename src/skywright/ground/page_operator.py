@@ -11,8 +11,8 @@ from skywright.run.operator import STILL, Sight, Stick
 
 INVITE = "Take control, hold Space (or a shoulder button) and move the stick."
 WORK = (
-    "Bring the dot under Stick to the middle, then go the way that is left; press Enter with Space "
-    "held when it is done."
+    "Centre the dot below Stick, then follow the remaining path; at its end, press Enter while you "
+    "hold Space."
 )
 
 

@@ -162,5 +162,8 @@ def _turn(x: float, y: float, z: float) -> Array:
 def _check(centres: Array) -> Array:
     centres = np.asarray(centres, float).reshape(-1, 3)
     if not np.all(np.isfinite(centres)):
-        raise InputError("touches: a place is not finite")
+        bad = int(np.argmin(np.all(np.isfinite(centres), axis=1)))
+        raise InputError(
+            f"touches: place {bad} is {centres[bad].tolist()}; valid: finite x, y, z (m)"
+        )
     return centres

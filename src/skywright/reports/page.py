@@ -4,6 +4,8 @@ import base64
 import html
 import os
 import re
+import shlex
+import sys
 from contextlib import suppress
 from datetime import UTC, datetime
 from functools import lru_cache
@@ -32,35 +34,30 @@ class Picture(NamedTuple):
 
 
 @overload
-def build_picture(title: str, figure: Figure, caption: str, *, zoom: bool = False) -> Picture: ...
+def build_picture(title: str, figure: Figure, caption: str) -> Picture: ...
 @overload
-def build_picture(title: str, figure: None, caption: str, *, zoom: bool = False) -> None: ...
+def build_picture(title: str, figure: None, caption: str) -> None: ...
 @overload
-def build_picture(
-    title: str, figure: Figure | None, caption: str, *, zoom: bool = False
-) -> Picture | None: ...
-def build_picture(
-    title: str, figure: Figure | None, caption: str, *, zoom: bool = False
-) -> Picture | None:
+def build_picture(title: str, figure: Figure | None, caption: str) -> Picture | None: ...
+def build_picture(title: str, figure: Figure | None, caption: str) -> Picture | None:
     """Return a figure as a picture of a page; None without a figure.
 
-    `zoom`: the page can zoom panels over time; in print, the picture is used.
+    The page can zoom a figure whose panels are all over time (in s); in print, the picture is used.
     """
     if figure is None:
         return None
     data = base64.b64encode(render_svg(figure)).decode("ascii")
     width = float(figure.get_size_inches()[0]) / WIDTH
-    plot = build_plot(figure) if zoom else ""
-    return Picture(title, f"data:image/svg+xml;base64,{data}", caption, width, plot)
+    return Picture(title, f"data:image/svg+xml;base64,{data}", caption, width, build_plot(figure))
 
 
 def render_page(template: str, **values: object) -> str:
     """Fill `reports/templates/<template>`; a missing value is an error.
 
     Every heading gets an id; an empty <nav> becomes the table of contents. `written` defaults to
-    the current time.
+    the current time, `command` to the command that runs.
     """
-    values = {"written": write_time(datetime.now(UTC)), **values}
+    values = {"written": write_time(datetime.now(UTC)), "command": tell_command(), **values}
     page = add_contents(_load_template(template).render(values))
     if '<script type="application/json"' not in page:
         return page
@@ -74,6 +71,13 @@ def render_page(template: str, **values: object) -> str:
         f"<script>\n{ours}</script>\n"
     )
     return page.replace("</body>", f"{code}</body>")
+
+
+def tell_command() -> str:
+    """Return the `skywright` command that this process runs, as typed; "" in other programs."""
+    program = Path(sys.argv[0])
+    name = program.parent.name if program.name == "__main__.py" else program.stem
+    return shlex.join(["skywright", *sys.argv[1:]]) if name == "skywright" else ""
 
 
 def write_time(t: datetime) -> str:

@@ -81,7 +81,7 @@ def render_report(result: RunResult) -> str:
     trust = " --trust" if any(folder.glob("*.py")) else ""
     with house_style(), blame(type(load_kind(kind)), "a chart"):
         task = [
-            build_picture(chart.title, chart.draw(result), chart.caption, zoom=True)
+            build_picture(chart.title, chart.draw(result), chart.caption)
             for chart in figures.charts.values()
         ]
         motion = _draw_motion(result)
@@ -135,6 +135,5 @@ def _draw_motion(result: RunResult) -> list[Picture | None]:
             "The whole flight", series.draw_flight_series(result),
             "Bands are phases. Dashed red lines are limits."
                 + (CONTACT_OFFSET if result.description.robot.probe else ""),
-            zoom=True,
         ),
     ]  # fmt: skip

@@ -20,7 +20,6 @@ def write_overlay_page(found: Overlay, path: Path) -> None:
         picture = found.series and build_picture(
             "Over time", draw_overlay(found.series, names),
             "Both runs over the time since their start. Solid: A. Dashed: B.",
-            zoom=True,
         )  # fmt: skip
     write_page(path, render_page(
         "compare_runs.html.j2", found=found, names=names, reports=reports,

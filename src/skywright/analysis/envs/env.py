@@ -101,7 +101,9 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
                 raise InputError(f"{name} = {value!r}; valid: a whole number from {least}")
         length = self.episode_s if episode_s is None else episode_s
         if not isinstance(length, int | float) or not MISSION_TICK <= length < np.inf:
-            raise InputError(f"episode_s = {episode_s!r}; valid: seconds, from {MISSION_TICK:g}")
+            raise InputError(
+                f"episode_s = {episode_s!r}; valid: a duration (s), at least {MISSION_TICK:g}"
+            )
         for name, told in (("robot", robot), ("world", world)):
             if not isinstance(told, str | None):
                 raise InputError(f"{name} = {told!r}; valid: a text, a name or a file")

@@ -36,7 +36,7 @@ def draw_series(p: Prediction, part: slice, what: str, unit: str) -> Figure:
         )
         _shade(ax, t[at], held_out[at])
     axes[0].legend(loc="upper right", ncols=3)
-    axes[-1].set_xlabel("time (s); shaded parts were held out of the fit")
+    axes[-1].set_xlabel("time in the log (s)")
     figure.tight_layout()
     return figure
 

@@ -21,7 +21,8 @@ def write_identify_page(found: Identification, overrides: str, path: Path) -> No
             build_picture(
                 "Angular acceleration, measured and predicted",
                 figures.draw_series(p, slice(3, 6), "about", "rad/s²"),
-                "A window around a held-out part. Dotted: prediction of the robot file.",
+                "A window around a held-out part (shaded), which the fit did not use. Dotted: "
+                    "prediction of the robot file.",
             ),
             build_picture(
                 "Predicted over measured, held-out parts", figures.draw_scatter(p),

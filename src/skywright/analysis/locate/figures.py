@@ -5,6 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from skywright.analysis.locate.locate import Fusion, LocateReport
+from skywright.analysis.locate.trajectory_error import TrajectoryError
 from skywright.core.arrays import Mask
 from skywright.models.localisation.drift_filter import CAMERA, STATION
 from skywright.reports.figures.style import (
@@ -103,42 +104,56 @@ def _shade_outages(ax: Axes, f: Fusion, start: float) -> None:
         ax.axvspan(o.start - start, o.end - start, color="#f3d9d6", lw=0, zorder=0)
 
 
-def draw_errors(report: LocateReport) -> Figure | None:
-    """Draw the distance from the reference over time, and its distribution."""
-    if not report.errors:
-        return None
-    figure = new_figure(WIDTH, 3.3)
-    ax = figure.add_axes((0.075, 0.15, 0.58, 0.74))
-    spread = figure.add_axes((0.74, 0.15, 0.245, 0.74))
+def draw_errors(report: LocateReport) -> Figure:
+    """Draw the distance from the reference over time."""
+    figure = new_figure(WIDTH, 3.0)
+    ax = figure.add_axes((0.075, 0.16, 0.91, 0.72))
     start = min(float(e.t[0]) for e in report.errors.values())
     if report.fusion is not None:
         start = float(report.fusion.events.t[0])
         _shade_outages(ax, report.fusion, start)
-    colors = (BLUE, PURPLE, ORANGE)
-    order = list(report.errors.items())
-    for (name, e), color in zip(reversed(order), reversed(colors[: len(order)]), strict=True):
+    for name, e, color in _list_errors(report):
         draw_line(ax, e.t - start, 1e3 * np.maximum(e.error, 1e-5), color=color,
                   label=f"{name}: rms {_length(e.absolute.rms)}")  # fmt: skip
-        size = np.sort(1e3 * e.error)[:: max(1, len(e.error) // 500)]
-        spread.plot(size, np.linspace(0, 100, len(size)), color=color)
     if report.std is not None:
         t = report.trajectory.t - start
         draw_line(ax, t, 2e3 * report.std, color=BLUE, lw=0.8, ls=":",
                   label="fused: two standard deviations, as stated by the filter")  # fmt: skip
     ax.set_yscale("log")
-    spread.set_xscale("log")
     low, high = ax.get_ylim()
     ax.set_ylim(low, high * (high / low) ** 0.35)
     ax.legend(loc="upper left", fontsize=7.5)
     ax.set(
         xlabel="time since the start of the recording (s)",
-        ylabel="distance from the reference (mm)",
-        title="over time",
+        ylabel="distance (mm)",
+        title="Distance from the reference over time",
     )
-    spread.set(xlabel="distance (mm)", ylabel="samples below (%)", title="distribution")
-    for axis in (ax.yaxis, spread.xaxis):
-        axis.set_major_formatter(lambda v, _: f"{v:g}")
+    ax.yaxis.set_major_formatter(lambda v, _: f"{v:g}")
     return figure
+
+
+def draw_distribution(report: LocateReport) -> Figure:
+    """Draw the cumulative distribution of the distance from the reference."""
+    figure = new_figure(0.62 * WIDTH, 2.9)
+    ax = figure.add_axes((0.12, 0.17, 0.85, 0.71))
+    for name, e, color in _list_errors(report):
+        size = np.sort(1e3 * e.error)[:: max(1, len(e.error) // 500)]
+        ax.plot(size, np.linspace(0, 100, len(size)), color=color, label=name)
+    ax.set_xscale("log")
+    ax.set(
+        xlabel="distance from the reference (mm)", ylabel="samples below (%)",
+        title="Distribution of the distance",
+    )  # fmt: skip
+    ax.legend(loc="upper left", fontsize=7.5)
+    ax.xaxis.set_major_formatter(lambda v, _: f"{v:g}")
+    return figure
+
+
+def _list_errors(report: LocateReport) -> list[tuple[str, TrajectoryError, str]]:
+    """Return name, error and colour, the first last: it is drawn on top."""
+    colors = (BLUE, PURPLE, ORANGE)
+    pairs = zip(report.errors.items(), colors[: len(report.errors)], strict=True)
+    return [(name, e, color) for (name, e), color in pairs][::-1]
 
 
 def _length(metres: float) -> str:

@@ -142,10 +142,10 @@ def _section_errors(report: LocateReport) -> Section:
         "rigid": "after the rotation and offset that fit best",
         "similarity": "after the rotation, offset and scale that fit best",
     }.get("" if first.frame is None else first.frame.method, "as they are, without alignment")
-    picture = figures.draw_errors(report)
-    pictures = [] if picture is None else [
-        build_picture("Errors", picture,
-                      "Distance from the reference; red bands: station outages.")]  # fmt: skip
+    pictures = [
+        build_picture("Errors", figures.draw_errors(report), "Red bands: station outages."),
+        build_picture("Distribution of the errors", figures.draw_distribution(report), ""),
+    ]
     return Section(
         "Errors against the reference",
         f"Absolute: distance from the reference {how}. Relative: error of the displacement over "

@@ -155,9 +155,12 @@ class InspectionStore(DatumFile):
         for _, r in readings:
             _check_numbers("reading", r._asdict())
             if r.accepted and r.value is None:
-                raise InputError("reading: accepted without a value; refuse it with the reason")
+                raise InputError(
+                    "reading: accepted without a value; give the value, or accepted=False with a "
+                    "reason"
+                )
             if not r.accepted and not r.reason:
-                raise InputError("reading: refused without a reason")
+                raise InputError("reading: refused without a reason; give the reason as a text")
         if not readings:
             return 0
         columns = ", ".join(Reading._fields)

@@ -29,7 +29,7 @@ REASONS = (
 
 
 class Frame(NamedTuple):
-    """An answer."""
+    """A message of the flight controller: command number and payload."""
 
     command: int
     payload: bytes

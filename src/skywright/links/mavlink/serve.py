@@ -162,7 +162,7 @@ def serve_robot(
         for url in urls:
             endpoints.append(Endpoint(url, SYSTEM, COMPONENT))
             if not url.is_local:
-                say(f"{url}: other computers are reached; MAVLink checks nobody's identity")
+                say(f"{url}: reachable from other computers; MAVLink does not authenticate senders")
         service = Service(description, endpoints, say, speed)
         say(f"{description.robot.name} in {description.world.name} on {', '.join(map(str, urls))}")
         while service.vehicle.t < duration_s - 1e-9:

@@ -66,7 +66,10 @@ class _Reader:
             element, copies, chain = todo.pop()
             self.elements += 1
             if self.elements > MAX_ELEMENTS:
-                raise InputError(f"{path}: more than {MAX_ELEMENTS} elements; a robot has fewer")
+                raise InputError(
+                    f"{path}: more elements than {MAX_ELEMENTS}, the limit for a model with its "
+                    "included files"
+                )
             if element.tag == "include":
                 _, element, chain = self._open(path, element, chain)
             elif element.tag in COPIED:

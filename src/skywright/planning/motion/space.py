@@ -202,7 +202,11 @@ def build_space(
     moves = [any(r in (X, Y, Z) for r in np.flatnonzero(cmap[:, i])) for i in range(n)]
     n_move = sum(moves)
     if not all(moves[:n_move]):
-        raise InputError("coordinates: translations must come before angles")
+        first = coordinates[moves.index(False)].name
+        raise InputError(
+            f"coordinates: {first}, an angle, comes before a translation; valid: all coordinates "
+            "that drive x, y or z first"
+        )
     weight = np.array(
         [
             p1 if m else p2 * sum(abs(gain) for gain in c.gains or (1.0,) * len(c.drives))

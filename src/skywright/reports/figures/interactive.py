@@ -49,9 +49,9 @@ def build_plot(figure: Figure) -> str:
 
 
 def find_clock(ax: Axes) -> str:
-    """Return the label of the time axis that stacked panels share; "" for other axes."""
+    """Return the label of the time axis (s) that stacked panels share; "" for other axes."""
     siblings = ax.get_shared_x_axes().get_siblings(ax)
-    label = next((x for a in siblings if (x := a.get_xlabel()).lower().startswith("time")), "")
+    label = next((x for a in siblings if re.match(r"time .*\(s\)$", x := a.get_xlabel())), "")
     return RUN_CLOCK if label == "time (s)" else label
 
 
@@ -69,12 +69,13 @@ def _pack(values: Array, data: bytearray) -> dict[str, float]:
 
 
 def _read_panel(ax: Axes, data: bytearray) -> dict[str, Any]:
-    """Return title, ranges, lines, horizontal lines and shaded areas of a panel."""
+    """Return title, ranges, lines, horizontal and vertical lines, and shaded areas of a panel."""
     unit = re.search(r"\(([^)]*)\)\s*$", ax.get_ylabel())
     panel: dict[str, Any] = {
         "title": ax.get_title(loc="left") or ax.get_title(), "label": ax.get_ylabel(),
         "unit": unit[1] if unit else ax.get_ylabel(), "x": list(map(float, ax.get_xlim())),
-        "y": list(map(float, ax.get_ylim())), "lines": [], "levels": [], "areas": [],
+        "y": list(map(float, ax.get_ylim())), "log": ax.get_yscale() == "log",
+        "lines": [], "levels": [], "marks": [], "areas": [],
     }  # fmt: skip
     for line in ax.lines:
         style = {
@@ -89,6 +90,8 @@ def _read_panel(ax: Axes, data: bytearray) -> dict[str, Any]:
             ends = x[np.isfinite(y)].tolist() if in_x else []
             spans = list(zip(ends[::2], ends[1::2], strict=True))
             panel["levels"].append({**style, "label": named, "y": float(y[0]), "spans": spans})
+        elif in_x and not in_y and len(x):
+            panel["marks"].append({**style, "x": float(x[0])})
         elif in_x and in_y and len(x) > 0:
             every = -(-len(x) // MOST)
             panel["lines"].append({

@@ -46,10 +46,11 @@ def draw_plan(result: RunResult) -> Figure | None:
         known = np.where(np.isfinite(y), y, np.inf)
         i = int(np.argmin(known))
         fit_y(ax, float(np.nanmax(y)), 0.0, low=min(0.0, float(known[i])))
-        ax.plot(t[i], y[i], "v", color=LIMIT, ms=6, zorder=6)
+        least = f"least {unit.format(y[i])}"
+        ax.plot(t[i], y[i], "v", color=LIMIT, ms=6, zorder=6, label=least)
         right = i < 0.8 * len(t)
         ax.annotate(
-            "least " + unit.format(y[i]), (t[i], y[i]), (8 if right else -8, 6),
+            least, (t[i], y[i]), (8 if right else -8, 6),
             textcoords="offset points", fontsize=7.5, color=LIMIT, ha="left" if right else "right",
             bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.6}, zorder=6,
         )  # fmt: skip

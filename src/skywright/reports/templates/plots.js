@@ -76,6 +76,15 @@ function drawFront(u, panel, phases, first) {
       end = middle + 0.5 * ctx.measureText(fits).width + 2 * dpr;
     }
   }
+  for (const mark of panel.marks) {
+    ctx.strokeStyle = mark.color;
+    ctx.lineWidth = mark.width * dpr;
+    ctx.setLineDash(mark.dash.map(d => d * dpr));
+    ctx.beginPath();
+    ctx.moveTo(x(mark.x), b.top);
+    ctx.lineTo(x(mark.x), b.top + b.height);
+    ctx.stroke();
+  }
   const names = [];  // [left, base line, width] of each
   const lines = panel.levels.map(level => u.valToPos(level.y, "y", true));
   ctx.textAlign = "left";
@@ -157,6 +166,10 @@ function addTouch(u, clock) {  // uPlot knows mice; a finger selects across and 
   over.addEventListener("pointercancel", finish);
 }
 
+function keepDecades(u, splits) {  // of a logarithmic axis
+  return splits.map(v => Math.abs(Math.log10(v) - Math.round(Math.log10(v))) < 1e-6 ? v : null);
+}
+
 function addPanel(box, panel, data, phases, clock, first) {
   const title = document.createElement("h4"), chart = document.createElement("div");
   title.textContent = panel.title;
@@ -168,15 +181,17 @@ function addPanel(box, panel, data, phases, clock, first) {
     padding: [first ? 22 : 8, 24, 0, 0],  // at the right: half of a number below the last tick
     scales: {
       x: {time: false, auto: false, range: (u, min, max) => [min, max]},
-      y: {range: (u, min, max) => {
+      y: {distr: panel.log ? 3 : 1, range: (u, min, max) => {
         if (!clock.range || min == null) return panel.y;
+        if (panel.log) return [min / 1.2, max * 1.2];
         // of a range near the resolution of the numbers uPlot would compute ticks without end
         const room = Math.max(0.1 * (max - min), 1e-4 * Math.abs(max)) || 1;
         return [min - room, max + room];
       }},
     },
     axes: [{size: 26, values: (u, ticks) => ticks.map(t => String(+t.toFixed(6)))},
-           {size: 56, label: panel.label, labelSize: 16, labelFont: "11px sans-serif", font: "11px sans-serif"}],
+           {size: 56, label: panel.label, labelSize: 16, labelFont: "11px sans-serif", font: "11px sans-serif",
+            ...(panel.log ? {grid: {filter: keepDecades}, ticks: {filter: keepDecades}} : {})}],
     cursor: {
       sync: {key: panel.clock, setSeries: false, filters: {pub: type => type === "mousemove" || type === "mouseleave"}},
       drag: {x: true, y: false, setScale: false},

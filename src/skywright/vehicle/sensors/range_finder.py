@@ -63,7 +63,7 @@ class RangeFinder(Sensor):
         return self._rng.bit_generator.state
 
     def restore(self, saved: Any) -> None:
-        """Restore it."""
+        """Restore what `save` returned."""
         self._rng.bit_generator.state = saved
 
     def reseed(self, seed: int) -> None:

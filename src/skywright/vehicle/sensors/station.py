@@ -184,7 +184,7 @@ class StationCamera(Sensor):
         return {name: rng.bit_generator.state for name, rng in self._rng.items()}
 
     def restore(self, saved: Any) -> None:
-        """Restore it."""
+        """Restore what `save` returned."""
         for name, rng in self._rng.items():
             rng.bit_generator.state = saved[name]
 

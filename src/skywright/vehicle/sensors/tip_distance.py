@@ -89,7 +89,7 @@ class TipDistance(Sensor):
         return self._due
 
     def restore(self, saved: Any) -> None:
-        """Restore it."""
+        """Restore what `save` returned."""
         self._due = saved
 
     @staticmethod

@@ -168,7 +168,7 @@ class Ultrasonic(Sensor):
         return self._seed
 
     def restore(self, saved: Any) -> None:
-        """Restore it."""
+        """Restore what `save` returned."""
         self._seed = saved
 
     def reseed(self, seed: int) -> None:
