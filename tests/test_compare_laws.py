@@ -56,6 +56,9 @@ def test_only_runs_that_both_measured_are_paired() -> None:
     assert [len(v) for v in pair_rows(a, b, "y")] == [0, 0]
     early = [a[0]._replace(outcome="aborted"), *a[1:]]
     assert [list(v) for v in pair_rows(early, b, "x")] == [[3.0], [5.0]]
+    landed = [[r._replace(metrics={"response.x": r.metrics["x"]}) for r in rows]
+              for rows in (early, b)]  # fmt: skip
+    assert sorted(pair_rows(*landed, "response.x")[0]) == [1.0, 3.0]  # the aborted run too
 
 
 def test_a_difference_within_runs_is_found_where_the_runs_differ_more() -> None:

@@ -22,6 +22,8 @@ below 0.0625, and the bootstrap interval of so few has too little coverage. With
 difference is significant only if most tests of the page agree; 10 pairs suffice for a single one in
 25 tests."""
 RESAMPLES = 2000
+RESPONSE = "response."
+"""Beginning of the names of the metrics of a response to a fault."""
 
 
 class Difference(NamedTuple):
@@ -40,12 +42,17 @@ class Difference(NamedTuple):
 
 
 def pair_rows(reference: Sequence[Row], rows: Sequence[Row], metric: str) -> tuple[Array, Array]:
-    """Return the metric's values (n,) of both laws, for the runs that both completed."""
-    known = {r.run: r.metrics.get(metric, math.nan) for r in reference if r.completed}
+    """Return the metric's values (n,) of both laws, for the runs that both completed.
+
+    Metrics of the response to a fault judge the flight to its end, also where the fault ended the
+    mission: they are paired in these runs too.
+    """
+    ended = metric.startswith(RESPONSE)
+    known = {r.run: r.metrics.get(metric, math.nan) for r in reference if r.completed or ended}
     both = [
         (known[r.run], r.metrics.get(metric, math.nan))
         for r in rows
-        if r.run in known and r.completed
+        if r.run in known and (r.completed or ended)
     ]
     values = np.array([pair for pair in both if all(map(math.isfinite, pair))]).reshape(-1, 2)
     return values[:, 0], values[:, 1]
