@@ -40,11 +40,17 @@ class Refusals:
         plain = why.replace(f"'{law}'", "LAW").replace(f"`{law}`", "LAW")
         if plain not in self.known:
             self.known.append(plain)
-        return chr(ord("a") + self.known.index(plain))
+        return self._name(self.known.index(plain))
 
     def list_lines(self) -> list[str]:
         """Return a line a reason."""
-        return [f"- ({chr(ord('a') + i)}) {why}" for i, why in enumerate(self.known)]
+        return [f"- ({self._name(i)}) {why}" for i, why in enumerate(self.known)]
+
+    @staticmethod
+    def _name(i: int) -> str:
+        """Return a to z, then aa, ab and so on."""
+        letter = chr(ord("a") + i % 26)
+        return letter if i < 26 else Refusals._name(i // 26 - 1) + letter
 
 
 def name_column(one: dict[str, Any]) -> str:
@@ -137,12 +143,16 @@ def build_table(name: str, asked: dict[str, Any], refusals: Refusals) -> str:
     ]
     lost = []
     for law in dict.fromkeys(f["law"] for f in found["flown"]):
-        for f in (f for f in found["flown"] if f["law"] == law):
-            if f["refused"]:
-                mark = refusals.mark(law, f["refused"])
-                lines.append(
-                    f"| `{law}` | {f['case']} | refused ({mark}) |" + " – |" * (len(shown) + 1)
-                )
+        mine = [f for f in found["flown"] if f["law"] == law]
+        marks = [f["refused"] and refusals.mark(law, f["refused"]) for f in mine]
+        same = len(mine) > 1 and len(set(marks)) == 1 and marks[0]
+        for f, mark in zip(mine, marks, strict=True):
+            if mark:
+                if not same or f is mine[0]:
+                    case = "all" if same else f["case"]
+                    lines.append(
+                        f"| `{law}` | {case} | refused ({mark}) |" + " – |" * (len(shown) + 1)
+                    )
                 continue
             if why := f.get("reason"):
                 lost.append(f"- `{law}`, {f['case']}: {why}")

@@ -42,6 +42,9 @@ BENCHMARKS = {
     "insertion": Benchmark(HERE + "insertion", "a step of bar-insertion over one of a scan"),
     "locate": Benchmark(HERE + "locate", "calibration and filter of total station and camera"),
     "robots": Benchmark(HERE + "robots", "growth of cost with the number of robots"),
+    "studies": Benchmark(
+        HERE + "studies", "import of a robot, comparisons of robots and laws", False
+    ),
     "envs": Benchmark(HERE + "envs", "steps and resets of the environments", False),
     "consistency": Benchmark(
         HERE + "evidence",
