@@ -18,6 +18,7 @@ import resource
 import statistics
 import tempfile
 import time
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ from skywright.analysis.campaign.spec import (
     write_command,
 )
 from skywright.analysis.campaign.store import Store
+from skywright.evidence.bench.machine import describe_machine, read_commit
 
 MISSIONS = {
     "waypoints": ["world.wind.kind=choice('steady')", "world.wind.mean_mps=uniform(0.1,2)"],
@@ -107,7 +109,13 @@ def main() -> None:
     p.add_argument("--turns", type=int, default=3)
     p.add_argument("--out", type=Path, default=HERE / "scale.json")
     asked = p.parse_args()
+    if asked.runs < 2 or asked.turns < 1:
+        p.error(f"--runs {asked.runs} --turns {asked.turns}; valid: 2 runs or more, 1 turn or more")
+    if not asked.out.parent.is_dir():
+        p.error(f"--out {asked.out}: the folder {asked.out.parent} does not exist")
     found = {
+        "when": datetime.now(UTC).strftime("%Y-%m-%d"), **read_commit(),
+        "processor": describe_machine()["processor"],
         "cores": os.cpu_count(), "load_1_min": round(os.getloadavg()[0], 1), "planned": PLANNED,
         "missions": [measure(m, asked.runs, asked.turns) for m in MISSIONS],
     }  # fmt: skip

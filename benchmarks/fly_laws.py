@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import json
 import subprocess
-import sys
 import tomllib
 from datetime import UTC, datetime
 from pathlib import Path
@@ -82,8 +81,6 @@ def find_refusal(c: dict[str, Any], law: str) -> str:
 def measure(name: str) -> str:
     """Measure the laws that flew again and write the computing times; return them as text."""
     c, file = COMPARISONS[name], KEPT / f"{name}.json"
-    if not file.is_file():
-        sys.exit(f"{file}: not there; fly the comparison first: python {sys.argv[0]} {name}")
     found = json.loads(file.read_text(encoding="utf-8"))
     for law in {f["law"] for f in found["flown"] if not f["refused"]}:
         sets = [*c.get("sets", ()), *list_law_sets(law)]
@@ -115,10 +112,17 @@ def main() -> None:
     parser.add_argument("--cost", action="store_true", help="measure computing times only")
     args = parser.parse_args()
     if unknown := set(args.names) - set(COMPARISONS):
-        sys.exit(
+        parser.error(
             f"{', '.join(sorted(unknown))}: no such comparison; valid: {', '.join(COMPARISONS)}"
         )
-    for name in args.names or COMPARISONS:
+    if args.runs < 0 or args.workers < 1:
+        parser.error(
+            f"--runs {args.runs} --workers {args.workers}; valid: 0 runs or more, 1 worker or more"
+        )
+    if missing := [n for n in args.names if args.cost and not (KEPT / f"{n}.json").is_file()]:
+        parser.error(f"--cost {missing[0]}: not flown yet; fly it first, without --cost")
+    flown = [name for name in COMPARISONS if not args.cost or (KEPT / f"{name}.json").is_file()]
+    for name in args.names or flown:
         if args.cost:
             say = measure(name)
         else:

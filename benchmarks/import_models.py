@@ -8,9 +8,9 @@ part of this repository. A model without a file keeps its old row.
 
 from __future__ import annotations
 
+import argparse
 import csv
 import math
-import sys
 import tempfile
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -102,7 +102,12 @@ def try_model(folder: Path, model: Model, out: Path) -> dict[str, str]:
 
 def main() -> None:
     """Import all models and write the table."""
-    folder = Path(sys.argv[1])
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, help="checkouts of the repositories of MODELS")
+    folder = parser.parse_args().folder
+    if not any((folder / model.file).is_file() for model in MODELS):
+        names = sorted({model.file.split("/")[0] for model in MODELS})
+        parser.error(f"{folder}: has no file of MODELS; valid: a folder with {', '.join(names)}")
     old = {}
     if OUT.exists():
         with OUT.open(encoding="utf-8", newline="") as f:

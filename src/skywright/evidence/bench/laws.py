@@ -12,7 +12,7 @@ from functools import partial
 from skywright.core.find import list_kinds
 from skywright.errors import InputError
 from skywright.evidence.bench.flights import load_scan
-from skywright.evidence.bench.rows import Row, Session, build_row
+from skywright.evidence.bench.rows import Row, Session, build_row, build_unmeasured_row
 from skywright.evidence.bench.timing import compute_ratios, interleave, read_clock
 from skywright.run.backends import build_vehicle
 from skywright.vehicle.bus import Clock
@@ -32,13 +32,17 @@ def measure(session: Session) -> list[Row]:
 
 
 def measure_laws(kinds: Sequence[str], rounds: int) -> list[Row]:
-    """Return one row per law: its time relative to `push_and_slide`, measured in turns."""
+    """Return one row per law: its time relative to `push_and_slide`, measured in turns.
+
+    A law that cannot fly this robot has a row with the reason.
+    """
     laws: dict[str, LawStep] = {}
+    refused = []
     for kind in [FIRST, *(k for k in kinds if k != FIRST)]:
         try:
             laws[kind] = hover(kind)
-        except InputError:
-            continue  # the law cannot fly this robot
+        except InputError as error:
+            refused.append(build_unmeasured_row(f"{kind}_over_{FIRST}", str(error)))
     if BOUND in laws:
         at_limits = hover(BOUND)
         at_limits.reference.p_WB = at_limits.reference.p_WB + [DEEP, 0.0, 0.0]
@@ -49,11 +53,12 @@ def measure_laws(kinds: Sequence[str], rounds: int) -> list[Row]:
     out = [
         build_row(f"{FIRST}_us", [1e6 * t / CALLS for t in first], "us", note="a step, hovering")
     ]
-    return out + [
+    out += [
         build_row(f"{name}_over_{FIRST}", compute_ratios(spent, first), note="a step")
         for name, spent in times.items()
         if name != FIRST
     ]
+    return out + refused
 
 
 def hover(kind: str) -> LawStep:
