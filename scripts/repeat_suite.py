@@ -1,7 +1,8 @@
-"""Run the test suite repeatedly: `python scripts/repeat_suite.py [--runs N] [--load K]`.
+"""Run the test suite repeatedly: `python scripts/repeat_suite.py [--runs N] [--load K] [--check]`.
 
 Repetition on an idle and on a loaded machine finds tests that fail occasionally. `--load K` keeps K
-processes busy during each run; `--workers W` is passed to `make test`. Appends one row per run to
+processes busy during each run; `--workers W` is passed to `make test`. `--check` runs `make check`
+instead, the style and the quick tests. Appends one row per run to
 benchmarks/suite-runs.csv. The exit code is 1 if a run failed.
 """
 
@@ -24,11 +25,11 @@ ROOT = Path(__file__).resolve().parent.parent
 TABLE = ROOT / "benchmarks" / "suite-runs.csv"
 COLUMNS = (
     "when_utc", "commit", "cores", "busy_processes", "passed", "failed", "wall_s", "processor_s",
-    "failures", "workers", "processor",
+    "failures", "workers", "processor", "target",
 )  # fmt: skip
 
 
-def run(load: int, workers: int, commit: str) -> list[object]:
+def run(load: int, workers: int, commit: str, target: str) -> list[object]:
     """Run the suite once beside `load` busy processes; return the row."""
     when = datetime.now(UTC).strftime("%Y-%m-%d %H:%M")
     busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(load)]
@@ -36,7 +37,7 @@ def run(load: int, workers: int, commit: str) -> list[object]:
     begin = time.perf_counter()
     try:
         done = subprocess.run(
-            ["make", "test", f"WORKERS={workers}"], cwd=ROOT,
+            ["make", target, f"WORKERS={workers}"], cwd=ROOT,
             env={**os.environ, "SKYWRIGHT_NO_SKIP": "1"},
             capture_output=True, text=True, stdin=subprocess.DEVNULL,
         )  # fmt: skip
@@ -54,7 +55,8 @@ def run(load: int, workers: int, commit: str) -> list[object]:
         names = [f"exit code {done.returncode}"]
     return [
         when, commit, os.cpu_count(), load, int(passed[1]) if passed else 0, len(names),
-        round(wall), round(spent), " ".join(names), workers, describe_machine()["processor"],
+        round(wall), round(spent), " ".join(names), workers if target == "test" else 2,
+        describe_machine()["processor"], target,
     ]  # fmt: skip
 
 
@@ -64,11 +66,12 @@ def main() -> int:
     parser.add_argument("--load", type=int, default=0)
     usual = re.search(r"^WORKERS := (\d+)", (ROOT / "Makefile").read_text("utf-8"), re.M)
     parser.add_argument("--workers", type=int, default=int(usual[1]) if usual else 1)
+    parser.add_argument("--check", action="store_true", help="`make check` instead of `make test`")
     asked = parser.parse_args()
     failed, source = 0, read_commit()
     commit = f"{source['commit']}{'-changed' if source['changed'] else ''}"
     for _ in range(asked.runs):
-        row = run(asked.load, asked.workers, commit)
+        row = run(asked.load, asked.workers, commit, "check" if asked.check else "test")
         new = not TABLE.exists()
         with TABLE.open("a", encoding="utf-8", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
