@@ -1,9 +1,10 @@
-"""Write docs/reference/matrix.md: which robot can be asked for which mission, and why not.
+"""Write docs/reference/matrix.md: which robot flies which mission, and why not.
 
 python docs/generate_matrix.py [ROBOT ...]     (minutes a robot; a test holds the page to its form)
 
-Nothing is flown: a pair is planned as `skywright plan MISSION --robot ROBOT` does it, in a process
-that is given LIMIT seconds. With names, only the rows of these robots are made anew.
+A pair is planned as `skywright plan MISSION --robot ROBOT` does it, and flown once where a plan
+exists, in a process that is given LIMIT seconds. With names, only the rows of these robots are
+made anew.
 """
 
 from __future__ import annotations
@@ -11,38 +12,80 @@ from __future__ import annotations
 import multiprocessing
 import re
 import sys
+import tempfile
 from multiprocessing.connection import Connection
 from pathlib import Path
 
 PAGE = Path(__file__).parent / "reference" / "matrix.md"
-LIMIT = 120.0
+LIMIT = 300.0
 """s a pair; the motion planner alone may search for longer."""
+HEIGHT = 2.0  # m, of the line of follow-plan
 LONGEST = 160  # characters of a reason
 HEAD = """# Robots and missions
 
-What `skywright plan MISSION --robot ROBOT` answers for each built-in pair, as
-`python docs/generate_matrix.py` writes it. A pair that can be planned is not thereby flown: the
-mission's requirements and campaigns decide.
+What `skywright run MISSION --robot ROBOT` gives for each built-in pair, as
+`python docs/generate_matrix.py` writes it: one flight with the mission's seed and the robot's law.
+A [campaign](../howto/campaign.md) with varied conditions says more. `follow-plan` follows a line of
+1 m with the arms folded.
 
-- **plan**: a plan exists.
+- **succeeded**: the flight met every requirement.
+- *failed*, *aborted*: it was flown and missed a requirement, or was ended early.
 - *no plan*: robot and mission fit, but the planner found no way within the limits.
 - refused: robot, mission and world do not fit.
-- *not decided*: the planning did not end within 120 s.
+- *not decided*: planning and flight did not end within 300 s.
 """
 
 
-def judge(robot: str, mission: str) -> tuple[str, str]:
-    """Return (verdict, reason) of a pair; the verdict is plan, no plan or refused."""
+def judge(robot: str, mission: str, *, fly: bool = True) -> tuple[str, str]:
+    """Return (verdict, reason) of a pair; `fly=False`: "plan" instead of the flight's outcome."""
     import skywright
     from skywright.errors import InfeasibleError, SkywrightError
 
-    try:
-        found = skywright.plan(skywright.load(mission, robot=robot))
-    except InfeasibleError as error:
-        return "no plan", str(error)
-    except SkywrightError as error:
-        return "refused", str(error)
-    return ("plan", "") if found.feasible else ("no plan", str(found.blocked_by))
+    with tempfile.TemporaryDirectory() as scratch:
+        try:
+            sets: dict[str, object] = {}
+            if mission == "follow-plan":
+                sets["mission.task.plan_file"] = write_plan(robot, Path(scratch) / "plan")
+                sets["mission.hover_height_m"] = HEIGHT
+            description = skywright.load(mission, robot=robot, sets=sets)
+            found = skywright.plan(description)
+            if not found.feasible:
+                return "no plan", str(found.blocked_by)
+            if not fly:
+                return "plan", ""
+            flown = skywright.run(description, out=Path(scratch) / "run", report=False)
+        except InfeasibleError as error:
+            return "no plan", str(error)
+        except SkywrightError as error:
+            return "refused", str(error).replace(f"{scratch}/", "")
+    missed = [r for r in flown.requirements if not r.passed]
+    told = flown.reason or ", ".join(
+        f"{r.name} {r.value:.3g} ({r.sense} {r.limit:g})" for r in missed
+    )
+    return flown.outcome, "" if flown.outcome == "succeeded" else told
+
+
+def write_plan(robot: str, path: Path) -> str:
+    """Write a plan file for a robot: 1 m ahead in 6 s, with its arms folded; return its name."""
+    import numpy as np
+
+    from skywright.description.robot.loader import load_robot
+    from skywright.models.rigid_body import joint_names, posture
+    from skywright.planning.motion.plan_file import PlanFile, write_plan_file
+    from skywright.vehicle.rest_to_rest import quintic
+
+    built, seconds = load_robot(robot)[0], 6.0
+    t = np.linspace(0.0, seconds, 301)
+    s, ds, dds = quintic(t / seconds)
+    pose, rate, change = np.zeros((3, len(t), 4))
+    pose[:, 0], pose[:, 2] = s, HEIGHT
+    rate[:, 0], change[:, 0] = ds / seconds, dds / seconds**2
+    q = np.tile(posture(built, "folded"), (len(t), 1))
+    plan = PlanFile(
+        robot, "open", 1, tuple(joint_names(built)), t, pose, rate, change, q, 0.0 * q, {}
+    )  # fmt: skip
+    write_plan_file(path, plan)
+    return str(path.with_suffix(".csv"))
 
 
 def serve(robot: str, missions: list[str], answers: Connection) -> None:
@@ -66,10 +109,10 @@ def judge_robot(robot: str, missions: list[str]) -> dict[str, tuple[str, str]]:
                 out[mission] = (verdict, reason)
             stuck = next((mission for mission in left if mission not in out), None)
             if stuck is not None:
-                out[stuck] = ("not decided", f"planning took longer than {LIMIT:.0f} s")
+                out[stuck] = ("not decided", f"planning and flight took longer than {LIMIT:.0f} s")
         except EOFError:
             stuck = next(mission for mission in left if mission not in out)
-            out[stuck] = ("not decided", "the planning process ended")
+            out[stuck] = ("not decided", "the process ended")
         process.kill()
         process.join()
     return out
@@ -86,7 +129,7 @@ def write_section(robot: str, verdicts: dict[str, tuple[str, str]]) -> str:
     rows = [f"## {robot}", "", "| mission | answer | reason |", "|---|---|---|"]
     for mission in sorted(verdicts):
         verdict, reason = verdicts[mission]
-        shown = {"plan": "**plan**", "refused": "refused"}.get(verdict, f"*{verdict}*")
+        shown = {"succeeded": "**succeeded**", "refused": "refused"}.get(verdict, f"*{verdict}*")
         rows.append(f"| `{mission}` | {shown} | {shorten(reason) or '-'} |")
     return "\n".join(rows) + "\n"
 
@@ -110,7 +153,10 @@ def main(names: list[str]) -> None:
         known = [entry.name for entry in robots if entry.name in sections]
         body = "\n".join(sections[robot] for robot in known)
         PAGE.write_text(f"{HEAD}\n{body}", encoding="utf-8")
-        print(f"{name}: {sections[name].count('**plan**')} of {len(missions)} missions", flush=True)
+        print(
+            f"{name}: {sections[name].count('**succeeded**')} of {len(missions)} missions",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

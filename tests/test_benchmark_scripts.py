@@ -11,6 +11,12 @@ import pytest
 FOLDER = Path(__file__).resolve().parents[1] / "benchmarks"
 
 
+def list_times() -> dict[Path, int]:
+    """When each result was changed last."""
+    files = [p for p in FOLDER.rglob("*") if p.suffix in (".json", ".csv")]
+    return {p: p.stat().st_mtime_ns for p in files}
+
+
 @pytest.mark.parametrize(
     ("script", "args", "words"),
     [
@@ -31,8 +37,9 @@ def test_wrong_arguments_end_a_script_with_one_line(
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(FOLDER)
     monkeypatch.setattr(sys, "argv", [script, *args])
+    before = list_times()
     with pytest.raises(SystemExit) as ended:
         runpy.run_path(str(FOLDER / script), run_name="__main__")
     said = capsys.readouterr()
     assert ended.value.code == 2 and words in said.err.splitlines()[-1] and said.out == ""
-    assert list(tmp_path.iterdir()) == []
+    assert list(tmp_path.iterdir()) == [] and list_times() == before

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -162,8 +163,11 @@ def test_aborted_flights_are_hollow_dots_and_count_in_the_median(tmp_path: Path)
     assert "Incomplete flights" not in text
 
 
-def test_nothing_of_the_page_is_cut_off(tmp_path: Path, show_page: Callable[..., Page]) -> None:
-    """With many laws, cases and metrics of long names."""
+def test_nothing_of_the_page_is_cut_off(
+    tmp_path: Path, show_page: Callable[..., Page], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With many laws, cases and metrics of long names, and a long command."""
+    monkeypatch.setattr(sys, "argv", ["skywright", "compare", "laws", "a_long_law_name," * 20])
     laws = [f"law_of_a_long_name_{k}" for k in range(9)]
     cases = [Case(f"case {k}", (f"robot.some.long.key_{k}=0.123456",)) for k in range(6)]
     metrics = [f"requirements.of_a_long_name.metric_{k}_mm" for k in range(8)]
@@ -178,7 +182,8 @@ def test_nothing_of_the_page_is_cut_off(tmp_path: Path, show_page: Callable[...,
         [d for d in differences if d is not None], set(), dict.fromkeys(laws, 1e-6), (),
     )  # fmt: skip
     write_laws_page(found, tmp_path / "laws.html")
-    check_page(show_page, tmp_path / "laws.html", has_plots=False)
+    page = check_page(show_page, tmp_path / "laws.html", has_plots=False)
+    assert page.locator("pre").inner_text().startswith("skywright compare laws a_long_law_name,")
 
 
 def test_cases_are_named_or_defined_and_the_nominal_one_is_always_there() -> None:

@@ -197,7 +197,7 @@ GNSS = skywright.load("waypoints", sets={"world.localisation": "gnss"})
         ({"R_fix": np.stack([np.eye(3), -np.eye(3)])}, "R_fix: row 1 is not a rotation"),
         ({"R_fix": None}, "R_fix: missing"),
         ({"R_fix": [[1.0, 0.0, 0.0, 0.0], [2.0, 0.0, 0.0, 0.0]]}, "R_fix: row 1 is not a rotation"),
-        ({"R_fix": [[1.0, 0.0], [0.0]]}, r"R_fix: has the shape \(\)"),
+        ({"R_fix": [[1.0, 0.0], [0.0]]}, r"R_fix: .* \(\); valid: \(2, 3, 3\) or \(2, 4\)"),
         ({"t": [0.2, 0.1]}, "t: steps from -0.1 to -0.1 s; valid: ascending"),
         ({"t_fix": [0.1, 0.1]}, "t_fix: steps from 0 to 0 s; valid: ascending"),
         ({"heading": [0.0, 0.0]}, "heading: not read; .*give R_fix only"),

@@ -65,7 +65,7 @@ def test_logarithmic_axes_and_marks_are_read() -> None:
     ax.set(xlabel="time (s)", yscale="log")
     (panel,) = json.loads(build_plot(figure))["panels"]
     assert panel["log"] and len(panel["lines"]) == 1
-    assert panel["marks"] == [{"color": "#ff0000", "width": 0.5, "dash": [], "x": 0.25}]
+    assert panel["marks"] == [{"color": "#ff0000ff", "width": 0.5, "dash": [], "x": 0.25}]
 
 
 def test_the_plan_zooms_and_names_its_least_values() -> None:
@@ -82,4 +82,4 @@ def test_the_plan_zooms_and_names_its_least_values() -> None:
         panels = json.loads(build_plot(figure))["panels"]
     assert {p["clock"] for p in panels} == {"time along the plan (s)"}
     named = [line["label"] for p in panels for line in p["lines"] if line["label"]]
-    assert named == ["least 0.200 m", "least 30 %"]
+    assert named == ["clearance", "least 0.200 m", "margin", "least 30 %"]

@@ -129,7 +129,7 @@ def test_random_structures_are_part_of_the_head(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("scenario_seed", "seven", "plan.scenario_seed is 'seven'; int is needed"),
+        ("scenario_seed", "seven", "plan.scenario_seed is 'seven'; a whole number is needed"),
         ("scenario_seed", -1, "plan.scenario_seed is -1; valid: 0 to 18446744073709551615"),
         ("difficulty", 7.0, "plan.difficulty is 7.0; valid: 0 to 1"),
         ("difficulty", math.nan, "plan.difficulty is nan; valid: 0 to 1"),

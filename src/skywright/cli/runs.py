@@ -32,7 +32,7 @@ def report(directory: Path, figures: Path | None, as_json: bool) -> None:
     from skywright.run.run import evaluate_directory
 
     if directory.exists() and not directory.is_dir():
-        raise InputError(f"{directory}: is not a run directory")
+        raise InputError(f"{directory}: is a file, which is not a run directory")
     check_folder(figures or directory)
     result = evaluate_directory(directory)
     report_unfinished(directory, result.outcome, result.reason)

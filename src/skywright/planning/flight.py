@@ -26,7 +26,7 @@ def build_transit_law(state: State, pose: Array, lim: Limits) -> TimeLaw:
 
 
 def build_rest(edge: Edge, at: int, duration: float) -> Edge:
-    """Rest at the first (0) or last (-1) row of an edge; rows start one step after it."""
+    """Return a rest at the first (0) or last (-1) row of an edge, which begins one step later."""
     count = round(duration / ROW) + 1
     rows, trace = np.repeat(edge.rows[at], count), np.repeat(edge.trace[at], count)
     rows["t"] = ROW * np.arange(count)

@@ -34,21 +34,27 @@ class Picture(NamedTuple):
 
 
 @overload
-def build_picture(title: str, figure: Figure, caption: str) -> Picture: ...
+def build_picture(title: str, figure: Figure, caption: str, group: str = "") -> Picture: ...
 @overload
-def build_picture(title: str, figure: None, caption: str) -> None: ...
+def build_picture(title: str, figure: None, caption: str, group: str = "") -> None: ...
 @overload
-def build_picture(title: str, figure: Figure | None, caption: str) -> Picture | None: ...
-def build_picture(title: str, figure: Figure | None, caption: str) -> Picture | None:
+def build_picture(
+    title: str, figure: Figure | None, caption: str, group: str = ""
+) -> Picture | None: ...
+def build_picture(
+    title: str, figure: Figure | None, caption: str, group: str = ""
+) -> Picture | None:
     """Return a figure as a picture of a page; None without a figure.
 
-    The page can zoom a figure whose panels are all over time (in s); in print, the picture is used.
+    The page can zoom a figure whose panels are all over time (in s), together with those of the
+    same `group`, such as one flight; in print, the picture is used.
     """
     if figure is None:
         return None
     data = base64.b64encode(render_svg(figure)).decode("ascii")
     width = float(figure.get_size_inches()[0]) / WIDTH
-    return Picture(title, f"data:image/svg+xml;base64,{data}", caption, width, build_plot(figure))
+    plot = build_plot(figure, group)
+    return Picture(title, f"data:image/svg+xml;base64,{data}", caption, width, plot)
 
 
 def render_page(template: str, **values: object) -> str:

@@ -79,6 +79,10 @@ def _check_rotations(name: str, value: ArrayLike, n: int) -> Array:
                 "the length 1, within 0.001"
             )
         return Rotation.from_quat(q, scalar_first=True).as_matrix()
+    if _read(value).shape[1:] != (3, 3):
+        raise InputError(
+            f"{name}: has the shape {_read(value).shape}; valid: ({n}, 3, 3) or ({n}, 4)"
+        )
     R = _check(name, value, (3, 3), n)
     off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
     wrong = (off > 1e-3) | (np.abs(np.linalg.det(R) - 1.0) > 2e-3)

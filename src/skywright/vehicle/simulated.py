@@ -228,7 +228,7 @@ class SimulatedVehicle(NoPilotSwitch):
         return float(self.look(EstimatorState).pose_std)
 
     def track(self, table: Table) -> None:
-        """Follow `table` from now on; its last row holds."""
+        """Follow `table` from now on; after its end the reference stays at its last row."""
         self._table = np.ascontiguousarray(table)
         self._table_start, self._table_end = self.t, float(self._table[-1]["t"])
         self._follower.track(self._table, self.t)

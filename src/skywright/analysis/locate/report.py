@@ -143,7 +143,11 @@ def _section_errors(report: LocateReport) -> Section:
         "similarity": "after the rotation, offset and scale that fit best",
     }.get("" if first.frame is None else first.frame.method, "as they are, without alignment")
     pictures = [
-        build_picture("Errors", figures.draw_errors(report), "Red bands: station outages."),
+        build_picture(
+            "Errors",
+            figures.draw_errors(report),
+            "" if report.fusion is None else "Red bands: station outages.",
+        ),
         build_picture("Distribution of the errors", figures.draw_distribution(report), ""),
     ]
     return Section(

@@ -1,4 +1,4 @@
-"""Studies without their flights: import of a robot, comparisons of robots and of laws."""
+"""Import of a robot, comparison of two robots, and the overhead of a comparison of laws."""
 
 from __future__ import annotations
 

@@ -75,15 +75,17 @@ def _fly_bare(campaign: Campaign, runs: int) -> float:
         started.append((start_fork(bare_runs.__name__, [theirs.fileno()], silent=True), ours))
         theirs.close()
         ours.send(half)
-    for process, connection in started:
-        try:
+    try:
+        for _, connection in started:
             found += connection.recv()
-        except EOFError:
-            raise SimulationError("a process of the benchmark ended without a result") from None
-        finally:
+        wall = time.perf_counter() - begin
+    except EOFError:
+        raise SimulationError("a process of the benchmark ended without a result") from None
+    finally:
+        for process, connection in started:
             connection.close()
-        process.wait()
-    wall = time.perf_counter() - begin
+            process.kill()
+            process.wait()
     _check(found)
     return wall
 

@@ -182,8 +182,8 @@ def measure_inspection(records: Records) -> Measured:
         "failed": _count_failed(flown), "saturated_s": _worst(flown, SATURATED),
     }  # fmt: skip
     caption = (
-        "Yellow: docked and pressing, the paper's inspection phase. Orange, on the left: the same "
-        "in flight, without the help of the gear. The axis of Y is magnified: it is off by "
+        "Yellow: docked and pressing, the paper's inspection phase. Orange, on the level deck: the "
+        "same in flight, without the help of the gear. The axis of Y is magnified: it is off by "
         "centimetres in flight, and docked it stays where the feet took hold."
     )
     return Measured(values, ClaimFigure(panels, caption))

@@ -78,7 +78,7 @@ def write_claims_page(reports: Sequence[Report], path: Path) -> None:
     """
     with house_style():
         pictures = {
-            c.id: build_picture(c.claim.statement, draw_claim(c.figure), c.figure.caption)
+            c.id: build_picture(c.claim.statement, draw_claim(c.figure), c.figure.caption, c.id)
             for report in reports for c in report.claims if c.figure is not None
         }  # fmt: skip
     write_page(path, render_page(

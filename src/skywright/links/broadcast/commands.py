@@ -112,7 +112,9 @@ class VehicleCommands:
         names, q = list(a["name"]), [float(x) for x in a["position"]]
         if names:
             if len(names) != len(q):
-                raise InputError(f"set_joints: {len(names)} names, {len(q)} positions")
+                raise InputError(
+                    f"set_joints: {len(names)} names, {len(q)} positions; valid: one for each name"
+                )
             unknown = [n for n in names if n not in self._joints]
             if unknown:
                 valid = ", ".join(self._joints) or "none: the robot has no arms"

@@ -37,7 +37,7 @@ def draw_modes(result: RunResult[ModesTask, ModesPlan]) -> Figure | None:
         draw_line(ax, s["t"], s["p_WB"][:, i], color=ORANGE)
         draw_line(ax, s["t"], s["ref_p_WB"][:, i], color=BLACK, ls="--")
     axes[0].legend(loc="upper left", ncols=2)
-    axes[3].set_xlabel("time (s)")
+    axes[3].set_xlabel("time since the start of the run (s)")
     for ax in axes:
         for phase in result.phases:
             if phase.name in MODES:

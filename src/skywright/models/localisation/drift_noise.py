@@ -22,7 +22,7 @@ GATE = 21.1
 LEAST_STATION = 0.5e-3
 """m; lower bound of the noise of any station or camera."""
 SHEET_SPREAD = 0.3
-"""Natural logarithm: one sigma of an instrument's noise over that of its data sheet is exp(0.3)."""
+"""Standard deviation of ln(noise of an instrument / noise in its data sheet)."""
 
 
 class DriftNoise(NamedTuple):

@@ -188,7 +188,10 @@ def compute_lower_bound(
     """
     r = space[0]
     if int(r["n"]) != 4 or int(r["n_move"]) != 2 or float(r["weight"][0]) != float(r["weight"][1]):
-        raise InputError("the lower bound is for spaces of x, z and two angles")
+        raise InputError(
+            f"lower bound: the space has {int(r['n'])} coordinates, {int(r['n_move'])} of them "
+            "translations; valid: x, z and two angles, with x and z weighted equally"
+        )
     w = r["weight"]
     low, high = r["low"], r["high"]
     grid = Grid(

@@ -176,6 +176,9 @@ _HEAD: dict[str, tuple[type, ...]] = {
     "rows": (int,), "duration_s": (float, int), "metrics": (dict,),
 }  # fmt: skip
 _OPTIONAL: dict[str, tuple[type, ...]] = {"scenario_seed": (int,), "difficulty": (float, int)}
+_NEEDED = {
+    int: "a whole number", float: "a number", str: "a text", list: "a list", dict: "a table",
+}  # fmt: skip
 _RANGES = {"scenario_seed": 2**64 - 1, "difficulty": 1}
 
 
@@ -192,7 +195,7 @@ def _read_head(path: Path) -> dict[str, Any]:
                 continue
             raise InputError(f"{path}: plan lacks {key}; required: {', '.join(_HEAD)}")
         if not isinstance(head[key], kinds) or isinstance(head[key], bool):
-            raise InputError(f"{path}: plan.{key} is {head[key]!r}; {kinds[0].__name__} is needed")
+            raise InputError(f"{path}: plan.{key} is {head[key]!r}; {_NEEDED[kinds[0]]} is needed")
     valid = _HEAD | _OPTIONAL
     unknown = sorted(set(head) - set(valid))
     if unknown:

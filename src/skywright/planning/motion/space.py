@@ -348,7 +348,7 @@ def _first_moments(tree: Tree, passive: int) -> tuple[Array, float]:
     least = float(np.linalg.norm(across)) - moving
     if least <= 0.0:
         raise InputError(
-            "the passive joint has no unique equilibrium angle: its load is balanced "
-            "in some posture of the arms"
+            "the passive joint has no unique equilibrium angle: some posture of the arms balances "
+            "its load; valid: arms whose centre of mass stays off the axis of the joint"
         )
     return moment, least

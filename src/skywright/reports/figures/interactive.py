@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import to_hex
+from matplotlib.colors import to_hex, to_rgba
 from matplotlib.figure import Figure
 
 from skywright.core.arrays import Array
@@ -21,13 +21,13 @@ from skywright.reports.figures.style import SPANS, WHOLE_LINES
 LEVELS, MOST = 65_534, 40_000
 """Quantization steps between the smallest and the largest value of a line (one more encodes NaN);
 and maximum number of samples of a line: longer ones are decimated."""
-RUN_CLOCK = "time since the start of the run (s)"
 _DASHES = {"--": [6, 4], ":": [2, 3], "-.": [6, 3, 2, 3]}
 
 
-def build_plot(figure: Figure) -> str:
+def build_plot(figure: Figure, group: str = "") -> str:
     """Return the panels of a figure over time as JSON for templates/plots.js; "" without any.
 
+    Panels of one `group` and time axis zoom together.
     Also returns "" if a panel has another x axis, because the plot replaces the picture.
     """
     if not all(find_clock(ax) for ax in figure.axes if ax.axison):
@@ -41,6 +41,7 @@ def build_plot(figure: Figure) -> str:
     if not any(p["lines"] for p in panels):
         return ""
     found = {
+        "group": group,
         "panels": panels,
         "phases": [[s.name, s.start, s.end, s.number] for s in SPANS.get(figure, ())],
         "data": base64.b64encode(zlib.compress(bytes(data), 9)).decode("ascii"),
@@ -50,9 +51,10 @@ def build_plot(figure: Figure) -> str:
 
 def find_clock(ax: Axes) -> str:
     """Return the label of the time axis (s) that stacked panels share; "" for other axes."""
+    if ax.get_xscale() != "linear":
+        return ""
     siblings = ax.get_shared_x_axes().get_siblings(ax)
-    label = next((x for a in siblings if re.match(r"time .*\(s\)$", x := a.get_xlabel())), "")
-    return RUN_CLOCK if label == "time (s)" else label
+    return next((x for a in siblings if re.match(r"time .*\(s\)$", x := a.get_xlabel())), "")
 
 
 def _pack(values: Array, data: bytearray) -> dict[str, float]:
@@ -91,7 +93,8 @@ def _read_panel(ax: Axes, data: bytearray) -> dict[str, Any]:
             spans = list(zip(ends[::2], ends[1::2], strict=True))
             panel["levels"].append({**style, "label": named, "y": float(y[0]), "spans": spans})
         elif in_x and not in_y and len(x):
-            panel["marks"].append({**style, "x": float(x[0])})
+            color = to_hex(to_rgba(line.get_color(), line.get_alpha()), keep_alpha=True)
+            panel["marks"].append({**style, "color": color, "x": float(x[0])})
         elif in_x and in_y and len(x) > 0:
             every = -(-len(x) // MOST)
             panel["lines"].append({

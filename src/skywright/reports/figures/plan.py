@@ -30,12 +30,12 @@ def draw_plan(result: RunResult) -> Figure | None:
     figure = new_figure(WIDTH, 3.9)
     strip, axes = stack_panels(figure, 2)
     shade_phases(strip, axes, spans)
-    draw_line(axes[0], t, clearance, color=BLUE)
+    draw_line(axes[0], t, clearance, color=BLUE, label="clearance")
     axes[0].set(
         title="Planned clearance of the robot (except the tip)",
         ylabel="clearance (m)",
     )
-    draw_line(axes[1], t, 100.0 * margin, color=BLUE)
+    draw_line(axes[1], t, 100.0 * margin, color=BLUE, label="margin")
     axes[1].set(
         title="Planned rotor margin: unused thrust range of the most loaded rotor",
         ylabel="margin (%)",

@@ -3,7 +3,7 @@
 (() => {
 "use strict";
 const HEIGHT = 150, BAND = "#eef1f5", NONE = 65535;
-const clocks = {};  // label of a time -> its plots, bars, zoom
+const clocks = {};  // group and label of a time -> its plots, bars, zoom
 
 async function inflate(text) {
   const packed = Uint8Array.from(atob(text), c => c.charCodeAt(0));
@@ -76,7 +76,7 @@ function drawFront(u, panel, phases, first) {
       end = middle + 0.5 * ctx.measureText(fits).width + 2 * dpr;
     }
   }
-  for (const mark of panel.marks) {
+  for (const mark of panel.marks.filter(mark => x(mark.x) >= b.left && x(mark.x) <= right)) {
     ctx.strokeStyle = mark.color;
     ctx.lineWidth = mark.width * dpr;
     ctx.setLineDash(mark.dash.map(d => d * dpr));
@@ -170,7 +170,7 @@ function keepDecades(u, splits) {  // of a logarithmic axis
   return splits.map(v => Math.abs(Math.log10(v) - Math.round(Math.log10(v))) < 1e-6 ? v : null);
 }
 
-function addPanel(box, panel, data, phases, clock, first) {
+function addPanel(box, panel, data, phases, clock, group, first) {
   const title = document.createElement("h4"), chart = document.createElement("div");
   title.textContent = panel.title;
   box.append(title, chart);
@@ -193,7 +193,7 @@ function addPanel(box, panel, data, phases, clock, first) {
            {size: 56, label: panel.label, labelSize: 16, labelFont: "11px sans-serif", font: "11px sans-serif",
             ...(panel.log ? {grid: {filter: keepDecades}, ticks: {filter: keepDecades}} : {})}],
     cursor: {
-      sync: {key: panel.clock, setSeries: false, filters: {pub: type => type === "mousemove" || type === "mouseleave"}},
+      sync: {key: `${group} ${panel.clock}`, setSeries: false, filters: {pub: type => type === "mousemove" || type === "mouseleave"}},
       drag: {x: true, y: false, setScale: false},
       points: {size: 5},
       bind: {dblclick: () => () => { zoom(clock, null); return null; }},
@@ -239,7 +239,7 @@ async function addFigure(script) {
   figure.classList.add("live");
   const shown = found.panels.filter(panel => panel.lines.length);
   shown.forEach((panel, i) => {
-    const clock = clocks[panel.clock] ||= {plots: [], bars: [], range: null};
+    const clock = clocks[`${found.group} ${panel.clock}`] ||= {plots: [], bars: [], range: null};
     if (!i) {
       const reset = document.createElement("button"), entry = {reset, replay: null};
       reset.textContent = "Show all";
@@ -253,7 +253,7 @@ async function addFigure(script) {
       }
       clock.bars.push(entry);
     }
-    addPanel(box, panel, joinLines(panel, bytes), found.phases, clock, !i);
+    addPanel(box, panel, joinLines(panel, bytes), found.phases, clock, found.group, !i);
   });
   const unit = document.createElement("p");
   unit.className = "soft";
