@@ -14,6 +14,9 @@ import numpy as np
 
 from skywright.analysis.compare.compare import MISSION, compare_robots
 from skywright.analysis.compare.figures import draw_pair, draw_reach, draw_reaction
+from skywright.analysis.locate.demo import write_demo
+from skywright.analysis.locate.figures import draw_errors
+from skywright.analysis.locate.locate import locate
 from skywright.description.loader import load_description
 from skywright.description.robot.loader import load_robot
 from skywright.errors import InputError, SkywrightError
@@ -83,6 +86,8 @@ ROBOTS = {"capability-othex.png": "othex"}
 PAIR = ("bimanual", "bimanual-longreach")
 """Robots of the comparison figures."""
 
+LOCATED = "locate-demo-errors.png"
+
 COMPARED = ("compare-pair.png", "compare-reach.png", "compare-reaction.png")
 
 
@@ -136,11 +141,22 @@ def write_pictures(folder: Path, say: Callable[[str], None] = print) -> list[Pat
             drawing.savefig(folder / name, dpi=110, metadata={"Software": None})
             written.append(folder / name)
             say(str(written[-1]))
+    written.append(write_errors(folder / LOCATED))
+    say(str(written[-1]))
     for name, robot in ROBOTS.items():
         spec, _ = load_robot(robot)
         written.append(write_capability_figure(compute_capability(spec), folder / name))
         say(str(written[-1]))
     return written
+
+
+def write_errors(path: Path) -> Path:
+    """Write the errors of the demonstration of `skywright locate`; return `path`."""
+    with tempfile.TemporaryDirectory() as scratch, house_style():
+        station, camera, truth = write_demo(Path(scratch))
+        found = locate([str(station), str(camera)], reference=str(truth), compare="none")
+        draw_errors(found).savefig(path, dpi=110, metadata={"Software": None})
+    return path
 
 
 @click.command("pictures", cls=Command)
