@@ -99,6 +99,9 @@ class RotorAllocation(Component):
             return None
         own.t_min[:], own.t_max[:] = left.t_min, left.t_max
         own.preload[:] = me.preload[: len(left.preload)] = left.preload
+        # Without a rotor none is omnidirectional: a lift along the vertical is feasible only at the
+        # lean, and asked for on the way there it would leave no thrust for the torque that leans.
+        me.full = min(me.full, 1)
         me.R_AB[:] = left.R_WB
         own.P[:, :3], own.P[:, 3:] = left.P[:, :3] @ left.R_WB.T, left.P[:, 3:] @ left.R_WB.T
         return left
