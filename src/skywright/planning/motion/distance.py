@@ -23,7 +23,10 @@ def _clip(x: float, low: float, high: float) -> float:
 
 @helper
 def segment_segment(a0: Array, a1: Array, b0: Array, b1: Array, n: Array) -> tuple[float, float]:
-    """Return the distance of two segments (Ericson, Real-Time Collision Detection, sec. 5.1.9)."""
+    """Return the distance of two segments (Ericson, Real-Time Collision Detection, sec. 5.1.9).
+
+    Of segments within 1e-6 rad of parallel it may be too large by 1e-6 of the first one's length.
+    """
     ux, uy, uz = a1[0] - a0[0], a1[1] - a0[1], a1[2] - a0[2]
     vx, vy, vz = b1[0] - b0[0], b1[1] - b0[1], b1[2] - b0[2]
     wx, wy, wz = a0[0] - b0[0], a0[1] - b0[1], a0[2] - b0[2]
