@@ -27,6 +27,7 @@ import numba
 import numpy as np
 
 from skywright.description.loader import load_description
+from skywright.evidence.bench.insertion import time_step
 from skywright.run.backends import build_vehicle
 from skywright.run.planning import plan_mission
 from skywright.run.supervisor import Supervisor
@@ -145,18 +146,15 @@ def main() -> None:
     if args.options:
         compare_options(build_vehicle(d))
         return
+    if args.plain:
+        print(f"{1e6 * time_step(d):.1f} us a step")
+        return
     plan, vehicle = plan_mission(d), build_vehicle(d)
     if not plan.feasible:
         raise SystemExit(f"no plan: {plan.blocked_by}")
     model = vehicle.scene.model
     print(f"{model.nv} degrees of freedom, {model.ngeom} geometries")
     height = vehicle.robot.platform.gear_height_m
-    if args.plain:
-        since = time.thread_time()
-        Supervisor(vehicle, d.mission, plan, height, lambda *_: None).fly()
-        steps = round(vehicle.t / model.opt.timestep)
-        print(f"{1e6 * (time.thread_time() - since) / steps:.1f} us a step, {steps} steps")
-        return
     callback = ctypes.CFUNCTYPE(ctypes.c_double)(read_cpu.address)
     mujoco.set_mjcb_time(callback)
     try:

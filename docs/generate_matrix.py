@@ -2,9 +2,8 @@
 
 python docs/generate_matrix.py [ROBOT ...]     (minutes a robot; a test holds the page to its form)
 
-A pair is planned as `skywright plan MISSION --robot ROBOT` does it, and flown once where a plan
-exists, in a process that is given LIMIT seconds. With names, only the rows of these robots are
-made anew.
+A pair is flown once, as `skywright run MISSION --robot ROBOT` does it, in a process that is given
+LIMIT seconds. With names, only the rows of these robots are made anew.
 """
 
 from __future__ import annotations
@@ -36,8 +35,8 @@ A [campaign](../howto/campaign.md) with varied conditions says more. `follow-pla
 """
 
 
-def judge(robot: str, mission: str, *, fly: bool = True) -> tuple[str, str]:
-    """Return (verdict, reason) of a pair; `fly=False`: "plan" instead of the flight's outcome."""
+def judge(robot: str, mission: str) -> tuple[str, str]:
+    """Return (verdict, reason) of a pair: the outcome of the flight, no plan, or refused."""
     import skywright
     from skywright.errors import InfeasibleError, SkywrightError
 
@@ -48,21 +47,12 @@ def judge(robot: str, mission: str, *, fly: bool = True) -> tuple[str, str]:
                 sets["mission.task.plan_file"] = write_plan(robot, Path(scratch) / "plan")
                 sets["mission.hover_height_m"] = HEIGHT
             description = skywright.load(mission, robot=robot, sets=sets)
-            found = skywright.plan(description)
-            if not found.feasible:
-                return "no plan", str(found.blocked_by)
-            if not fly:
-                return "plan", ""
             flown = skywright.run(description, out=Path(scratch) / "run", report=False)
         except InfeasibleError as error:
-            return "no plan", str(error)
+            return "no plan", error.blocked_by or str(error)
         except SkywrightError as error:
             return "refused", str(error).replace(f"{scratch}/", "")
-    missed = [r for r in flown.requirements if not r.passed]
-    told = flown.reason or ", ".join(
-        f"{r.name} {r.value:.3g} ({r.sense} {r.limit:g})" for r in missed
-    )
-    return flown.outcome, "" if flown.outcome == "succeeded" else told
+    return flown.outcome, "" if flown.outcome == "succeeded" else flown.reason
 
 
 def write_plan(robot: str, path: Path) -> str:

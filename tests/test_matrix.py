@@ -60,7 +60,6 @@ def test_the_page_says_what_a_flight_gives() -> None:
     rows = read_rows(MATRIX.read_sections(MATRIX.PAGE.read_text("utf-8"))["hexarotor"])
     assert rows["follow-plan"] == ("succeeded", "-")
     assert MATRIX.judge("hexarotor", "follow-plan") == ("succeeded", "")
-    assert MATRIX.judge("hexarotor", "follow-plan", fly=False) == ("plan", "")
 
 
 def test_reasons_fit_into_a_cell() -> None:

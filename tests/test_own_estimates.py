@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import skywright
 from skywright.errors import InputError
-from skywright.vehicle.own_samples import check_samples
+from skywright.vehicle.own_data import check_samples
 
 
 def simulate_imu(h, seconds=6.0, rest=0.0):

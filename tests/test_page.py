@@ -12,7 +12,7 @@ import pytest
 
 from skywright.reports.figures.interactive import build_plot
 from skywright.reports.figures.plan import draw_plan
-from skywright.reports.figures.style import house_style, new_figure
+from skywright.reports.figures.style import RUN_CLOCK, house_style, new_figure
 from skywright.reports.page import render_page, tell_command
 
 
@@ -55,6 +55,17 @@ def test_only_panels_over_time_in_seconds_zoom(label: str, zooms: bool) -> None:
     ax.plot([0.0, 1.0], [2.0, 3.0])
     ax.set_xlabel(label)
     assert (build_plot(figure) != "") == zooms
+
+
+def test_a_plain_time_is_the_clock_of_its_page() -> None:
+    """A user's figure over "time (s)" zooms with those of the run in a report, else by itself."""
+    figure = new_figure(6.0, 2.0)
+    ax = figure.add_subplot()
+    ax.plot([0.0, 1.0], [2.0, 3.0])
+    ax.set_xlabel("time (s)")
+    for clock, more in (("time (s)", {}), (RUN_CLOCK, {"clock": RUN_CLOCK})):
+        plot = json.loads(build_plot(figure, "one flight", **more))
+        assert plot["group"] == "one flight" and plot["panels"][0]["clock"] == clock
 
 
 def test_logarithmic_axes_and_marks_are_read() -> None:

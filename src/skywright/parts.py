@@ -201,7 +201,7 @@ def run_estimator(
     `w_WB_B`, `p_std` (m, stated deviations) and `ready`. Until the first fixes start the
     estimator, `ready` is false and the others, except for `t`, are NaN.
     """
-    from skywright.vehicle.own_samples import check_samples
+    from skywright.vehicle.own_data import check_samples
     from skywright.vehicle.stepped import EstimatorRun
 
     samples = check_samples(t, gyro, accel, t_fix, p_fix, R_fix, heading)

@@ -87,10 +87,10 @@ def main(robot: str, as_json: bool) -> None:
         print(json.dumps({"robot": robot, "hands": found}))
         return
     for r in rows:
-        told = "none: no joint measures its deflection" if np.isnan(r.active) else (
-            f"{r.active:.2g} N/m"
-        )  # fmt: skip
-        print(f"{robot}, {r.hand} hand: springs {r.own:.1f} N/m; by control at most {told}")
+        told = f"by control at most {r.active:.2g} N/m"
+        if np.isnan(r.active):
+            told = "no force control: no joint of the arm measures its deflection"
+        print(f"{robot}, {r.hand} hand: springs {r.own:.1f} N/m; {told}")
 
 
 if __name__ == "__main__":

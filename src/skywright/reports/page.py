@@ -19,7 +19,7 @@ from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
 from skywright.errors import InputError
-from skywright.reports.figures.interactive import build_plot
+from skywright.reports.figures.interactive import PLAIN, build_plot
 from skywright.reports.figures.style import WIDTH, render_svg
 
 
@@ -34,26 +34,31 @@ class Picture(NamedTuple):
 
 
 @overload
-def build_picture(title: str, figure: Figure, caption: str, group: str = "") -> Picture: ...
-@overload
-def build_picture(title: str, figure: None, caption: str, group: str = "") -> None: ...
+def build_picture(
+    title: str, figure: Figure, caption: str, group: str = "", clock: str = PLAIN
+) -> Picture: ...
 @overload
 def build_picture(
-    title: str, figure: Figure | None, caption: str, group: str = ""
+    title: str, figure: None, caption: str, group: str = "", clock: str = PLAIN
+) -> None: ...
+@overload
+def build_picture(
+    title: str, figure: Figure | None, caption: str, group: str = "", clock: str = PLAIN
 ) -> Picture | None: ...
 def build_picture(
-    title: str, figure: Figure | None, caption: str, group: str = ""
+    title: str, figure: Figure | None, caption: str, group: str = "", clock: str = PLAIN
 ) -> Picture | None:
     """Return a figure as a picture of a page; None without a figure.
 
     The page can zoom a figure whose panels are all over time (in s), together with those of the
-    same `group`, such as one flight; in print, the picture is used.
+    same `group`, such as one flight; in print, the picture is used. `clock` is the time that the
+    label "time (s)" stands for.
     """
     if figure is None:
         return None
     data = base64.b64encode(render_svg(figure)).decode("ascii")
     width = float(figure.get_size_inches()[0]) / WIDTH
-    plot = build_plot(figure, group)
+    plot = build_plot(figure, group, clock)
     return Picture(title, f"data:image/svg+xml;base64,{data}", caption, width, plot)
 
 

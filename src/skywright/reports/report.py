@@ -13,7 +13,7 @@ from skywright.core.find import blame
 from skywright.errors import InputError
 from skywright.reports import explain
 from skywright.reports.figures import paths, plan, series
-from skywright.reports.figures.style import house_style, render_svg
+from skywright.reports.figures.style import RUN_CLOCK, house_style, render_svg
 from skywright.reports.page import Picture, build_picture, render_page, write_page, write_time
 from skywright.reports.phases import explain_phase
 from skywright.run.directory import SUFFIX
@@ -81,7 +81,7 @@ def render_report(result: RunResult) -> str:
     trust = " --trust" if any(folder.glob("*.py")) else ""
     with house_style(), blame(type(load_kind(kind)), "a chart"):
         task = [
-            build_picture(chart.title, chart.draw(result), chart.caption)
+            build_picture(chart.title, chart.draw(result), chart.caption, clock=RUN_CLOCK)
             for chart in figures.charts.values()
         ]
         motion = _draw_motion(result)

@@ -5,15 +5,16 @@ from __future__ import annotations
 import time
 from functools import partial
 from pathlib import Path
+from tempfile import mkdtemp
 
 import skywright
 from skywright.analysis.campaign.local import fly_local
-from skywright.analysis.campaign.runner import Task
-from skywright.analysis.campaign.spec import build_campaign, draw_run, load_run
+from skywright.analysis.campaign.spec import build_campaign
 from skywright.analysis.compare.compare import compare_robots
 from skywright.analysis.compare_laws.compare import compare_laws
 from skywright.evidence.bench.rows import Row, Session, build_row
 from skywright.evidence.bench.timing import compute_ratios, interleave, read_clock
+from skywright.evidence.bench.workers import iterate_tasks
 from skywright.models.importing.importer import Request, import_robot
 
 IMPORTED = "tilthex-arm"
@@ -50,22 +51,10 @@ def measure(session: Session) -> list[Row]:
     ]  # fmt: skip
 
 
-_made = 0
-
-
-def _new_name() -> str:
-    """Return a name that no earlier call returned: nothing is written over, nothing continued."""
-    global _made
-    _made += 1
-    return f"study-{_made}"
-
-
 def _import(model: Path) -> float:
     begin = read_clock()
-    request = Request(
-        model, None, None, None, None, (), (), IMPORTED, {}, True, True
-    )  # fmt: skip
-    import_robot(request, model.parent / _new_name())
+    request = Request(model, None, None, None, None, (), (), IMPORTED, {}, True, True)
+    import_robot(request, Path(mkdtemp(dir=model.parent)) / IMPORTED)
     return read_clock() - begin
 
 
@@ -78,7 +67,7 @@ def _compare() -> float:
 def _compare_laws(folder: Path, runs: int) -> float:
     begin = time.perf_counter()
     compare_laws(
-        LAWS, MISSION, robot=ROBOT, cases=["nominal"], runs=runs, out=folder / _new_name(),
+        LAWS, MISSION, robot=ROBOT, cases=["nominal"], runs=runs, out=Path(mkdtemp(dir=folder)),
         workers=1,
     )  # fmt: skip
     return time.perf_counter() - begin
@@ -86,11 +75,11 @@ def _compare_laws(folder: Path, runs: int) -> float:
 
 def _fly_alone(runs: int) -> float:
     begin = time.perf_counter()
-    tasks = []
-    for law in LAWS:
-        campaign = build_campaign(MISSION, [], robot=ROBOT, sets=[f"mission.law={law}"])
-        for run in range(runs):
-            one = draw_run(campaign, run)
-            tasks.append(Task(one, load_run(campaign, one), "", "none", ""))
+    sets = [f"mission.law={law}" for law in LAWS]
+    tasks = [
+        task
+        for text in sets
+        for task in iterate_tasks(build_campaign(MISSION, [], robot=ROBOT, sets=[text]), runs)
+    ]
     list(fly_local(iter(tasks), 1))
     return time.perf_counter() - begin

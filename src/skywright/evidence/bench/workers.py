@@ -60,7 +60,7 @@ def measure(session: Session) -> list[Row]:
 def _fly_with_workers(campaign: Campaign, runs: int, workers: int) -> float:
     """Return the time (s) from the first task to the last row."""
     begin = time.perf_counter()
-    found = list(fly_local(_iterate_tasks(campaign, runs), workers))
+    found = list(fly_local(iterate_tasks(campaign, runs), workers))
     wall = time.perf_counter() - begin
     _check(found)
     return wall
@@ -69,7 +69,7 @@ def _fly_with_workers(campaign: Campaign, runs: int, workers: int) -> float:
 def _fly_bare(campaign: Campaign, runs: int) -> float:
     """Return the time (s) until two processes have flown half of the runs each."""
     begin = time.perf_counter()
-    tasks, started, found = list(_iterate_tasks(campaign, runs)), [], list[Any]()
+    tasks, started, found = list(iterate_tasks(campaign, runs)), [], list[Any]()
     for half in (tasks[::2], tasks[1::2]):
         ours, theirs = Pipe()
         started.append((start_fork(bare_runs.__name__, [theirs.fileno()], silent=True), ours))
@@ -97,7 +97,8 @@ def _check(rows: Iterable[Any]) -> None:
         raise SimulationError(f"a run was not flown: {lost[0].outcome}: {lost[0].reason}")
 
 
-def _iterate_tasks(campaign: Campaign, runs: int) -> Iterator[Task]:
+def iterate_tasks(campaign: Campaign, runs: int) -> Iterator[Task]:
+    """Yield the tasks of the first runs of a campaign, which record nothing."""
     for run in range(runs):
         one = draw_run(campaign, run)
         yield Task(one, load_run(campaign, one), "", "none", "")

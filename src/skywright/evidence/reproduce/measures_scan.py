@@ -20,9 +20,7 @@ from skywright.evidence.reproduce.series import (
 )
 from skywright.missions.scan.metrics import LIFT_OFF_THRESHOLD
 from skywright.models.eddy_current import Instrument
-from skywright.reports.figures.style import BLUE, ORANGE
-
-TIME = "time since the start of the run (s)"
+from skywright.reports.figures.style import BLUE, ORANGE, RUN_CLOCK
 
 
 def _worst(records: list[Record], name: str) -> float:
@@ -51,11 +49,12 @@ def measure_contact(records: Records) -> Measured:
     s = cut(records["scan"][0], "trim", "touch", "settle", "scan", "leave")
     panels: list[Part] = [
         Panel(
-            "Lift-off signal from stand-off to departure", TIME, "w_l (instrument units)",
+            "Lift-off signal from stand-off to departure", RUN_CLOCK, "w_l (instrument units)",
             [Curve("", s["t"], lift_off(s["ec"]))], [(LIFT_OFF_THRESHOLD, "contact below 15")],
         ),
         Panel(
-            "Contact force", TIME, "normal force (N)", [Curve("", s["t"], s["f_normal"])], low=0.0
+            "Contact force", RUN_CLOCK, "normal force (N)", [Curve("", s["t"], s["f_normal"])],
+            low=0.0,
         ),
     ]  # fmt: skip
     return Measured(values, ClaimFigure(panels, "The probe is in air, touches, slides, leaves."))
@@ -66,7 +65,7 @@ def measure_air_gap(records: Records) -> Measured:
     s = cut(records["scan"][0], "scan")
     values = {"gap_max_mm": _worst(records["scan"], "contact.gap_max_mm")}
     panel = Panel(
-        "Gap between probe and surface", TIME, "gap (mm), below 0 in contact",
+        "Gap between probe and surface", RUN_CLOCK, "gap (mm), below 0 in contact",
         [Curve("", s["t"], 1e3 * s["gap_max"])], [(1.0, "limit 1 mm")],
     )  # fmt: skip
     return Measured(values, ClaimFigure([panel], "The true gap, which only a simulation knows."))
@@ -77,7 +76,7 @@ def measure_probe_tilt(records: Records) -> Measured:
     s = cut(records["scan"][0], "scan")
     values = {"tilt_max_deg": _worst(records["scan"], "contact.tilt_max_deg")}
     panel = Panel(
-        "Probe to surface normal", TIME, "angle (deg)",
+        "Probe to surface normal", RUN_CLOCK, "angle (deg)",
         [Curve("", s["t"], np.degrees(s["tilt"]))], [(10.0, "limit 10 deg")], low=0.0,
     )  # fmt: skip
     return Measured(values, ClaimFigure([panel], "Zero is perpendicular."))
@@ -190,7 +189,7 @@ def measure_weld(records: Records) -> Measured:
     angles = read_metric(runs, "weld.angle_error_deg")
     panels: list[Part] = [
         Panel(
-            "Signal across the lift-off direction", TIME, "instrument units",
+            "Signal across the lift-off direction", RUN_CLOCK, "instrument units",
             [Curve("", s["t"], across)],
         ),
         Bars(
@@ -306,11 +305,11 @@ def measure_normal_error(records: Records) -> Measured:
     }
     panels: list[Part] = [
         Panel(
-            "Tip from its desired position, along the outward normal", TIME, "error (mm)",
+            "Tip from its desired position, along the outward normal", RUN_CLOCK, "error (mm)",
             [Curve("", s["t"], error)], low=0.0,
         ),
         Panel(
-            "Position integral during the scan", TIME, "force (N)",
+            "Position integral during the scan", RUN_CLOCK, "force (N)",
             [
                 Curve("along the normal", t, along),
                 Curve("of which grown since the start", t, grown),

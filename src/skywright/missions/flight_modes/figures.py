@@ -5,7 +5,15 @@ from matplotlib.figure import Figure
 
 from skywright.missions.flight_modes.plan import ModesPlan
 from skywright.missions.flight_modes.task import ModesTask
-from skywright.reports.figures.style import BLACK, BLUE, ORANGE, WIDTH, draw_line, new_figure
+from skywright.reports.figures.style import (
+    BLACK,
+    BLUE,
+    ORANGE,
+    RUN_CLOCK,
+    WIDTH,
+    draw_line,
+    new_figure,
+)
 from skywright.run.kind import Chart, Figures
 from skywright.run.result import RunResult
 
@@ -37,7 +45,7 @@ def draw_modes(result: RunResult[ModesTask, ModesPlan]) -> Figure | None:
         draw_line(ax, s["t"], s["p_WB"][:, i], color=ORANGE)
         draw_line(ax, s["t"], s["ref_p_WB"][:, i], color=BLACK, ls="--")
     axes[0].legend(loc="upper left", ncols=2)
-    axes[3].set_xlabel("time since the start of the run (s)")
+    axes[3].set_xlabel(RUN_CLOCK)
     for ax in axes:
         for phase in result.phases:
             if phase.name in MODES:

@@ -21,22 +21,24 @@ from skywright.reports.figures.style import SPANS, WHOLE_LINES
 LEVELS, MOST = 65_534, 40_000
 """Quantization steps between the smallest and the largest value of a line (one more encodes NaN);
 and maximum number of samples of a line: longer ones are decimated."""
+PLAIN = "time (s)"
 _DASHES = {"--": [6, 4], ":": [2, 3], "-.": [6, 3, 2, 3]}
 
 
-def build_plot(figure: Figure, group: str = "") -> str:
+def build_plot(figure: Figure, group: str = "", clock: str = PLAIN) -> str:
     """Return the panels of a figure over time as JSON for templates/plots.js; "" without any.
 
-    Panels of one `group` and time axis zoom together.
+    Panels of one `group` and time axis zoom together. `clock` is the time that the label "time (s)"
+    stands for on this page.
     Also returns "" if a panel has another x axis, because the plot replaces the picture.
     """
     if not all(find_clock(ax) for ax in figure.axes if ax.axison):
         return ""
     data = bytearray()
     panels = [
-        {"clock": clock, **_read_panel(ax, data)}
+        {"clock": clock if label == PLAIN else label, **_read_panel(ax, data)}
         for ax in figure.axes
-        if ax.axison and (clock := find_clock(ax))
+        if ax.axison and (label := find_clock(ax))
     ]
     if not any(p["lines"] for p in panels):
         return ""

@@ -33,6 +33,8 @@ LIMIT = "#b3261e"
 SERIES = (BLUE, ORANGE, GREEN, PURPLE, SKY, RED, "#7f6000", "#3d5a80", "#6a994e", "#9d4edd",
           "#555555", "#c9ada7")  # fmt: skip
 
+RUN_CLOCK = "time since the start of the run (s)"
+"""Label of the time axis of a run; templates/plots.js links it to the replay."""
 WIDTH = 9.6
 """Inches; the page shows figures at this width."""
 
@@ -334,5 +336,5 @@ def stack_panels(figure: Figure, count: int, *, bottom: float = 0.5) -> tuple[Ax
         if i < count - 1:
             ax.tick_params(labelbottom=False)
         axes.append(ax)
-    axes[-1].set_xlabel("time since the start of the run (s)")
+    axes[-1].set_xlabel(RUN_CLOCK)
     return strip, axes
