@@ -17,10 +17,24 @@ from skywright.description.world.thing import Frame, Solid
 from skywright.description.world.things import locate_thing
 from skywright.errors import InputError
 from skywright.missions.bar_insertion.bar_pose import OFF, build_attitude, locate_bar
+from skywright.missions.bar_insertion.bar_step import (
+    JOINT_SPEED,
+    LEAD_RATE,
+    LEAD_SPEED,
+    build_hook_arms,
+    find_stretch,
+    hold_bar,
+    lead_platform,
+    turn_bar,
+)
 from skywright.missions.bar_insertion.insertion import find_offset
 from skywright.missions.bar_insertion.plan import InsertionPlan, plan
 from skywright.models.arm_body import Deviation
-from skywright.models.arm_inverse_kinematics import compute_arm_ik
+from skywright.models.arm_inverse_kinematics import (
+    build_arm_chain,
+    compute_arm_fk,
+    compute_arm_ik,
+)
 from skywright.models.bimanual import Bar, compute_bar, compute_bar_hands
 from skywright.models.compliant_arms import find_hands
 from skywright.models.deviation import build_socket_error
@@ -299,3 +313,51 @@ def test_a_picture_shows_the_socket_where_it_stands() -> None:
     moved = np.mean([true[n] - believed[n] for n in walls], axis=0)
     assert moved[0] == pytest.approx(0.02, abs=0.002)
     assert np.array_equal(believed["rack wall 0"], true["rack wall 0"])
+
+
+def test_a_tick_of_the_bars_motion_follows_error_and_inverse_kinematics() -> None:
+    """The compiled tick against the robot's inverse kinematics and the inverse of (29), (30)."""
+    robot = DESCRIPTION.robot
+    chains = (build_arm_chain(robot, 0), build_arm_chain(robot, 1))
+    q = np.tile([0.1, 0.2, 0.0, -1.2], 2)
+    hands = np.array([
+        chain.p_shoulder + compute_arm_fk(chain, q[chain.first :][:4]) for chain in chains
+    ])  # fmt: skip
+    middle, width = hands.mean(axis=0), float(np.linalg.norm(hands[0] - hands[1]))
+    arms = (middle, width, *build_hook_arms(chains, q))
+
+    def solve(n: Array) -> Array:
+        found = np.zeros(8)
+        for chain, goal in zip(chains, compute_bar_hands(Bar(middle, n), width), strict=True):
+            mine = slice(chain.first, chain.first + 4)
+            found[mine] = compute_arm_ik(chain, goal - chain.p_shoulder, near=q[mine]).q
+        return found
+
+    held = np.empty(8)
+    n = np.array([0.05, 0.99, -0.03])
+    hold_bar(n, *arms, held)
+    np.testing.assert_allclose(held, solve(n), atol=1e-12)
+
+    yaw, turn = 0.7, np.array([0.2, -0.1, 0.3])
+    expected = n + 0.02 * LEAD_RATE * (rot_z(yaw).T @ turn)
+    expected /= np.linalg.norm(expected)
+    rest, now = np.full(8, 0.01), held.copy()
+    turn_bar(turn, rot_z(yaw) @ rot_x(0.05), *arms, rest, n, now)
+    np.testing.assert_allclose(n, expected, atol=1e-12)
+    most = 0.02 * JOINT_SPEED
+    np.testing.assert_allclose(now - held, np.clip(rest + solve(n) - held, -most, most), atol=1e-12)
+
+
+def test_the_platform_follows_the_bar_and_in_a_hole_its_stretch() -> None:
+    R, p, middle = rot_z(0.4) @ rot_y(0.1), np.array([1.0, 2.0, 3.0]), np.array([0.3, 0.0, -0.5])
+    away, v = np.empty(3), np.empty(3)
+    find_stretch(p + R @ middle + [0.01, 0.02, -0.03], R, p, middle, away)
+    np.testing.assert_allclose(away, [0.01, 0.02, -0.03], atol=1e-12)
+    hang, error = np.array([0.0, 0.0, -0.02]), np.array([0.02, 0.0, -0.01])
+    lead_platform(error, away, 0.1, False, hang, v)
+    np.testing.assert_allclose(v, LEAD_RATE * error)
+    np.testing.assert_allclose(hang, [0.001, 0.002, -0.021])
+    lead_platform(10.0 * error, away, 0.0, True, hang, v)
+    slow = LEAD_SPEED * error / np.linalg.norm(error)
+    np.testing.assert_allclose(v, slow + LEAD_RATE * np.array([0.009, 0.018, 0.0]))
+    np.testing.assert_allclose(hang, [0.001, 0.002, -0.021])

@@ -20,11 +20,18 @@ from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.core.types import TASK_FORCE_POSITION, TASK_JOINTS
 from skywright.missions.bar_insertion.bar_pose import OFF, BarPose, average_error, locate_bar
+from skywright.missions.bar_insertion.bar_step import (
+    LEAD_SPEED,
+    build_hook_arms,
+    find_stretch,
+    hold_bar,
+    lead_platform,
+    turn_bar,
+)
 from skywright.missions.skills.moves import set_rest
 from skywright.missions.skills.tool_handling import Grip, Weight
 from skywright.missions.skills.tool_pose import measure_tool
-from skywright.models.arm_inverse_kinematics import ArmChain, compute_arm_ik
-from skywright.models.bimanual import Bar, compute_bar_hands
+from skywright.models.arm_inverse_kinematics import ArmChain
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import Hands, HandState
 from skywright.vehicle.bus import Estimate
@@ -33,10 +40,6 @@ from skywright.vehicle.plant import MISSION_TICK
 CORRECT_S = 1.0
 """s, time constant of the marker's correction: slow compared with the ringing of the springs."""
 FILTER_S = 0.6  # s, over which the error of the bar is averaged
-LEAD_RATE = 0.5
-"""1/s, at which the bar approaches its goal: half of the platform's own position loop."""
-LEAD_SPEED = 0.04  # m/s
-JOINT_SPEED = 0.4  # rad/s, of joints that return to their pose
 ROOM = 1.2  # largest weight that is fed forward, relative to the bar's
 LEAST_N = 0.1  # N, least requested force: its direction has to be defined
 LOAD_RATE = 6.0  # N/s, at which the weight that is fed forward changes
@@ -60,25 +63,19 @@ class BarLeader:
         first = self._locate(1.0)
         self._p_handle = first.p + first.R @ grip.handle
         self._q = np.array(s.vehicle.reference["q"])
-        self._chains, self._n = chains, np.array([0.0, 1.0, 0.0])  # in a frame with the heading
+        self._n = np.array([0.0, 1.0, 0.0])  # in a frame with the heading
         self._middle = np.mean(grip.hands, axis=0)
-        self._width = float(np.linalg.norm(grip.hands[0] - grip.hands[1]))
-        self._q_rest = self._q - self._solve(self._n)
+        self._held = self._middle + grip.cradle
+        width = float(np.linalg.norm(grip.hands[0] - grip.hands[1]))
+        self._arms = (self._middle, width, *build_hook_arms(chains, grip.q))
+        held = np.zeros(len(self._q))
+        hold_bar(self._n, *self._arms, held)
+        self._q_rest = self._q - held
         self._pressed = False
         self._hang = np.zeros(3)  # m, in W: from the grip's pose to the freely suspended bar
 
     def _heading(self) -> Array:
         return rot_z(math.atan2(self._R_WB[1, 0], self._R_WB[0, 0]))
-
-    def _solve(self, n: Array) -> Array:
-        """Return joints that hold a bar along n (3,), its centre at rest in B: inverse of (29),
-        (30)."""
-        q = np.zeros(len(self._q))
-        goals = compute_bar_hands(Bar(self._middle, n), self._width)
-        for chain, goal in zip(self._chains, goals, strict=True):
-            mine = slice(chain.first, chain.first + 4)
-            q[mine] = compute_arm_ik(chain, goal - chain.p_shoulder, near=self.grip.q[mine]).q
-        return q
 
     def measure(self) -> BarPose:
         """Return the bar's pose by (29), (30), corrected."""
@@ -113,25 +110,17 @@ class BarLeader:
         if self._pressed:
             self._q = np.array(s.vehicle.read(HandState).q_goal[: s.vehicle.n_joints])
             self._pressed = False
-        v = LEAD_RATE * self._error
-        v *= min(1.0, LEAD_SPEED / max(math.hypot(*v), 1e-9))
         row = set_rest(s.vehicle.reference)
+        free = not in_hole and self.carried > HANGS * self.weight
+        v, settle = np.empty(3), MISSION_TICK / CORRECT_S if free else 0.0
+        lead_platform(self._error, self._find_stretch(row), settle, in_hole, self._hang, v)
         if along is not None:
-            v, row["a_WB"] = v + along[0], along[1]
-        away = self._find_stretch(row)
-        if in_hole:
-            v[:2] += LEAD_RATE * (away - self._hang)[:2]
-        elif self.carried > HANGS * self.weight:
-            self._hang += MISSION_TICK / CORRECT_S * (away - self._hang)
+            v += along[0]
+            row["a_WB"] = along[1]
         if sink != 0.0:
             v[2] = -sink
-        self._n += MISSION_TICK * LEAD_RATE * (self._heading().T @ self._turn)
-        self._n /= math.hypot(*self._n)
-        most = MISSION_TICK * JOINT_SPEED
+        turn_bar(self._turn, self._R_WB, *self._arms, self._q_rest, self._n, self._q)
         k = s.vehicle.n_joints
-        self._q[:k] += np.clip(
-            self._q_rest[:k] + self._solve(self._n)[:k] - self._q[:k], -most, most
-        )
         row["q"][:k], row["task"] = self._q[:k], TASK_JOINTS
         row["p_WB"] += MISSION_TICK * v
         row["v_WB"] = v
@@ -166,7 +155,7 @@ class BarLeader:
         the springs until a hook slips.
         """
         s = self.s
-        self._felt.feel(s, ROOM * self.weight)
+        self._felt.feel(ROOM * self.weight)
         if self._pressed:
             self._q = np.array(s.vehicle.read(HandState).q_goal[: s.vehicle.n_joints])
             self._pressed = False
@@ -176,7 +165,7 @@ class BarLeader:
 
     def _watch(self, p: Array, n: Array, point_O: Array) -> BarPose:
         """Measure the bar, filter its error, and update its weight."""
-        self._felt.feel(self.s, ROOM * self.weight)
+        self._felt.feel(ROOM * self.weight)
         pose = self.measure()
         goal = (np.array(x, dtype=float) for x in (p, n, point_O))  # columns may be among them
         average_error(
@@ -198,8 +187,9 @@ class BarLeader:
 
     def _find_stretch(self, row: Any) -> Array:
         """Return the offset (3,) m of the bar from its position for the arms' pose of the grip."""
-        middle = self._middle + self.grip.cradle
-        return np.asarray(self._p_handle - row["R_WB"] @ middle - row["p_WB"])
+        away = np.empty(3)
+        find_stretch(self._p_handle, row["R_WB"], row["p_WB"], self._held, away)
+        return away
 
     @property
     def lost(self) -> bool:

@@ -143,21 +143,21 @@ class Weight:
 
     def __init__(self, s: Supervisor, carried: float) -> None:
         """`carried` (N) is the initial weight on the hands."""
-        self.carried = carried
+        self.carried, self._f_W = carried, s.vehicle.look(Estimate).f_ext_W
         ups = []
         for _ in range(50):
             s.tick()
-            ups.append(float(s.vehicle.estimate["f_ext_W"][2]))
+            ups.append(float(self._f_W[2]))
         self._zero = float(np.mean(ups)) + carried
 
-    def feel(self, s: Supervisor, most: float) -> None:
+    def feel(self, most: float) -> None:
         """Update the estimate with the force of this tick, limited to 0 to `most` (N)."""
-        felt = self._zero - float(s.vehicle.look(Estimate).f_ext_W[2])
+        felt = self._zero - float(self._f_W[2])
         self.carried += MISSION_TICK / FEEL_S * (min(max(felt, 0.0), most) - self.carried)
 
     def step(self, s: Supervisor, v: Array, most: float) -> None:
         """Fly one tick at v (3,) m/s with the estimated load, limited to `most` (N)."""
-        self.feel(s, most)
+        self.feel(most)
         row = set_rest(s.vehicle.reference)
         row["p_WB"] += MISSION_TICK * v
         row["v_WB"] = v
