@@ -6,6 +6,11 @@
 Numbers of workers alternate: 1, 2, 1, 2, ... Processor time gives the cost of a flight, of a
 worker's start, and of the process that distributes the runs; it does not depend on other users of
 the machine. 100 workers are not measured; their time is computed from these parts.
+
+With Ray (extra `cluster`), campaigns of two sizes fly on two warm workers of this machine. Their
+difference is the cost of further runs: processor time of this process, and wall time. Ray's threads
+in this process also use processor time while it waits. A line through the missions, over the wall
+time per run, separates this share from the cost of handing out a run.
 """
 
 from __future__ import annotations
@@ -23,6 +28,7 @@ from pathlib import Path
 from typing import Any
 
 from skywright.analysis.campaign.campaign import run_campaign
+from skywright.analysis.campaign.cluster import connect, disconnect
 from skywright.analysis.campaign.forks import end_source
 from skywright.analysis.campaign.runner import Task, build_failed_row
 from skywright.analysis.campaign.spec import (
@@ -74,6 +80,27 @@ def hand_out(mission: str, n: int, folder: Path) -> float:
     return statistics.median(times)
 
 
+def measure_ray(mission: str, runs: int, turns: int) -> dict[str, float]:
+    """Return processor time of this process and wall time (s) per further run on two workers."""
+    campaign = build_campaign(mission, MISSIONS[mission], seed=1)
+    parent, wall = [], []
+    connect("local", 2)
+    try:
+        for turn in range(turns + 1):  # the first one starts and warms the workers
+            spent = []
+            for n in (runs, 2 * runs):
+                began, ours = time.perf_counter(), time.process_time()
+                with tempfile.TemporaryDirectory() as name:
+                    run_campaign(campaign, n, out=Path(name) / "ray", ray="local")
+                spent.append((time.process_time() - ours, time.perf_counter() - began))
+            if turn:
+                parent.append((spent[1][0] - spent[0][0]) / runs)
+                wall.append((spent[1][1] - spent[0][1]) / runs)
+    finally:
+        disconnect()
+    return {"parent": statistics.median(parent), "wall": statistics.median(wall)}
+
+
 def measure(mission: str, runs: int, turns: int) -> dict[str, Any]:
     """Return the parts of a run's cost, each the median over the turns."""
     few: list[dict[str, float]] = []
@@ -91,6 +118,7 @@ def measure(mission: str, runs: int, turns: int) -> dict[str, Any]:
     flight = (middle(many[1], "workers") - middle(few, "workers")) / (runs - 1)
     with tempfile.TemporaryDirectory() as name:
         serial = hand_out(mission, 20, Path(name) / "serial")
+    ray = measure_ray(mission, runs, turns)
     return {
         "mission": mission, "runs": runs, "turns": turns, "flight_cpu_s": round(flight, 4),
         "parent_cpu_s": round(serial, 5),
@@ -99,7 +127,17 @@ def measure(mission: str, runs: int, turns: int) -> dict[str, Any]:
         "run_cpu_s": {str(w): round(middle(r, "workers") / runs, 3) for w, r in many.items()},
         "run_wall_s": {str(w): round(middle(r, "wall") / runs, 3) for w, r in many.items()},
         "most_workers": round(flight / serial),
+        "ray_parent_cpu_s": round(ray["parent"], 5), "ray_run_wall_s": round(ray["wall"], 3),
     }  # fmt: skip
+
+
+def add_ray_cost(missions: list[dict[str, Any]]) -> None:
+    """Add the processor time per run that Ray's handing out takes, without that of waiting."""
+    wall = [m["ray_run_wall_s"] for m in missions]
+    share, cost = statistics.linear_regression(wall, [m["ray_parent_cpu_s"] for m in missions])
+    for m in missions:
+        m["ray_hand_out_s"], m["ray_waiting_share"] = round(cost, 5), round(share, 4)
+        m["most_workers_ray"] = round(m["flight_cpu_s"] / cost)
 
 
 def main() -> None:
@@ -113,11 +151,13 @@ def main() -> None:
         p.error(f"--runs {asked.runs} --turns {asked.turns}; valid: 2 runs or more, 1 turn or more")
     if not asked.out.parent.is_dir():
         p.error(f"--out {asked.out}: the folder {asked.out.parent} does not exist")
+    missions = [measure(m, asked.runs, asked.turns) for m in MISSIONS]
+    add_ray_cost(missions)
     found = {
         "when": datetime.now(UTC).strftime("%Y-%m-%d"), **read_commit(),
         "processor": describe_machine()["processor"],
         "cores": os.cpu_count(), "load_1_min": round(os.getloadavg()[0], 1), "planned": PLANNED,
-        "missions": [measure(m, asked.runs, asked.turns) for m in MISSIONS],
+        "missions": missions,
     }  # fmt: skip
     asked.out.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     print(json.dumps(found))
