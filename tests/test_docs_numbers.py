@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import importlib
 import json
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,8 @@ def read_names(number: dict[str, str]) -> dict[str, Any]:
     text = path.read_text(encoding="utf-8")
     if path.suffix == ".json":
         return {"found": json.loads(text)}
+    if path.suffix == ".txt":
+        return {"text": text, "find": lambda pattern: re.search(pattern, text, re.S).groups()}  # type: ignore[union-attr]
     lines = text.splitlines()
     rows = [json.loads(x) for x in lines] if path.suffix == ".jsonl" else [*csv.DictReader(lines)]
     assert rows
