@@ -336,6 +336,16 @@ def test_the_page_of_laws_has_the_tables_of_todays_flights():
     assert text == module.build_page(text), "run: python docs/generate_laws.py"
 
 
+def test_the_pages_of_papers_have_the_tables_that_evidence_printed():
+    module = _load_file(ROOT / "docs" / "generate_evidence.py")
+    assert {p.stem for p in module.KEPT.iterdir()} == set(
+        _load_file(ROOT / "benchmarks" / "print_evidence.py").COMMANDS
+    )
+    for page in module.PAGES:
+        text = (module.DOCS / page).read_text(encoding="utf-8")
+        assert text == module.build_page(text), "run: python docs/generate_evidence.py"
+
+
 @pytest.mark.parametrize("name", ["cuda", "learning", "scale"])
 def test_a_page_has_what_its_generator_writes(name: str) -> None:
     module = _load_file(ROOT / "docs" / f"generate_{name}.py")

@@ -118,14 +118,14 @@ def main(seed: int, as_json: bool) -> None:
     if as_json:
         print(json.dumps({"rows": [row._asdict() for row in rows]}))
         return
-    print(f"{FORCE:g} N asked for over {HOLD:g} s, platform clamped, seed {seed}")
-    print("pose       push     estimator  tare  true mean N  rms error N  estimate N  lever m")
+    print(f"{FORCE:g} N requested for {HOLD:g} s, platform clamped, seed {seed}\n")
+    print("| pose | push | estimator | tare | true mean (N) | rms error (N) | estimate (N) "
+          "| lever (m) | joints at a limit |\n|---|---|---|---|---|---|---|---|---|")  # fmt: skip
     for r in rows:
-        note = "  at a limit" if r.saturated else ""
         print(
-            f"{r.pose:<10} {r.direction:<8} {r.estimator:<10} {'yes' if r.tare else 'no':<5} "
-            f"{r.true_mean_n:11.2f} {r.rms_error_n:12.3f} {r.estimated_mean_n:11.2f} "
-            f"{r.lever_m:8.3f}{note}"
+            f"| {r.pose} | {r.direction} | {r.estimator} | {'yes' if r.tare else 'no'} "
+            f"| {r.true_mean_n:.2f} | {r.rms_error_n:.2f} | {r.estimated_mean_n:.2f} "
+            f"| {r.lever_m:.2f} | {'yes' if r.saturated else ''} |"
         )
 
 

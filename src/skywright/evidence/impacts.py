@@ -27,12 +27,12 @@ VARIANTS: dict[str, tuple[str, tuple[str, ...]]] = {
 """Impacting part -> robot and settings of the mission."""
 SPEEDS = (0.3, 0.5, 1.0)  # m/s
 COLUMNS = {
-    "impact.contact_force_n": "on the pad (N)",
-    "impact.peak_force_n": "on the platform (N)",
-    "impact.peak_torque_nm": "(N m)",
-    "impact.recoil_deg": "platform tilts (deg)",
-    "impact.swing_deg": "link swings (deg)",
-    "impact.deflection_deg": "spring winds (deg)",
+    "impact.contact_force_n": "force on pad (N)",
+    "impact.peak_force_n": "force on platform (N)",
+    "impact.peak_torque_nm": "torque on platform (N m)",
+    "impact.recoil_deg": "platform tilt (deg)",
+    "impact.swing_deg": "link swing (deg)",
+    "impact.deflection_deg": "spring deflection (deg)",
     "impact.impulse_ns": "impulse (N s)",
 }
 """Metric -> heading of its column."""
@@ -89,7 +89,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"--speeds: {error}")
     seeds = range(1, options.seeds + 1)
     if not options.json:
-        print("| " + " | ".join(["what hits", "m/s", *COLUMNS.values(), "met"]) + " |")
+        print(
+            "| "
+            + " | ".join(["impacting part", "m/s", *COLUMNS.values(), "requirements met"])
+            + " |"
+        )
         print("|---" * (len(COLUMNS) + 3) + "|")
     rows = []
     for variant in VARIANTS:

@@ -166,11 +166,11 @@ def main(table: str, run: int, seed: int) -> None:
     )
     print(f"rms by wind: {cm * np.std(wind[:, 0]):.1f} cm, model less flight "
           f"{cm * np.std(model - wind[:, 0]):.1f} cm; the drag's lever is {c:.2f} m\n")  # fmt: skip
-    print("| in the model | at that moment | rms |\n|---|---|---|")
+    print("| linear model | deviation at the worst moment | rms |\n|---|---|---|")
     for name, other in (
-        ("as it is", loop), ("force estimated at once", loop._replace(force=AT_ONCE)),
-        ("torque estimated at once", loop._replace(torque=AT_ONCE)),
-        ("both at once", loop._replace(force=AT_ONCE, torque=AT_ONCE)),
+        ("unchanged", loop), ("force estimate without lag", loop._replace(force=AT_ONCE)),
+        ("estimate of the torque about the joint without lag", loop._replace(torque=AT_ONCE)),
+        ("both without lag", loop._replace(force=AT_ONCE, torque=AT_ONCE)),
     ):  # fmt: skip
         found = simulate(other, inputs, dt)[1]
         print(f"| {name} | {cm * found[worst]:.1f} cm | {cm * np.sqrt(np.mean(found**2)):.1f} cm |")
