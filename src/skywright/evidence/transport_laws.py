@@ -67,8 +67,10 @@ def measure(condition: str, law: str, seeds: Sequence[int]) -> Row:
 @click.option("--seeds", type=click.IntRange(1), default=5)
 def main(seeds: int) -> None:
     """Fly everything and print Markdown."""
-    print("| condition | law | requirements met | bar's centre, largest error | rms "
-          "| largest swing | smallest clearance | energy |\n|---|---|---|---|---|---|---|---|")  # fmt: skip
+    print(
+        "| condition | law | requirements met | bar's centre, largest error | rms "
+        "| largest swing | smallest clearance | energy |\n|---|---|---|---|---|---|---|---|"
+    )
     for condition in CONDITIONS:
         for law in LAWS:
             r = measure(condition, law, range(1, seeds + 1))
