@@ -280,6 +280,20 @@ def test_a_step_that_raises_ends_the_run_and_leaves_its_recording(
     assert not (tmp_path / "out").exists() and 5 < len(stored.samples) < 20
 
 
+@pytest.mark.parametrize("group", ["law", "sensor"])
+def test_an_index_beyond_an_array_ends_the_run(tmp_path: Path, group: str) -> None:
+    """In compiled code too, which would otherwise read or write what lies behind the array."""
+    port = "clock: Clock, est: Estimate, "
+    lines = ("k = 0", "while k < 10.0 + clock.t:", "    k += 1", "out.x = est.p_WB[k]")
+    if group == "law":
+        lines = (*lines[:3], "out.f_B[k] = 1.0")
+    (tmp_path / "mine.py").write_text(write_class(group, port, *lines))
+    code, told = run(tmp_path, group=group)
+    assert code == 3, told
+    reason = load_run(tmp_path / "out.partial").reason
+    assert "IndexError" in reason and "mine.py" in reason, reason
+
+
 @pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("group", ["sensor", "estimator", "effect"])  # a law: test_parts.py
 def test_a_step_that_never_returns_ends_the_run_and_leaves_its_recording(

@@ -28,6 +28,7 @@ from skywright.analysis.identify.identify import Identification, identify
 from skywright.analysis.identify.lag import fit_lag
 from skywright.analysis.identify.load import build_log
 from skywright.analysis.identify.overrides import build_overrides
+from skywright.analysis.identify.plausible import check_fit
 from skywright.analysis.identify.report import write_identify_page
 from skywright.cli import main
 from skywright.description.loader import Description, load_description
@@ -98,6 +99,25 @@ def test_what_was_not_excited_is_said() -> None:
         assert not e.identified and math.isnan(e.half_width)
         assert e.value == pytest.approx(I_B[k, k])  # kept at the robot file's
         assert e.would_be > e.parameter.widest
+
+
+def test_a_flight_that_turns_too_little_is_refused_with_its_own_r2(exact: Fit) -> None:
+    """The message states the fit of all parameters, not that with the file's values in their place.
+
+    A robot file with other inertias and gains predicts a quiet flight much worse than nothing.
+    """
+    assert np.all(exact.first_r2 > 0.9999) and not exact.unused.any()
+    p = exact.prediction
+    off = 5.0 * p.measured.std(axis=0) * [0.0, 0.0, 0.0, 1.0, 1.0, 0.0]
+    quiet = exact._replace(
+        unused=np.array([True, True, False]), first_r2=np.array([0.49, 0.32, 0.98]),
+        prediction=p._replace(predicted=p.predicted + off),
+    )  # fmt: skip
+    with pytest.raises(InputError, match="does not identify the rotation") as error:
+        check_fit(quiet, ROBOT, "quiet.csv")
+    told = str(error.value)
+    assert "held-out parts is 0.49 about x, 0.32 about y, -" in told and "0.98" not in told
+    assert "about all axes without the parameters of these axes, " in told
 
 
 def test_a_flight_that_tells_nothing_identifies_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 import re
 import runpy
 import subprocess
@@ -165,7 +166,8 @@ def test_a_run_is_read_back_by_name(result):
     assert run.outcome == result.outcome and run.phases == result.phases
     assert run.metrics == result.metrics
     for name in run.names:
-        assert len(run[name])
+        assert len(run[name]) and name in run
+    assert list(run) == run.names and "tip.q" not in run and 0 not in run
     np.testing.assert_array_equal(run["platform.p_W"], samples["p_WB"])
     np.testing.assert_array_equal(run["p_WB"], samples["p_WB"])
     assert run["/sensors/inertial"]["gyro"].shape[1] == 3
@@ -180,6 +182,7 @@ def test_a_run_is_read_back_by_name(result):
     [
         ("platform.p_w", ["no 'platform.p_w'", "platform.p_W"]),
         ("gapp", ["no 'gapp'", "gap"]),
+        (0, ["no 0", "valid: "]),
         ("/sensors/imu", ["no stream '/sensors/imu'", "/sensors/inertial"]),
     ],
 )
@@ -255,6 +258,31 @@ def test_the_records_of_a_law_show_their_values_and_name_wrong_ones():
         law.estimate.p_WB = "abc"
     with pytest.raises(AttributeError, match=r"no field 'p_W'; valid: .*p_WB"):
         law.estimate.p_W = [1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("record", "field", "value", "words"),
+    [
+        (
+            "estimate",
+            "p_WB",
+            [0.0, math.nan, 1.0],
+            r"^estimate\.p_WB: \[0.0, nan, 1.0\]; valid: fin",
+        ),
+        (
+            "reference",
+            "R_WB",
+            2.0 * np.eye(3),
+            r"^reference\.R_WB: .* is not a rotation; valid: an",
+        ),
+        ("estimate", "R_WB", np.diag([1.0, 1.0, -1.0]), r"^estimate\.R_WB: .* is not a rotation"),
+    ],
+)
+def test_a_law_refuses_what_is_no_number_and_no_rotation(record, field, value, words):
+    law = skywright.build_law("waypoints")
+    setattr(getattr(law, record), field, value)
+    with pytest.raises(InputError, match=words):
+        law.step()
 
 
 def test_a_law_that_tracks_the_tip_reads_the_tip_as_it_is_set():
@@ -356,6 +384,24 @@ def test_arguments_of_locate_that_do_not_fit_are_refused(pair, given, words):
             "vary world.wind.mean_mps: unknown distribution 'none'",
         ),
         (lambda: skywright.campaign("waypoints", 1, {}, sets={"a": 1}), "sets a: unknown root 'a'"),
+        (lambda: skywright.campaign("waypoints", 1, None), "^vary: got NoneType; valid: a dict"),
+        (lambda: skywright.campaign("waypoints", 2.5, {}), "^runs: got 2.5; valid: an integer"),
+        (lambda: skywright.load("waypoints", sets=["a:b"]), "^sets 'a:b': expected KEY=VALUE"),
+        (lambda: skywright.load_robot("othex", sets=["a:b"]), "^sets 'a:b': expected KEY=VALUE"),
+        (lambda: skywright.load("waypoints", seed=-1), "^seed: mission.seed is -1"),
+        (lambda: skywright.run("waypoints", out="."), "already exists; give another out"),
+        (lambda: skywright.load_robot(3), "^robot: got int '3'; valid: a name or a path$"),
+        (lambda: skywright.load_world(None), "^world: got NoneType 'None'; valid: a name"),
+        (
+            lambda: skywright.compute_capability(skywright.load("waypoints")),
+            "^robot: got Description .*valid: a name or a path, or what load_robot returns",
+        ),
+        (lambda: skywright.build_model("othex", 3), "^world: got int .* what load_world returns"),
+        (lambda: skywright.plan(3), "^description: got int '3'; valid: .* or what load returns"),
+        (lambda: skywright.open_run(None), "^directory: got NoneType"),
+        (lambda: skywright.weld(np.zeros(3)), "^data: got ndarray"),
+        (lambda: skywright.locate(np.zeros(3)), "^data: got ndarray"),
+        (lambda: skywright.identify(np.zeros(3)), "^logs: got ndarray"),
         (
             lambda: skywright.campaign(
                 "waypoints", 1, {"world.wind.mean_mps": "uniform(0, 1)"},

@@ -95,7 +95,11 @@ def test_nothing_is_written_for_wrong_input(tmp_path):
     os.chdir(tmp_path)
     for sets, match in (
         (["mission.law=nosuch"], "unknown"),
-        (["mission.requirements.foo.limit=3"], "is not a metric"),
+        (["mission.requirements.foo.limit=3"], "is not a metric of kind 'scan'; valid: "),
+        (
+            ["mission.requirements.tip.tangential_rms_mm.unit=m"],
+            "the unit of 'tip.tangential_rms_mm' is mm, not 'm': convert the limit ",
+        ),
     ):
         with pytest.raises(InputError, match=match):
             run_mission(load_description("pipe-weld-scan", sets=sets))

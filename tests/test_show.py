@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from skywright.core.rotations import rot_z
 from skywright.description.loader import load_description
 from skywright.description.lookup import Subject, find_any
 from skywright.description.world.surface import build_cylinder, unroll_points
-from skywright.missions.scan.figures import place_at_work, scan_path
+from skywright.missions.scan.figures import compute_angle_std, place_at_work, scan_path
 from skywright.models.rigid_body import build_body_model, compute_tip, posture
 from skywright.models.rotors import build_rotors
 from skywright.reports.show import (
@@ -21,6 +23,7 @@ from skywright.reports.show import (
     write_show_figure,
 )
 from skywright.reports.show_robot import CCW, CW, draw_robot, pad_joints
+from skywright.reports.summary import describe_world
 
 SUBJECTS = ("othex", "f550-bridge", "hexarotor", "pipe", "open", "pipe-weld-scan", "waypoints")
 
@@ -91,6 +94,28 @@ def test_underside_has_no_working_pose_of_a_level_platform() -> None:
     assert d.world.pipe is not None
     assert place_at_work(d.robot, d.world.pipe, d.mission.task) is None
     assert "from the side" in _texts(draw_mission(d))
+
+
+def test_the_angle_of_a_weld_has_the_uncertainty_of_the_surveyed_axis() -> None:
+    """In front of the pipe a rotation about its horizontal x turns the weld, at its top about z."""
+    known = {"survey.turn_up_std_deg": 0.3, "survey.turn_aside_std_deg": 0.1}
+    surface = SimpleNamespace(radius=0.2)
+    for phi, axis in (
+        (0.0, 0.3),
+        (0.5 * math.pi, 0.1),
+        (0.25 * math.pi, math.hypot(0.3, 0.1) / 2**0.5),
+    ):
+        line: Any = SimpleNamespace(std_angle=math.radians(0.04), c=0.2 * phi)
+        run: Any = SimpleNamespace(metrics=known, details=SimpleNamespace(surface=surface))
+        assert compute_angle_std(run, line) == pytest.approx(math.hypot(0.04, axis))
+        run = SimpleNamespace(metrics={}, details=run.details)  # no survey: the pipe is known
+        assert compute_angle_std(run, line) == pytest.approx(0.04)
+
+
+def test_the_tubes_of_a_world_are_listed() -> None:
+    rows = dict(describe_world(load_description("bar-transport").world)[0].rows)
+    said = [v for v in rows.values() if v.startswith("tube of ")]
+    assert said and all(" m diameter from (" in v and ") to (" in v for v in said)
 
 
 def test_scan_path_covers_the_sector() -> None:

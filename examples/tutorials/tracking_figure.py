@@ -12,21 +12,24 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from skywright.recordings.recording import read_recording
+import skywright
 
 
 def main(run: Path, campaign: Path, out: Path) -> None:
     """Write the figure: 85 mm wide, one column of a two-column page."""
-    samples = read_recording(run / "recording.mcap").samples
-    error = np.linalg.norm(samples["p_WB"] - samples["ref_p_WB"], axis=1)  # m
-    with (campaign / "results.csv").open(newline="") as file:
+    flight = skywright.open_run(run)
+    error = np.linalg.norm(flight["platform.p_W"] - flight["reference.platform.p_W"], axis=1)  # m
+    table = campaign / "results.csv"
+    if not table.is_file():
+        sys.exit(f"{table}: does not exist; give the folder that skywright campaign wrote")
+    with table.open(newline="") as file:
         rows = [row for row in csv.DictReader(file) if row["position.rms_m"]]  # those that flew
     wind = [float(row["world.wind.mean_mps"]) for row in rows]
     rms = [1e3 * float(row["position.rms_m"]) for row in rows]
 
     figure = Figure(figsize=(85 / 25.4, 95 / 25.4), layout="constrained")
     over_time, over_wind = figure.subplots(2, 1)
-    over_time.plot(samples["t"], 1e3 * error, lw=0.8)
+    over_time.plot(flight["t"], 1e3 * error, lw=0.8)
     over_time.set(xlabel="time (s)", ylabel="position error (mm)")
     over_wind.plot(wind, rms, "o", ms=4)
     over_wind.set(xlabel="mean wind (m/s)", ylabel="error, rms (mm)", ylim=(0, None))
@@ -37,4 +40,7 @@ def main(run: Path, campaign: Path, out: Path) -> None:
 if __name__ == "__main__":
     if len(sys.argv) != 4:
         sys.exit(__doc__)
-    main(*(Path(argument) for argument in sys.argv[1:4]))
+    try:
+        main(*(Path(argument) for argument in sys.argv[1:4]))
+    except skywright.InputError as error:
+        sys.exit(str(error))

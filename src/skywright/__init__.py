@@ -21,7 +21,13 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skywright.errors import InfeasibleError, InputError, SimulationError, SkywrightError
+from skywright.errors import (
+    InfeasibleError,
+    InputError,
+    SimulationError,
+    SkywrightError,
+    naming_arguments,
+)
 
 if TYPE_CHECKING:
     import os
@@ -127,6 +133,7 @@ def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
 
 
+@naming_arguments(sets="--set")
 def load(
     mission: str | os.PathLike[str],
     *,
@@ -141,10 +148,9 @@ def load(
     values (`{"world.pipe.diameter_m": 0.3}`), or is a list of `KEY=VALUE` strings as on the command
     line. Raises InputError, which names file and key, if the input is invalid.
     """
-    from skywright.description.loader import load_description, named_sets
+    from skywright.description.loader import load_description
 
-    with named_sets(sets):
-        return load_description(mission, robot, world, sets, seed)
+    return load_description(mission, robot, world, sets, seed)
 
 
 def plan(description: Description | str | os.PathLike[str]) -> MissionPlan:
@@ -162,6 +168,7 @@ def plan(description: Description | str | os.PathLike[str]) -> MissionPlan:
     return plan_mission(description)
 
 
+@naming_arguments()
 def run(
     description: Description | str | os.PathLike[str],
     *,

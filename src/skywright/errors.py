@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import errno
+import os
 import re
 from collections.abc import Callable, Iterable
 from functools import wraps
@@ -74,6 +75,15 @@ def neighbours(word: str, valid: Iterable[str], count: int = 5) -> str:
     close = difflib.get_close_matches(word, names, n=count, cutoff=0.3)
     close += [name for name in names if name not in close][: count - len(close)]
     return ", ".join(close) + ", ..."
+
+
+def check_path(argument: str, value: object, also: str = "") -> None:
+    """Raise InputError if an argument is not a path; `also` is what else it may be."""
+    if not isinstance(value, str | os.PathLike):
+        raise InputError(
+            f"{argument}: got {type(value).__name__} {str(value)[:LONGEST_NAME]!r}; valid: a name "
+            f"or a path{also}"
+        )
 
 
 def naming_arguments(**options: str) -> Callable[[Callable[P, R]], Callable[P, R]]:

@@ -17,12 +17,11 @@ from skywright.description.loader import (
     Description,
     Sets,
     load_description,
-    named_sets,
     split_assignments,
 )
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
-from skywright.errors import InputError, naming_arguments
+from skywright.errors import InputError, check_path, naming_arguments
 
 if TYPE_CHECKING:
     from skywright.analysis.campaign.campaign import CampaignResult
@@ -43,6 +42,7 @@ if TYPE_CHECKING:
 Path_ = str | os.PathLike[str]
 
 
+@naming_arguments(sets="--set")
 def load_robot(robot: Path_, *, sets: Sets = ()) -> Robot:
     """Load a robot by its built-in name or file; `sets` changes values ("robot.platform.mass_kg").
 
@@ -51,14 +51,15 @@ def load_robot(robot: Path_, *, sets: Sets = ()) -> Robot:
     """
     from skywright.description.robot.loader import load_robot as load
 
-    with named_sets(sets):
-        return load(robot, split_assignments(sets))[0]
+    check_path("robot", robot)
+    return load(robot, split_assignments(sets))[0]
 
 
 def load_world(world: Path_) -> World:
     """Load a world by its built-in name or file; raises InputError naming file and key."""
     from skywright.description.world.loader import load_world as load
 
+    check_path("world", world)
     return load(world)[0]
 
 
@@ -81,8 +82,8 @@ def build_mjcf(
 ) -> str:
     """Return robot and world as MJCF, as simulated; with `nominal=True` the nominal model.
 
-    SI and radians, numbers to six digits; MuJoCo's world frame is W. Rotors are forces on the
-    body `platform`, not actuators.
+    SI and radians, numbers to six digits; MuJoCo's world frame is W. Rotors are the actuators
+    `thrust0`, ... (N); the nominal model has no actuators.
     """
     from skywright.models import as_mujoco
 
@@ -118,6 +119,7 @@ def build_vehicle(description: Description | Path_) -> SimulatedVehicle:
     return build(as_description(description))
 
 
+@naming_arguments(sets="--set")
 def fly(
     robot: Path_ | None = None,
     *,
@@ -151,8 +153,7 @@ def fly(
                 "live: not valid with the back end recording; valid back ends: physics, kinematic"
             )
         return open_recording(Path(mission))
-    with named_sets(sets):
-        description = load_description(mission, robot, world, sets, seed)
+    description = load_description(mission, robot, world, sets, seed)
     if live is None:
         return open_vehicle(description, backend, arrival, checklist, parts)
     from skywright.links.broadcast.open import open_live
@@ -257,6 +258,13 @@ def campaign(
     from skywright.analysis.campaign.campaign import run_campaign
     from skywright.analysis.campaign.spec import build_campaign
 
+    check_path("mission", mission)
+    if not isinstance(vary, Mapping):
+        raise InputError(
+            f"vary: got {type(vary).__name__}; valid: a dictionary of distributions by key, or {{}}"
+        )
+    if not isinstance(runs, int):
+        raise InputError(f"runs: got {runs!r}; valid: an integer of 1 or more")
     varied = [f"{key}={text}" for key, text in vary.items()]
     plan = build_campaign(mission, varied, robot=robot, world=world, seed=seed, sets=sets)
     return run_campaign(plan, runs, out=None if out is None else Path(out), workers=workers)
@@ -282,6 +290,7 @@ def weld(
     from skywright.inspection.weld_data import process_file
     from skywright.recordings.text_table import join_numbers
 
+    check_path("data", data)
     return process_file(
         Path(data),
         join_numbers("calibrate", calibrate, "T0:T1"),
@@ -317,6 +326,8 @@ def locate(
     from skywright.analysis.locate.locate import locate as locate_files
     from skywright.recordings.text_table import join_numbers
 
+    for file in data:
+        check_path("data", file)
     roles = [None if file is None else os.fspath(file) for file in (station, camera, reference)]
     return locate_files(
         [os.fspath(file) for file in data],
@@ -338,18 +349,29 @@ def identify(
     """
     from skywright.analysis.identify.identify import identify as identify_logs
 
+    for log in logs:
+        check_path("logs", log)
     spec = None if robot is None else _as_robot(robot)
     return identify_logs([Path(log) for log in logs], spec, mass)
 
 
 def _as_robot(robot: Robot | Path_) -> Robot:
-    return robot if isinstance(robot, Robot) else load_robot(robot)
+    if isinstance(robot, Robot):
+        return robot
+    check_path("robot", robot, ", or what load_robot returns")
+    return load_robot(robot)
 
 
 def _as_world(world: World | Path_) -> World:
-    return world if isinstance(world, World) else load_world(world)
+    if isinstance(world, World):
+        return world
+    check_path("world", world, ", or what load_world returns")
+    return load_world(world)
 
 
 def as_description(description: Description | Path_) -> Description:
     """Return a description unchanged, or load the mission of that name, file or run."""
-    return description if isinstance(description, Description) else load_description(description)
+    if isinstance(description, Description):
+        return description
+    check_path("description", description, " of a mission, or what load returns")
+    return load_description(description)

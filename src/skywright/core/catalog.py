@@ -67,6 +67,6 @@ def find_file(
                 continue
     shown = text if len(text) <= 80 else text[:77] + "..."
     raise InputError(
-        f"unknown {kind} {shown!r}: no built-in name and no file; "
+        f"unknown {kind} {shown!r}: no built-in name, no file and no folder with {kind}.toml; "
         f"built-in {kind}s: {neighbours(text, known, count=20)}"
     )

@@ -57,9 +57,7 @@ def parse_assignment(text: str) -> tuple[str, str]:
     key, equals, value = text.partition("=")
     key = key.strip()
     if not equals or not key:
-        raise InputError(
-            f"--set {text!r}: expected KEY=VALUE, e.g. --set world.pipe.diameter_m=0.3"
-        )
+        raise InputError(f"--set {text!r}: expected KEY=VALUE, e.g. world.pipe.diameter_m=0.3")
     return key, value.strip()
 
 

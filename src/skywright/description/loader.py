@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Generic, NamedTuple
 
@@ -191,18 +190,6 @@ def split_assignments(sets: Sets) -> list[tuple[str, object]]:
         )
     pairs = given.items() if isinstance(given, Mapping) else map(parse_assignment, given)
     return [(rename_key(key), to_plain(value)) for key, value in pairs]
-
-
-@contextmanager
-def named_sets(sets: Sets) -> Iterator[None]:
-    """Let errors name the argument `sets`, if it is a mapping, instead of the option --set."""
-    try:
-        yield
-    except InputError as error:
-        text = str(error)
-        if isinstance(sets, Mapping) and text.startswith("--set"):
-            error.args = ("sets" + text.removeprefix("--set"),)
-        raise
 
 
 def to_plain(value: Any) -> Any:

@@ -14,9 +14,10 @@ def build_mjcf(robot: Robot, world: World, *, nominal: bool = False) -> str:
     """Return the model as MJCF in SI units and radians; W is MuJoCo's world frame.
 
     By default it is the plant with zero errors: contacts, joint flexibility, the probe's spring and
-    servos. The rotors are not actuators: their thrusts are forces on the body `platform`
-    (`xfrc_applied`). With `nominal` it is the model that controllers and planners use: rigid arm,
-    released spring, no contacts. Raises InputError for sizes that MuJoCo refuses.
+    servos. The rotors are the actuators `thrust0`, ...: thrusts (N) with their reaction torques,
+    without limits or lag. With `nominal` it is the model that controllers and planners use: rigid
+    arm, released spring, no contacts, no actuators. Raises InputError for sizes that MuJoCo
+    refuses.
     """
     spec = build_spec(robot, world, None if nominal else Deviation())
     compile_spec(spec, robot, world)

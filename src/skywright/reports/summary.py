@@ -223,6 +223,10 @@ def describe_world(world: World) -> list[Section]:
         if s.slope_deg:
             rows.append(("slope", f"{s.slope_deg:g} deg toward {s.slope_toward_deg:g} deg"))
         rows.append(("friction of the tip", f"{s.friction:g}"))
+    for name, tube in world.tubes.items():
+        ends = f"({tube.x_m:g}, {tube.y_m:g}, {tube.z_m:g}) to "
+        ends += f"({tube.to_x_m:g}, {tube.to_y_m:g}, {tube.to_z_m:g}) m"
+        rows.append((name, f"tube of {tube.diameter_m:g} m diameter from {ends}"))
     for name, thing in world.things.items():
         at = ""
         if isinstance(thing, Placed):

@@ -105,9 +105,10 @@ def print_plan(plan: MissionPlan) -> None:
     table.add_row("smallest clearance", format_number(plan.min_clearance_m, "m"))
     table.add_row("smallest rotor margin", format_number(plan.min_rotor_margin))
     if plan.need is not None:
-        table.add_row("with take-off and landing", format_number(plan.need.minutes, "min"))
-        table.add_row("energy", format_number(plan.need.energy_wh, "Wh"))
-        table.add_row("batteries", format_number(plan.need.batteries))
+        whole = format_number(60.0 * plan.need.minutes, "s")
+        table.add_row("with take-off and landing (estimate)", whole)
+        table.add_row("energy (estimate for hover)", format_number(plan.need.energy_wh, "Wh"))
+        table.add_row("batteries needed", format_number(plan.need.batteries))
     for name, what, unit in (
         ("plan.cost", "cost of the path", "m"),
         ("plan.lower_bound", "lower bound of the cost", "m"),
@@ -196,7 +197,8 @@ def print_summary(summary: Summary) -> None:
         for name, value in section.rows:
             console.print(f"  {name:{width}}  {value}")
     if summary.guesses:
-        console.print(f"\nGuesses ({len(summary.guesses)})", style="bold")
+        assumed = sum(line.startswith("assumed ") for line in summary.guesses)
+        console.print(f"\nGuesses ({assumed})", style="bold")
         for line in summary.guesses:
             console.print(f"  {line.removeprefix('assumed ')}")
     if summary.picture:
@@ -218,7 +220,8 @@ def print_weld(report: Any, picture: Path) -> None:
     else:
         point = ", ".join(f"{x:.4f}" for x in line["point_m"])
         table.add_row("line through", f"({point}) m, +- {line['std_offset_m'] * 1000:.1f} mm")
-        angle = f"{line['angle_deg']:.2f} deg +- {line['std_angle_deg']:.2f} deg"
+        std = math.hypot(line["std_angle_deg"], found["surface"]["std"]["axis_deg"])
+        angle = f"{line['angle_deg']:.2f} deg +- {std:.2f} deg"
         table.add_row("angle from the circumference", angle)
     table.add_row("radius of the surface", f"{found['surface']['radius_m']:.4f} m")
     contrasts = [x for x in found["contrasts"] if x is not None]

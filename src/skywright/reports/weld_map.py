@@ -119,7 +119,7 @@ def draw_weld_map(
             labels.append(
                 f"estimated line {math.degrees(line.angle):.2f} ± "
                 f"{math.degrees(line.std_angle):.2f}°, ± {1e3 * line.std_offset:.2f} mm "
-                "(band: 2 std)"
+                "on this surface (band: 2 std)"
             )
     for on_line, label in ((True, "crossings"), (False, "crossing left out")):
         some = [x for x in result.crossings if (x.line >= 0 or not result.lines) == on_line]

@@ -18,6 +18,7 @@ from skywright.description.world.loader import find_world, load_world_layer
 from skywright.description.world.spec import World
 from skywright.errors import InputError
 from skywright.run.parts import build_rules
+from skywright.run.requirements import check_requirements
 
 
 class CheckReport(NamedTuple):
@@ -57,6 +58,7 @@ def _check_one(name: str, kind: str, path: str) -> CheckReport:
             description = load_description(path)
             _check_lift(description.robot, description.world.gravity_mps2, name, problems, notes)
             problems += _check_rules(description)
+            problems += _check_limits(description)
             problems += _check_overlaps(description.robot, description.world, name)
             if not problems and _has_code_of_a_user(description):
                 problems += _check_compiles(description)
@@ -80,6 +82,14 @@ def _check_one(name: str, kind: str, path: str) -> CheckReport:
 def _check_rules(description: Description[Any]) -> list[str]:
     try:
         build_rules(description)
+    except InputError as error:
+        return [str(error)]
+    return []
+
+
+def _check_limits(description: Description[Any]) -> list[str]:
+    try:
+        check_requirements(description.mission)
     except InputError as error:
         return [str(error)]
     return []

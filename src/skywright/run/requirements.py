@@ -63,13 +63,23 @@ def describe_outcome(outcome: str, verdicts: list[Verdict]) -> str:
     return "" if outcome == "succeeded" else f"{outcome} before its end, without a stated reason"
 
 
-def check_requirement_names(mission: Mission) -> None:
-    """Raise InputError if a requirement is not a metric of the kind: it could never be met."""
+def check_requirements(mission: Mission) -> None:
+    """Raise InputError for a requirement on what is not a metric of the kind, or in another unit.
+
+    It could never be met, or would compare numbers in different units.
+    """
     valid = list_measures(mission.kind)
-    for name in mission.requirements:
+    for name, requirement in mission.requirements.items():
         if name not in valid:
             raise InputError(
-                f"mission.requirements: {name!r} is not a metric; valid: {neighbours(name, valid)}"
+                f"mission.requirements: {name!r} is not a metric of kind {mission.kind!r}; valid: "
+                f"{neighbours(name, valid)}"
+            )
+        unit = valid[name][0]
+        if requirement.unit not in ("", unit):
+            raise InputError(
+                f"mission.requirements: the unit of {name!r} is {unit or 'none'}, not "
+                f"{requirement.unit!r}: convert the limit {requirement.limit:g}"
             )
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from numpy.typing import NDArray
 
-from skywright.errors import InputError, neighbours
+from skywright.errors import InputError, check_path, neighbours
 from skywright.recordings.columns import Column
 from skywright.recordings.recording import Event, Recording, read_recording
 from skywright.run.directory import load_run
@@ -74,13 +75,19 @@ class Run:
         return [*self._columns, *self.recording.stream_names]
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        if name.startswith("/"):
+        if str(name).startswith("/"):
             path = self.directory / "recording.mcap"
             return read_recording(path, [name]).streams[name]
         if name not in self._columns:
-            near = neighbours(name, self._columns)
+            near = neighbours(str(name), self._columns)
             raise InputError(f"{self.directory}: the run has no {name!r}; valid: {near}")
         return self.recording.samples[self._columns[name]]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._columns or name in self.recording.stream_names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names)
 
     def to_dataframe(self) -> Any:
         """Return the samples as a pandas DataFrame over `t` (s), one column per number.
@@ -103,6 +110,7 @@ def open_run(directory: str | os.PathLike[str]) -> Run:
 
     Raises InputError if it is not a run directory, or if a file in it is damaged.
     """
+    check_path("directory", directory)
     return Run(Path(directory))
 
 

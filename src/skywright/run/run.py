@@ -48,7 +48,7 @@ from skywright.run.records import FlightRecords, Measurement
 from skywright.run.requirements import (
     BROKEN,
     Verdict,
-    check_requirement_names,
+    check_requirements,
     describe_outcome,
     is_judgement,
     judge_run,
@@ -194,7 +194,7 @@ def _prepare(
     """Plan the mission and build its vehicle; compiles both in parallel if necessary."""
     description, mission = setup.description, setup.description.mission
     check_can_fly(description.robot, description.world.gravity_mps2)
-    check_requirement_names(mission)
+    check_requirements(mission)
     warm_up = None if is_compiled() else start_warm_up(description)
     try:
         plan = plan_mission(description, setup)

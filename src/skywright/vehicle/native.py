@@ -23,6 +23,7 @@ from numba.extending import intrinsic
 
 from skywright.core.compiled import COMPILE, Helper
 from skywright.core.user_code import njit
+from skywright.core.user_files import is_user_module
 
 MAX_PORTS = 12
 """Most ports of a step."""
@@ -59,7 +60,9 @@ def _find_type(record: np.dtype[Any], _aligned: bool) -> Any:
 def _build_dispatcher(function: Any) -> Any:
     if isinstance(function, Helper):
         return function.dispatcher
-    return function if hasattr(function, "py_func") else njit(**COMPILE)(function)
+    if hasattr(function, "py_func"):
+        return function
+    return njit(**COMPILE, boundscheck=is_user_module(function.__module__))(function)
 
 
 @intrinsic

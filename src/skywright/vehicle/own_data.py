@@ -10,7 +10,7 @@ import warnings
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from skywright.core.rotations import rot_from_quat
 from skywright.errors import InputError
@@ -113,14 +113,33 @@ def _check_rotations(name: str, value: ArrayLike, n: int) -> Array:
     if shape[1:] != (3, 3):
         raise InputError(f"{name}: has the shape {shape}; valid: ({n}, 3, 3) or ({n}, 4)")
     R = _check(name, value, (3, 3), n)
-    off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-    wrong = (off > 1e-3) | (np.abs(np.linalg.det(R) - 1.0) > 2e-3)
+    wrong = ~_are_rotations(R)
     if np.any(wrong):
         raise InputError(
             f"{name}: row {int(np.argmax(wrong))} is not a rotation; valid: orthonormal matrices "
             "with the determinant 1, within 0.001"
         )
     return R
+
+
+def _are_rotations(R: Array) -> NDArray[np.bool_]:
+    """Return which matrices (n, 3, 3) are rotations, within 0.001."""
+    off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    return np.asarray((off <= 1e-3) & (np.abs(np.linalg.det(R) - 1.0) <= 2e-3))
+
+
+def check_record(name: str, record: Any) -> None:
+    """Raise InputError, which names the field, if a record has a number that is not finite, or a
+    matrix that is not a rotation."""
+    for field in record.dtype.names:
+        value = np.asarray(record[field])
+        if not np.all(np.isfinite(value)):
+            raise InputError(f"{name}.{field}: {value.tolist()}; valid: finite numbers")
+        if field.startswith("R_") and not _are_rotations(value[None]).all():
+            raise InputError(
+                f"{name}.{field}: {value.tolist()} is not a rotation; valid: an orthonormal matrix "
+                "with the determinant 1, within 0.001"
+            )
 
 
 def check_units(

@@ -16,7 +16,7 @@ from skywright.vehicle.bus import Allocated, Clock, Estimate, Reference, WrenchC
 from skywright.vehicle.component import Component, Draws
 from skywright.vehicle.estimates import EstimatorState
 from skywright.vehicle.native import read_error
-from skywright.vehicle.own_data import Innovations, check_units
+from skywright.vehicle.own_data import Innovations, check_record, check_units
 from skywright.vehicle.ports import READ
 from skywright.vehicle.readings import Fix, ImuBatch, MocapSample, Odometry
 from skywright.vehicle.schedule import end_control, run_rows
@@ -102,7 +102,11 @@ class LawStep(Stepped):
 
         The command has the wrench of the rotors at B's origin, `f_B` (3,) N and `t_B` (3,) N m, and
         `qd` rad/s (or `torque` N m) of the joints. The law keeps its integrals between steps.
+        Raises InputError, which names the field, for a number that is not finite and for an
+        attitude that is not a rotation.
         """
+        check_record("reference", self.reference)
+        check_record("estimate", self.estimate)
         self.run()
         return View(self.command.copy())
 

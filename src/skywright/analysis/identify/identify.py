@@ -165,10 +165,9 @@ def identify(
     fit = fit_parameters(columns, first.robot, weight, first.gravity)
     parts = [Part(log.name, *span) for log in logs for span in _list_used(log)]
     notes.append("used: " + _tell_parts(parts))
-    r2 = fit.prediction.r_squared(fit.prediction.predicted)[3:]
     notes += [
         f"R² about {axis} is {r:.2g} on held-out parts: the result of this axis is not used"
-        for axis, r, unused in zip("xyz", r2, fit.unused, strict=True)
+        for axis, r, unused in zip("xyz", fit.first_r2, fit.unused, strict=True)
         if unused
     ]
     check_fit(fit, first.robot, ", ".join(log.name for log in logs), notes)

@@ -30,7 +30,13 @@ def check_fit(fit: Fit, robot: Robot, logs: str, notes: Sequence[str] = ()) -> N
         if not r >= LEAST_R2 and f"inertia_{axis}{axis}_kgm2" in fitted
     ]
     if not whole >= LEAST_R2:
-        bad.insert(0, f"{whole:.3g} about all axes")
+        given_up = [
+            f"{r:.3g} about {axis}"
+            for r, axis, unused in zip(fit.first_r2, "xyz", fit.unused, strict=True)
+            if unused
+        ]
+        without = " without the parameters of these axes" if given_up else ""
+        bad = [*given_up, f"{whole:.3g} about all axes{without}", *bad]
     force = float(np.sqrt(np.mean(np.sum(error[:, :3] ** 2, axis=1))))
     turns = ", ".join(f"{v:.2g}" for v in p.measured[:, 3:].std(axis=0))
     wrong = f"{logs}: the log does not match robot {robot.name!r}"

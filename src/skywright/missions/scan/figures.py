@@ -16,6 +16,7 @@ from skywright.description.world.surface import build_cylinder
 from skywright.description.world.surface import surface_point as compute_surface_point
 from skywright.inspection.contact_quality import GAP_LIMIT, TILT_LIMIT, compute_contact_map
 from skywright.inspection.weld import detect_contact
+from skywright.inspection.weld_line import WeldLine
 from skywright.missions.scan.carried_weld import carry_weld
 from skywright.missions.scan.metrics import (
     LIFT_OFF_THRESHOLD,
@@ -223,11 +224,22 @@ def describe(result: RunResult[Scan, ScanWay]) -> str:
         return did + f" and found {n} crossing{'s' * (n > 1)} of a weld, but no line"
     told = " and ".join(
         f"{len(result.details.list_crossings(k))} crossings, at "
-        f"{math.degrees(line.angle):.2f} deg ± {math.degrees(line.std_angle):.2f} deg"
+        f"{math.degrees(line.angle):.2f} deg ± {compute_angle_std(result, line):.2f} deg"
         for k, line in enumerate(lines)
     )
     what = "the weld" if len(lines) == 1 else f"{len(lines)} welds"
     return did + f" and found {what} on {told} from the circumference"
+
+
+def compute_angle_std(result: RunResult[Scan, ScanWay], line: WeldLine) -> float:
+    """Return the standard deviation (deg) of a weld's angle from the true pipe's circumference.
+
+    It contains that of the line on the surveyed surface, and that of the surveyed axis about the
+    normal of the surface at the line: a survey of a sector determines the axis less accurately.
+    """
+    phi = line.c / result.details.surface.radius
+    up, aside = (result.metrics.get(f"survey.turn_{turn}_std_deg", 0.0) for turn in ("up", "aside"))
+    return math.hypot(math.degrees(line.std_angle), up * math.cos(phi), aside * math.sin(phi))
 
 
 def scan_path(scan: Scan, pipe: Pipe) -> tuple[Array, Array]:

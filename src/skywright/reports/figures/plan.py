@@ -37,7 +37,7 @@ def draw_plan(result: RunResult) -> Figure | None:
     )
     draw_line(axes[1], t, 100.0 * margin, color=BLUE, label="margin")
     axes[1].set(
-        title="Planned rotor margin: unused thrust range of the most loaded rotor",
+        title="Planned rotor margin: distance of a rotor's thrust to its nearer limit",
         ylabel="margin (%)",
         xlabel="time along the plan (s)",
     )
