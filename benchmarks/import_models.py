@@ -18,12 +18,14 @@ from typing import Any, NamedTuple
 import mujoco
 
 from skywright.errors import SkywrightError
+from skywright.evidence.bench.machine import read_commit
 from skywright.models.importing.importer import Request, import_robot
 from skywright.models.importing.looks import list_looks
 from skywright.models.importing.opening import compile_spec, open_file
 
 OUT = Path(__file__).parent / "imported_models.csv"
 X500 = "PX4-gazebo-models/models/x500/model.sdf"
+COMMIT = str(read_commit()["commit"])
 HANGING = "0,0,-0.05,180,0,0"
 HEXAGON = tuple(
     f"{0.25 * math.cos(a):.4f},{0.25 * math.sin(a):.4f},0.05,{'cw' if i % 2 else 'ccw'}"
@@ -75,7 +77,7 @@ def try_model(folder: Path, model: Model, out: Path) -> dict[str, str]:
     row = {"model": model.name, "from": model.file.split("/")[0], "format": "", "bodies": "",
            "rotors": "", "joints": "", "gripper": "", "meshes": "", "drawn": "", "not_read": "",
            "outcome": "",
-           "deviation": ""}  # fmt: skip
+           "deviation": "", "commit": COMMIT}  # fmt: skip
     try:
         opened = open_file(file)
         row["format"] = opened.kind
@@ -121,7 +123,7 @@ def main() -> None:
             print(row, flush=True)
             rows.append(row)
         elif key in old:
-            rows.append(old[key])
+            rows.append({"commit": "", **old[key]})
     with OUT.open("w", encoding="utf-8", newline="") as f:
         writer = csv.DictWriter(f, list(rows[0]), lineterminator="\n")
         writer.writeheader()

@@ -23,7 +23,7 @@ def build_table() -> str:
         "rotors": "rotors", "joints": "joints", "gripper": "gripper",
         "meshes": "meshes in the file",
         "drawn": "drawn as", "not_read": "mesh files not read", "outcome": "outcome",
-        "deviation": "largest deviation",
+        "deviation": "largest deviation", "commit": "commit",
     }  # fmt: skip
     lines = ["| " + " | ".join(names.values()) + " |", "|" + "---|" * len(names)]
     lines += ["| " + " | ".join(row[key] for key in names) + " |" for row in rows]
