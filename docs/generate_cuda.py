@@ -26,7 +26,8 @@ def build_table() -> str:
     good = [s for s in steps if not s["why"]]
     lines = [
         f"Of {len(steps)} steps of all built-in missions, laws and estimators, {len(good)} compile "
-        f"for compute capability {major[0]}.{major[1]} (numba-cuda {found['numba_cuda']}). A step "
+        f"for compute capability {major[0]}.{major[1]} (numba-cuda {found['numba_cuda']}; "
+        f"commit `{found['commit']}`, {found['when']}). A step "
         "that several missions have is listed once:",
         "",
         "| mission | step | slot | PTX (kB) | registers | stack (bytes) | spilled (bytes) |",

@@ -283,6 +283,8 @@ def test_rates_and_lives_have_the_deviations_of_a_monte_carlo() -> None:
     a, b = 10.0 + 0.02 * r.normal(size=200_000), 8.0 + 0.03 * r.normal(size=200_000)
     rate = compute_rate(build_inspected(0, 10.0, 0.02), build_inspected(4, 8.0, 0.03), 6.0)
     assert rate.life_std_years == pytest.approx(np.std((b - 6.0) / ((a - b) / 4)), rel=0.02)
+    slower = compute_rate(build_inspected(0, 10.0, 0.02), build_inspected(10, 8.0, 0.03), 6.0)
+    assert slower.life_std_years == pytest.approx(np.std((b - 6.0) / ((a - b) / 10)), rel=0.02)
     # "at least" is the life at the upper bound of the rate: below it in 5 of 100 draws or fewer
     lives = (8.0 - 6.0) / np.maximum((a - b) / 4, 1e-9)
     assert rate.life_low_years is not None

@@ -27,9 +27,10 @@ from typing import Any
 
 import numpy as np
 
-from skywright import InputError, envs
+from skywright import InputError, __version__, envs
 from skywright.analysis.campaign.distributions import parse_variations
 from skywright.cli.options import check_folder, check_writable
+from skywright.evidence.bench.machine import read_commit
 
 HERE = Path(__file__).parent
 GUSTS = str(HERE / "gusts.csv")
@@ -96,8 +97,9 @@ def import_learner() -> Any:
 
 
 def describe_machine() -> dict[str, Any]:
-    """Return what a time means: the processor's cores, and how busy they are."""
+    """Return what a time means: version, the processor's cores, and how busy they are."""
     return {
+        "skywright": __version__, "commit": read_commit()["commit"],
         "cores": os.cpu_count(), "machine": platform.machine(),
         "load_1_min": round(os.getloadavg()[0], 1), "nice": os.nice(0),
     }  # fmt: skip

@@ -18,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -32,6 +33,7 @@ from skywright.core.compiled import Helper, HelperType, integers, table, words
 from skywright.core.find import list_kinds
 from skywright.description.loader import list_missions, load_description
 from skywright.errors import InputError, describe_os_error
+from skywright.evidence.bench.machine import read_commit
 from skywright.run.backends import build_vehicle
 from skywright.vehicle.assembly import Assembly
 from skywright.vehicle.component import Draws
@@ -313,6 +315,7 @@ def _run(missions: list[str], only: list[str], out: Path | None) -> None:
         print(f"{one.step}: {told}")
     if out is not None:
         table = {
+            "when": datetime.now(UTC).strftime("%Y-%m-%d"), "commit": read_commit()["commit"],
             "architecture": list(ARCHITECTURE), "numba_cuda": version("numba-cuda"),
             "flights": [" ".join(filter(None, flight)) for flight in flights],
             "steps": [one._asdict() for one in found],
