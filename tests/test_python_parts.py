@@ -400,6 +400,14 @@ def test_arguments_of_locate_that_do_not_fit_are_refused(pair, given, words):
         (lambda: skywright.plan(3), "^description: got int '3'; valid: .* or what load returns"),
         (lambda: skywright.open_run(None), "^directory: got NoneType"),
         (lambda: skywright.weld(np.zeros(3)), "^data: got ndarray"),
+        (
+            lambda: skywright.plan_motion("othex", (0, 0, 1, 0), (2, 0, 1, 90)),
+            r"^goal: yaw = 90; valid: within \+-6.283 rad",
+        ),
+        (
+            lambda: skywright.Uav(skywright.build_vehicle("waypoints")).go_to((0, 0, 1), 90.0),
+            r"^yaw = 90; valid: within \+-6.283",
+        ),
         (lambda: skywright.locate(np.zeros(3)), "^data: got ndarray"),
         (lambda: skywright.identify(np.zeros(3)), "^logs: got ndarray"),
         (
