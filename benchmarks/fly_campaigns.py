@@ -46,6 +46,11 @@ def fly(name: str, out: Path, workers: int) -> str:
     means = compute_means(rows, CAMPAIGNS[name].get("means", {}))
     if means:
         result["means"] = means
+    if "largest" in CAMPAIGNS[name]:
+        result["largest"] = {
+            metric: max(float(r[metric]) for r in rows if r[metric])
+            for metric in CAMPAIGNS[name]["largest"]
+        }
     text = json.dumps(result, indent=1, ensure_ascii=False) + "\n"
     (KEPT / f"{name}.json").write_text(text, encoding="utf-8")
     return f"{name}: {result['succeeded']} of {result['runs']}"
