@@ -346,3 +346,11 @@ def test_the_pipe_stops_the_tip_so_it_is_cleared_to_the_press_depth_only() -> No
     assert gap < 0.0 and describe_pair(query, pair).endswith(" and pipe")
     gap, pair = query_clearance(leave_out(query, "pipe"), inside, np.eye(3), away, FAR, FAR)
     assert 0.0 < gap < FAR and "pipe" not in describe_pair(query, pair)
+
+
+def test_the_segments_of_a_plan_are_in_the_order_of_flight() -> None:
+    names = list(plan_mission(load_description("pipe-weld-scan")).segments)
+    survey = [i for i, name in enumerate(names) if name.startswith("survey ")]
+    first = names.index("close_in") + 1
+    assert survey == list(range(first, first + len(survey))) and survey
+    assert names[survey[-1] + 1 :] == ["touch", "scan", "leave", "fold", "return"]

@@ -123,7 +123,9 @@ def plan_scan(
         close, first = segments["close_in"][-1], task.pattern.corners[0]
         away = task.stand_off + RETREATS[0]
         more, blocked = plan_survey(search, close.state, first, survey, away)
-        segments |= more
+        flown = list(segments.items())
+        at = list(segments).index("close_in") + 1
+        segments = dict([*flown[:at], *more.items(), *flown[at:]])  # in the order of flight
     joined = {name: join_edges(edges) for name, edges in segments.items()}
     rows = {name: r for name, (r, _) in joined.items()}
     for r in rows.values():
