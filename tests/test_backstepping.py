@@ -18,6 +18,7 @@ from skywright.models.rigid_body import build_body_model, compute_tip
 from skywright.vehicle.bus import Body, Estimate, Reference
 from skywright.vehicle.follower import Press
 from skywright.vehicle.laws._tip_motion import (
+    DAMPING,
     STOP_RATE,
     fill_tip_rows,
     invert_tip,
@@ -142,6 +143,16 @@ def test_a_tip_at_a_joints_stop_stops_and_does_not_swing_aside() -> None:
     assert aside < 1e-3 and past < 1e-9
     aside, past = drive(obeys=False)
     assert past > math.radians(5.0)
+
+
+@given(st.lists(st.floats(-0.5, 0.5), min_size=6, max_size=6), st.floats(-0.1, 0.1))
+def test_tip_speeds_are_solved_by_damped_least_squares(levers: list[float], across: float) -> None:
+    J, qd = np.zeros((2, MAX_JOINTS)), np.zeros(MAX_JOINTS)
+    J[:, :3] = np.reshape(levers, (2, 3))
+    invert_tip(J, 3, 0.03, across, qd)
+    stacked = np.vstack([J[:, :3], math.sqrt(DAMPING) * np.eye(3)])
+    expected = np.linalg.lstsq(stacked, [0.03, across, 0.0, 0.0, 0.0], rcond=None)[0]
+    np.testing.assert_allclose(qd[:3], expected, rtol=1e-6, atol=1e-9)
 
 
 ROOM = st.floats(-0.1, 2.0)

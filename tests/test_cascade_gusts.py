@@ -66,8 +66,8 @@ def test_the_page_of_the_paper_states_the_motion_that_the_models_predict() -> No
     assert f"in this direction, rms, model | {' | '.join(predicted)} |" in page.read_text("utf-8")
 
 
-def test_the_planes_have_the_mass_matrix_of_the_scene() -> None:
-    """MuJoCo's mass matrix in place, lean and link, all other joints held."""
+def compute_scene_masses() -> tuple[Any, int, int]:
+    """MuJoCo's mass matrix of the built-in robot in its working posture, and two joints' rows."""
     robot = DESCRIPTION.robot
     scene, q = build_scene(robot, DESCRIPTION.world, Deviation()), posture(robot, "working")
     data = mujoco.MjData(scene.model)
@@ -76,8 +76,25 @@ def test_the_planes_have_the_mass_matrix_of_the_scene() -> None:
     mujoco.mj_forward(scene.model, data)
     M = np.zeros((scene.model.nv, scene.model.nv))
     mujoco.mj_fullM(scene.model, data, M)
-    (along, across), _ = build_systems()
     swing, bend = (int(scene.model.joint(n).dofadr[0]) for n in ("pendulum", "pendulum lateral"))
+    return M, swing, bend
+
+
+def test_the_planes_accelerate_as_the_scene_does() -> None:
+    """A tilt along the swing and a rolling torque across it, through MuJoCo's mass matrix."""
+    M, swing, bend = compute_scene_masses()
+    (m, _), (along, across) = build_systems()
+    x, psi = np.linalg.solve(M[np.ix_([0, swing], [0, swing])], [m.mass * m.gravity, 0.0])
+    np.testing.assert_allclose(np.abs(along.free[[1, 3], 4]), np.abs([x, psi]), rtol=0.03)
+    rows = [1, 3, bend]
+    y, phi, turn = np.linalg.solve(M[np.ix_(rows, rows)], [0.0, 1.0, 0.0])
+    np.testing.assert_allclose(across.free[[1, 3, 5], 7], [y, phi, phi + turn], rtol=0.03)
+
+
+def test_the_planes_have_the_mass_matrix_of_the_scene() -> None:
+    """MuJoCo's mass matrix in place, lean and link, all other joints held."""
+    M, swing, bend = compute_scene_masses()
+    (along, across), _ = build_systems()
     for m, dofs, sign in ((along, [0, 4, swing], -1.0), (across, [1, 3, bend], 1.0)):
         d, b, lever = m.below, m.first, m.carried * m.below
         ours = np.array([

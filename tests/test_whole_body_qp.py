@@ -157,6 +157,7 @@ def test_without_a_limit_it_is_laws_2_to_4_and_the_moment_of_the_contact(free, a
         for law, state in both:
             law.vehicle.restore(state)
             press(law)
+            law.reference.v_WT = v = np.array([0.004, 0.0, 0.01])  # also off the wall
             disturb(law, seed, 0.4)
         own, told = free.step(), free.ports["told"]
         wanted = paper.step()
@@ -164,10 +165,8 @@ def test_without_a_limit_it_is_laws_2_to_4_and_the_moment_of_the_contact(free, a
         np.testing.assert_allclose(own.qd, wanted.qd, atol=1e-12)
         body, est, me = free.ports["body"], free.estimate, free.ports["me"]
         push = -float(body.mass * me.wn_p**2 * WALL[:, 2] @ (free.reference.p_WT - est.p_WT))
-        up = np.array([0.0, 0.0, 1.0])
-        contact = est.R_WB.T @ (
-            push * (WALL[:, 2] - me.friction * up * 0.01 / math.hypot(0.01, 1e-3))
-        )
+        against = v / math.hypot(*v, 1e-3)
+        contact = est.R_WB.T @ (push * (WALL[:, 2] - me.friction * against))
         assert push > 1.0
         qdd = (wanted.qd[:2] - est.qd[:2]) / me.T_v[:2]
         force, torque = np.array(wanted.f_B), np.array(wanted.t_B)
@@ -181,6 +180,34 @@ def test_without_a_limit_it_is_laws_2_to_4_and_the_moment_of_the_contact(free, a
         made = me.B[:, :6] @ told.thrust[:6]
         np.testing.assert_allclose(made[:5], [*own.f_B, *own.t_B[:2]], atol=1e-9)
         assert made[5] == pytest.approx(me.t_z, abs=1e-9)
+
+
+def test_the_cost_is_that_of_the_dynamics_about_the_centre_of_mass(weak, at_rest) -> None:
+    """H from the wrenches of rotors, accelerating joints and the contact, each row weighted."""
+    press(weak, push=0.12)
+    disturb(weak, 3, 2.0)
+    weak.step()
+    body, R, me = weak.ports["body"], np.array(weak.estimate.R_WB), weak.ports["me"]
+    columns = []
+
+    def add(force_B: np.ndarray, torque: np.ndarray) -> None:
+        columns.append([*R @ force_B, *torque - np.cross(body.p_BC, force_B)])
+
+    for i in range(6):
+        add(me.B[:3, i], me.B[3:, i])
+    for j in range(2):
+        f, t = np.zeros(3), np.zeros(3)
+        fill_reaction(weak.ports["model"], weak.ports["kin"], j, f, t)
+        add(-f, -t)
+    for axis in _axes(weak):
+        add(R.T @ axis, np.cross(body.p_BT, R.T @ axis))
+    weight = float(body.mass * body.gravity)
+    vertical, lateral, roll, yaw, contact, arm = me.weight
+    rows = np.array([lateral, lateral, vertical, *np.array([roll, roll, yaw]) / me.lever]) / weight
+    J = rows[:, None] * np.array(columns).T
+    least = [*[6e-2 / weight] * 6, *arm / me.a_max[:2], *[contact / weight] * 3]
+    H = read_program(weak)[0]
+    np.testing.assert_allclose(H, J.T @ J + np.diag(np.square(least)), rtol=1e-9, atol=1e-12)
 
 
 def test_eight_rotors_get_what_the_allocation_would_tell_them() -> None:
