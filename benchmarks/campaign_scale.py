@@ -7,7 +7,7 @@ Numbers of workers alternate: 1, 2, 1, 2, ... Processor time gives the cost of a
 worker's start, and of the process that distributes the runs; it does not depend on other users of
 the machine. 100 workers are not measured; their time is computed from these parts.
 
-With Ray (extra `cluster`), campaigns of two sizes fly on two warm workers of this machine. Their
+Campaigns of two sizes fly on two workers, forked ones and those of Ray (extra `cluster`). Their
 difference is the cost of further runs: processor time of this process, and wall time. Ray's threads
 in this process also use processor time while it waits. A line through the missions, over the wall
 time per run, separates this share from the cost of handing out a run.
@@ -18,7 +18,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import pickle
 import resource
 import statistics
 import tempfile
@@ -30,15 +29,9 @@ from typing import Any
 from skywright.analysis.campaign.campaign import run_campaign
 from skywright.analysis.campaign.cluster import connect, disconnect
 from skywright.analysis.campaign.forks import end_source
-from skywright.analysis.campaign.runner import Task, build_failed_row
 from skywright.analysis.campaign.spec import (
     build_campaign,
-    build_identity,
-    draw_run,
-    load_run,
-    write_command,
 )
-from skywright.analysis.campaign.store import Store
 from skywright.evidence.bench.machine import describe_machine, read_commit
 
 MISSIONS = {
@@ -63,41 +56,29 @@ def fly(mission: str, runs: int, workers: int, folder: Path) -> dict[str, float]
     }  # fmt: skip
 
 
-def hand_out(mission: str, n: int, folder: Path) -> float:
-    """Return the processor time (s) of the parent per run: load, send, receive, write."""
-    campaign = build_campaign(mission, MISSIONS[mission], seed=1)
-    store = Store(folder, build_identity(campaign))
-    times = []
-    for run in range(n):
-        began = time.process_time()
-        one = draw_run(campaign, run)
-        task = Task(one, load_run(campaign, one), write_command(campaign, one), "none", "")
-        row = pickle.loads(pickle.dumps(build_failed_row(task, "succeeded", "")))
-        pickle.dumps(task)
-        store.append(row)
-        times.append(time.process_time() - began)
-    store.close()
-    return statistics.median(times)
-
-
-def measure_ray(mission: str, runs: int, turns: int) -> dict[str, float]:
+def measure_further(mission: str, runs: int, turns: int, ray: str | None) -> dict[str, float]:
     """Return processor time of this process and wall time (s) per further run on two workers."""
     campaign = build_campaign(mission, MISSIONS[mission], seed=1)
     parent, wall = [], []
-    connect("local", 2)
+    if ray is not None:
+        connect(ray, 2)
     try:
-        for turn in range(turns + 1):  # the first one starts and warms the workers
+        for turn in range(turns + 1):  # the first one starts and warms the workers of Ray
             spent = []
             for n in (runs, 2 * runs):
                 began, ours = time.perf_counter(), time.process_time()
                 with tempfile.TemporaryDirectory() as name:
-                    run_campaign(campaign, n, out=Path(name) / "ray", ray="local")
+                    run_campaign(
+                        campaign, n, out=Path(name) / "more", ray=ray,
+                        workers=2 if ray is None else None,
+                    )  # fmt: skip
                 spent.append((time.process_time() - ours, time.perf_counter() - began))
             if turn:
                 parent.append((spent[1][0] - spent[0][0]) / runs)
                 wall.append((spent[1][1] - spent[0][1]) / runs)
     finally:
-        disconnect()
+        if ray is not None:
+            disconnect()
     return {"parent": statistics.median(parent), "wall": statistics.median(wall)}
 
 
@@ -116,17 +97,16 @@ def measure(mission: str, runs: int, turns: int) -> dict[str, Any]:
         return statistics.median(row[key] for row in rows)
 
     flight = (middle(many[1], "workers") - middle(few, "workers")) / (runs - 1)
-    with tempfile.TemporaryDirectory() as name:
-        serial = hand_out(mission, 20, Path(name) / "serial")
-    ray = measure_ray(mission, runs, turns)
+    local = measure_further(mission, runs, turns, None)
+    ray = measure_further(mission, runs, turns, "local")
     return {
         "mission": mission, "runs": runs, "turns": turns, "flight_cpu_s": round(flight, 4),
-        "parent_cpu_s": round(serial, 5),
-        "once_cpu_s": round(max(middle(few, "parent") - serial, 0.0), 3),
+        "parent_cpu_s": round(local["parent"], 5),
+        "once_cpu_s": round(max(middle(few, "parent") - local["parent"], 0.0), 3),
         "worker_start_cpu_s": round(max(middle(few, "workers") - flight, 0.0), 3),
         "run_cpu_s": {str(w): round(middle(r, "workers") / runs, 3) for w, r in many.items()},
         "run_wall_s": {str(w): round(middle(r, "wall") / runs, 3) for w, r in many.items()},
-        "most_workers": round(flight / serial),
+        "most_workers": round(flight / local["parent"]),
         "ray_parent_cpu_s": round(ray["parent"], 5), "ray_run_wall_s": round(ray["wall"], 3),
     }  # fmt: skip
 

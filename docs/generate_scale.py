@@ -21,26 +21,29 @@ def build_table() -> str:
     n = found["planned"]
     lines = [
         "| mission | flight | start of a worker | per run, 1 worker | per run, 2 workers | "
-        f"handing out a run | the same with Ray | per run, {n} workers (computed) | limited by | "
-        "most useful workers | the same with Ray |",
+        f"handing out a run | the same with Ray | per run, {n} workers (computed) | the same with "
+        "Ray | most useful workers | the same with Ray |",
         "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for m in found["missions"]:
-        each, serial = m["flight_cpu_s"] / n, m["parent_cpu_s"]
-        limit = "handing out" if serial > each else "the flights"
+        each = m["flight_cpu_s"] / n
+        costs = [max(each, cost) for cost in (m["parent_cpu_s"], m["ray_hand_out_s"])]
+        local, ray = (
+            f"{1e3 * cost:.0f} ms, {'the flights' if cost == each else 'handing out'}"
+            for cost in costs
+        )
         lines.append(
             f"| `{m['mission']}` | {m['flight_cpu_s']:.2f} s | {m['worker_start_cpu_s']:.1f} s | "
             f"{m['run_cpu_s']['1']:.2f} s | {m['run_cpu_s']['2']:.2f} s | "
-            f"{1e3 * serial:.0f} ms | {1e3 * m['ray_hand_out_s']:.0f} ms | "
-            f"{1e3 * max(each, serial):.0f} ms | {limit} | {m['most_workers']} | "
-            f"{m['most_workers_ray']} |"
+            f"{1e3 * m['parent_cpu_s']:.0f} ms | {1e3 * m['ray_hand_out_s']:.0f} ms | "
+            f"{local} | {ray} | {m['most_workers']} | {m['most_workers_ray']} |"
         )
     runs = found["missions"][0]["runs"]
     lines += [
         "",
         f"All times are processor times of campaigns of {runs} runs. The start of the workers is "
         f"therefore a large part of the time per run; the computed time for {n} workers excludes "
-        "it. Ray was measured on two warm workers of one machine: "
+        "it, and names what limits it. Ray was measured on two warm workers of one machine: "
         + ", ".join(
             f"a further run of `{m['mission']}` takes {m['ray_run_wall_s']:.2f} s of wall time"
             for m in found["missions"]

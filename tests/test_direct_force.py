@@ -141,6 +141,19 @@ def test_the_dead_time_counts_the_link_both_ways(othex_force, contact):
     assert slow._replace(delay=0.0) == contact._replace(delay=0.0)
 
 
+def test_the_dead_time_counts_half_a_period_of_the_sensor():
+    """A sensor at 100 instead of 500 Hz adds 4 ms."""
+    delays = []
+    for rate in (100.0, 500.0):
+        d = load_description(
+            "pipe-weld-scan",
+            robot="othex-force",
+            sets=[f"robot.sensors.probe_force.rate_hz={rate:g}"],
+        )
+        delays.append(build_contact(d.robot, d.world, DirectForce.Table(), DT, 0.001).delay)
+    assert delays[0] - delays[1] == pytest.approx(0.5 * (1.0 / 100.0 - 1.0 / 500.0))
+
+
 def test_sensitivity_and_gust_response_of_a_contact(contact):
     """Nyquist by hand at one frequency: m x'' = u - k x - gust, F = k x, u late and lagged."""
     gains, w = compute_gains(contact, DirectForce.Table()), np.array([7.0])

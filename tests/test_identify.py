@@ -106,11 +106,11 @@ def test_a_flight_that_turns_too_little_is_refused_with_its_own_r2(exact: Fit) -
 
     A robot file with other inertias and gains predicts a quiet flight much worse than nothing.
     """
-    assert np.all(exact.first_r2 > 0.9999) and not exact.unused.any()
+    assert np.all(np.isnan(exact.given_up_r2)) and not exact.unused.any()
     p = exact.prediction
     off = 5.0 * p.measured.std(axis=0) * [0.0, 0.0, 0.0, 1.0, 1.0, 0.0]
     quiet = exact._replace(
-        unused=np.array([True, True, False]), first_r2=np.array([0.49, 0.32, 0.98]),
+        unused=np.array([True, True, False]), given_up_r2=np.array([0.49, 0.32, np.nan]),
         prediction=p._replace(predicted=p.predicted + off),
     )  # fmt: skip
     with pytest.raises(InputError, match="does not identify the rotation") as error:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import skywright
 from skywright.analysis.campaign.campaign import CampaignResult
@@ -21,6 +22,7 @@ from skywright.analysis.identify.identify import Identification
 from skywright.analysis.identify.identify import identify as identify_logs
 from skywright.analysis.locate.locate import LocateReport
 from skywright.analysis.locate.locate import locate as locate_files
+from skywright.cli import main
 from skywright.core.compiled_code import _list_imports, find_dependents
 from skywright.errors import InputError
 from skywright.inspection.weld import WeldResult
@@ -400,14 +402,6 @@ def test_arguments_of_locate_that_do_not_fit_are_refused(pair, given, words):
         (lambda: skywright.plan(3), "^description: got int '3'; valid: .* or what load returns"),
         (lambda: skywright.open_run(None), "^directory: got NoneType"),
         (lambda: skywright.weld(np.zeros(3)), "^data: got ndarray"),
-        (
-            lambda: skywright.plan_motion("othex", (0, 0, 1, 0), (2, 0, 1, 90)),
-            r"^goal: yaw = 90; valid: within \+-6.283 rad",
-        ),
-        (
-            lambda: skywright.Uav(skywright.build_vehicle("waypoints")).go_to((0, 0, 1), 90.0),
-            r"^yaw = 90; valid: within \+-6.283",
-        ),
         (lambda: skywright.locate(np.zeros(3)), "^data: got ndarray"),
         (lambda: skywright.identify(np.zeros(3)), "^logs: got ndarray"),
         (
@@ -423,6 +417,19 @@ def test_errors_name_the_arguments_and_not_the_options(call, words):
     with pytest.raises(InputError, match=words) as error:
         call()
     assert not re.search(r"(?<![\w/])--", str(error.value))
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--out", "."], ". already exists; give another --out or remove it"),
+        (["--set", "a:b"], "--set 'a:b': expected KEY=VALUE"),
+        (["--gateway-key", "x"], "--gateway-key requires --gateway or --operator"),
+    ],
+)
+def test_the_command_line_names_its_options(words, told):
+    done = CliRunner().invoke(main, ["run", "waypoints", *words])
+    assert done.exit_code == 2 and told in " ".join(done.stderr.split())
 
 
 @pytest.mark.parametrize("mass", ["5.85", [1.0], -1.0, float("nan")])

@@ -341,6 +341,8 @@ def test_the_pages_of_papers_have_the_tables_that_evidence_printed():
     assert {p.stem for p in module.KEPT.iterdir()} == set(
         _load_file(ROOT / "benchmarks" / "print_evidence.py").COMMANDS
     )
+    shown = "".join((module.DOCS / page).read_text(encoding="utf-8") for page in module.PAGES)
+    assert all(f"<!-- evidence {p.stem}: begin" in shown for p in module.KEPT.iterdir())
     for page in module.PAGES:
         text = (module.DOCS / page).read_text(encoding="utf-8")
         assert text == module.build_page(text), "run: python docs/generate_evidence.py"

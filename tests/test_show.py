@@ -106,9 +106,14 @@ def test_the_angle_of_a_weld_has_the_uncertainty_of_the_surveyed_axis() -> None:
         (0.25 * math.pi, math.hypot(0.3, 0.1) / 2**0.5),
     ):
         line: Any = SimpleNamespace(std_angle=math.radians(0.04), c=0.2 * phi)
-        run: Any = SimpleNamespace(metrics=known, details=SimpleNamespace(surface=surface))
+        run: Any = SimpleNamespace(
+            metrics=known, details=SimpleNamespace(surface=surface),
+            description=SimpleNamespace(plant=SimpleNamespace(map_error_deg=3.0)),
+        )  # fmt: skip
         assert compute_angle_std(run, line) == pytest.approx(math.hypot(0.04, axis))
-        run = SimpleNamespace(metrics={}, details=run.details)  # no survey: the pipe is known
+        run.metrics = {}  # no survey: the map's error remains
+        assert compute_angle_std(run, line) == pytest.approx(math.hypot(0.04, math.sqrt(3.0)))
+        run.description.plant.map_error_deg = 0.0
         assert compute_angle_std(run, line) == pytest.approx(0.04)
 
 

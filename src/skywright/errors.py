@@ -10,8 +10,9 @@ from collections.abc import Callable, Iterable
 from functools import wraps
 from typing import ParamSpec, TypeVar
 
-OPTION = re.compile(r"(?<![\w./-])--[a-z][a-z-]*(?![\w./])")
-"""An option of the command line in a message; file names may contain the same characters."""
+OPTION = re.compile(r"(?<![\w./-])(?<!skywright run )--[a-z][a-z-]*(?![\w./])")
+"""An option of the command line in a message, not of a command that it quotes; file names may
+contain the same characters."""
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -30,6 +31,8 @@ class InputError(SkywrightError):
     """A file, flag, key or stream is wrong; nothing was started."""
 
     exit_code = 2
+    with_options = ""
+    """The message that names options, where `naming_arguments` has replaced them."""
 
 
 class InfeasibleError(SkywrightError):
@@ -102,9 +105,9 @@ def naming_arguments(**options: str) -> Callable[[Callable[P, R]], Callable[P, R
             try:
                 return function(*args, **kwargs)
             except InputError as error:
-                text = OPTION.sub(lambda m: known.get(m[0], m[0]), str(error))
                 if type(error) is InputError:
-                    error.args = (text,)
+                    error.with_options = error.with_options or str(error)
+                    error.args = (OPTION.sub(lambda m: known.get(m[0], m[0]), str(error)),)
                 raise
 
         return call

@@ -6,6 +6,7 @@ radians; frames W (ENU, z up), B (platform, FLU), T (tip). Wrong input raises In
 
 from __future__ import annotations
 
+import operator
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -263,8 +264,10 @@ def campaign(
         raise InputError(
             f"vary: got {type(vary).__name__}; valid: a dictionary of distributions by key, or {{}}"
         )
-    if not isinstance(runs, int):
-        raise InputError(f"runs: got {runs!r}; valid: an integer of 1 or more")
+    try:
+        runs = operator.index(runs)
+    except TypeError:
+        raise InputError(f"runs: got {runs!r}; valid: an integer of 1 or more") from None
     varied = [f"{key}={text}" for key, text in vary.items()]
     plan = build_campaign(mission, varied, robot=robot, world=world, seed=seed, sets=sets)
     return run_campaign(plan, runs, out=None if out is None else Path(out), workers=workers)

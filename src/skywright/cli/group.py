@@ -69,7 +69,7 @@ def _report(error: BaseException, as_json: bool) -> int:
         command = getattr(getattr(error, "ctx", None), "command_path", "skywright")
         message = f"{message.rstrip('.')} (see {command} --help)"
     elif isinstance(error, SkywrightError):
-        code, message = error.exit_code, str(error)
+        code, message = error.exit_code, getattr(error, "with_options", "") or str(error)
         if isinstance(error, InfeasibleError):
             facts["blocked_by"] = error.blocked_by
     elif isinstance(error, BrokenPipeError):  # the reader of the output has closed the pipe

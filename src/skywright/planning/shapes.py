@@ -118,8 +118,6 @@ def _read_end(name: str, end: Sequence[float] | Configuration, robot: Robot) -> 
         p, yaw, q = given[:3], given[3], posture(robot, "folded")
     if p is None or p.shape != (3,) or yaw is None or np.shape(yaw):
         raise InputError(f"{name}: {end!r}; valid: p_WB of three numbers (m), yaw a number (rad)")
-    if abs(yaw) > math.tau:
-        raise InputError(f"{name}: yaw = {float(yaw):g}; valid: within +-{math.tau:.4g} rad")
     if not np.all(np.isfinite([*p, yaw, *q])):
         raise InputError(f"{name}: {end!r}; every number must be finite")
     if np.max(np.abs(p)) > FARTHEST:

@@ -76,7 +76,8 @@ def check_requirements(mission: Mission) -> None:
                 f"{neighbours(name, valid)}"
             )
         unit = valid[name][0]
-        if requirement.unit not in ("", unit):
+        given = "" if requirement.unit == "-" else requirement.unit.replace(" ", "")  # "Nm"
+        if given not in ("", unit.replace(" ", "")):
             raise InputError(
                 f"mission.requirements: the unit of {name!r} is {unit or 'none'}, not "
                 f"{requirement.unit!r}: convert the limit {requirement.limit:g}"

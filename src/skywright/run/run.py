@@ -175,6 +175,7 @@ def evaluate_directory(directory: Path) -> RunResult:
     """
     stored = load_run(directory)
     setup = Setup(load_description(directory / MISSION))
+    check_requirements(setup.description.mission)
     plan = plan_mission(setup.description, setup)
     outcome = stored.outcome if stored.outcome in UNFINISHED else ""
     reason = "" if is_judgement(stored.reason) else stored.reason  # it is judged again

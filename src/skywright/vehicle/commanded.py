@@ -272,7 +272,6 @@ class Commanded:
         self._fly.moves.motors(False)
         self._enter(State.LANDED_DISARMED)
 
-    def _heading(self, yaw: float | None, most: float = math.inf) -> float:
-        """Return `yaw` (rad), of magnitude up to `most`, or the present heading."""
+    def _heading(self, yaw: float | None) -> float:
         R = self.backend.reference_now["R_WB"]
-        return math.atan2(R[1, 0], R[0, 0]) if yaw is None else check_number("yaw", yaw, most)
+        return math.atan2(R[1, 0], R[0, 0]) if yaw is None else check_number("yaw", yaw)

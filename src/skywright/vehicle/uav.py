@@ -6,7 +6,6 @@ mission tick (20 ms). `vehicle/commands.py` has the table of what is accepted in
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 import numpy as np
@@ -81,11 +80,8 @@ class Uav(Commanded):
         )
 
     def go_to(self, p: ArrayLike, yaw: float | None = None, *, wait: bool | None = None) -> Handle:
-        """Fly straight to p (3,) m in W with the heading `yaw` (rad; default: as it is).
-
-        Raises InputError for a yaw of more than a full turn, which would be in degrees.
-        """
-        goal, heading = check_bounded("p", p), self._heading(yaw, math.tau)
+        """Fly straight to p (3,) m in W with the heading `yaw` (rad; default: as it is)."""
+        goal, heading = check_bounded("p", p), self._heading(yaw)
         return self._start(Command.GO_TO, lambda: self._fly.go_to(goal, heading), wait, goal)
 
     def go_to_geo(
@@ -93,7 +89,7 @@ class Uav(Commanded):
         *, wait: bool | None = None,
     ) -> Handle:  # fmt: skip
         """Fly straight to a position in WGS 84: degrees, and m above the ellipsoid."""
-        origin, heading = self.backend.world.origin, self._heading(yaw, math.tau)
+        origin, heading = self.backend.world.origin, self._heading(yaw)
         if origin is None:
             return self._refuse(Command.GO_TO_GEO, Need.ORIGIN)
         goal = check_bounded(

@@ -32,6 +32,7 @@ from skywright.errors import InputError
 from skywright.models.capability import check_can_fly
 from skywright.run.kind import load_kind
 from skywright.run.names import list_measures
+from skywright.run.requirements import check_requirements
 from skywright.run.rows import Row
 from skywright.run.setup import Setup
 from skywright.run.source_hash import collect_code_versions
@@ -181,6 +182,7 @@ def _check(campaign: Campaign, runs: int, record: str, target: float) -> None:
             f"{campaign.mission}: the mission has no [mission.requirements]; a campaign counts "
             "the runs that meet them"
         )
+    check_requirements(campaign.base.mission)
     if not any(v.key.startswith(("robot.", "mission.robot")) for v in campaign.variations):
         check_can_fly(campaign.base.robot, campaign.base.world.gravity_mps2)
 

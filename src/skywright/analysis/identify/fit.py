@@ -71,7 +71,7 @@ class Fit(NamedTuple):
     samples: int
     mass: float  # kg, assumed known
     unused: Mask  # (3,) axes of the angular acceleration that the model does not predict
-    first_r2: Array  # (3,) R^2 of the angular acceleration with all parameters fitted
+    given_up_r2: Array  # (3,) R^2 with which an axis became unused; NaN for the others
 
 
 def predict(columns: Columns, rotors: RotorSet, mass: float, x: Array) -> Array:
@@ -137,7 +137,7 @@ def fit_parameters(columns: Columns, robot: Robot, mass: float, gravity: float) 
     nominal = predict(columns, rotors, mass, x0)
     free = np.ones(len(x0), dtype=bool)
     unused = np.zeros(3, dtype=bool)
-    first: Array | None = None
+    given_up = np.full(3, np.nan)
     while True:
         x, half, gave_up, noise = _eliminate(
             train, rotors, mass, measured, x0, scale, widest, free.copy()
@@ -145,9 +145,10 @@ def fit_parameters(columns: Columns, robot: Robot, mass: float, gravity: float) 
         found = predict(columns, rotors, mass, x)
         prediction = Prediction(columns.t, held_out, whole, found, nominal)
         r2 = prediction.r_squared(found)[3:]
-        first, fails = r2 if first is None else first, r2 < LEAST_R2
+        fails = r2 < LEAST_R2
         if np.all(fails) or not np.any(fails & ~unused):
             break
+        given_up = np.where(fails & ~unused, r2, given_up)
         unused |= fails
         base = predict(train, rotors, mass, x)
         slope = _jacobian(train, rotors, mass, x, base, scale, np.arange(len(x))) / noise[:, None]
@@ -157,7 +158,7 @@ def fit_parameters(columns: Columns, robot: Robot, mass: float, gravity: float) 
         Estimate(p, float(x[i]), float(half[i]), bool(np.isfinite(half[i])), float(gave_up[i]))
         for i, p in enumerate(parameters)
     ]
-    return Fit(estimates, prediction, noise, len(train.t), mass, unused, first)
+    return Fit(estimates, prediction, noise, len(train.t), mass, unused, given_up)
 
 
 def _eliminate(

@@ -167,7 +167,7 @@ def identify(
     notes.append("used: " + _tell_parts(parts))
     notes += [
         f"R² about {axis} is {r:.2g} on held-out parts: the result of this axis is not used"
-        for axis, r, unused in zip("xyz", fit.first_r2, fit.unused, strict=True)
+        for axis, r, unused in zip("xyz", fit.given_up_r2, fit.unused, strict=True)
         if unused
     ]
     check_fit(fit, first.robot, ", ".join(log.name for log in logs), notes)

@@ -32,7 +32,7 @@ def check_fit(fit: Fit, robot: Robot, logs: str, notes: Sequence[str] = ()) -> N
     if not whole >= LEAST_R2:
         given_up = [
             f"{r:.3g} about {axis}"
-            for r, axis, unused in zip(fit.first_r2, "xyz", fit.unused, strict=True)
+            for r, axis, unused in zip(fit.given_up_r2, "xyz", fit.unused, strict=True)
             if unused
         ]
         without = " without the parameters of these axes" if given_up else ""

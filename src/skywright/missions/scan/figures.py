@@ -234,11 +234,15 @@ def describe(result: RunResult[Scan, ScanWay]) -> str:
 def compute_angle_std(result: RunResult[Scan, ScanWay], line: WeldLine) -> float:
     """Return the standard deviation (deg) of a weld's angle from the true pipe's circumference.
 
-    It contains that of the line on the surveyed surface, and that of the surveyed axis about the
-    normal of the surface at the line: a survey of a sector determines the axis less accurately.
+    It contains that of the line on the believed surface, and that of the surface's axis about its
+    normal at the line: a survey of a sector determines the axis less accurately. Without a survey
+    the map's error, uniform within its bound, remains.
     """
     phi = line.c / result.details.surface.radius
-    up, aside = (result.metrics.get(f"survey.turn_{turn}_std_deg", 0.0) for turn in ("up", "aside"))
+    of_map = result.description.plant.map_error_deg / math.sqrt(3.0)
+    told = result.metrics
+    up = told.get("survey.turn_up_std_deg", of_map)
+    aside = told.get("survey.turn_aside_std_deg", of_map)
     return math.hypot(math.degrees(line.std_angle), up * math.cos(phi), aside * math.sin(phi))
 
 

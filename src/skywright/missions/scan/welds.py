@@ -93,7 +93,8 @@ WELD_MEASURES: Measures = {
     ),
     "weld.angle_std_deg": (
         "deg",
-        "standard deviation of a line's angle, as stated by the fit; worst line",
+        "standard deviation of a line's angle on the believed surface, as stated by the fit; "
+        "worst line",
     ),
 }
 """Metrics of `judge_welds`."""
