@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from hypothesis import strategies as st
 from skywright.analysis.campaign import figures
 from skywright.analysis.campaign.report import Facts, write_campaign_page
 from skywright.description.mission.spec import Requirement
+from skywright.reports.figures.style import house_style
 from skywright.run.rows import (
     Row,
     compute_headroom,
@@ -328,9 +331,12 @@ def test_page_answers_in_its_first_line(
     for row in rows:
         assert (f"--seed {row.seed}" in page) == (not row.succeeded or row is rows[0])
     assert ("Where it fails" in page) == bool(verdict.failures and keys)
-    assert ("two most influential conditions" in page) == (
-        len(rows) == 60
-    )  # few rows or one key tell nothing
+    # wind alone acts on a limit, and only enough rows of several keys show it
+    assert ("The most influential condition and another one" in page) == (len(rows) == 60)
+    assert ("Only world.wind.mean_mps has a significant effect" in page) == (len(rows) == 60)
+    assert ("No condition has a significant effect on the use of the limits" in page) == (
+        len(keys) > 1 and len(rows) < 60
+    )
     assert page.count("<figure>") >= (4 if len(rows) == 60 else 1)
 
 
@@ -352,3 +358,74 @@ def test_of_many_conditions_those_that_act_are_drawn() -> None:
     figure = figures.draw_conditions(rows, keys, build_verdict(rows, keys, requirements, 0.9))
     assert figure is not None and len(figure.axes) == figures.MAX_PANELS
     assert "world.wind.mean_mps" in [ax.get_xlabel() for ax in figure.axes]
+
+
+def build_acting(count: int, acting: dict[str, str], keys: tuple[str, ...]) -> list[Row]:
+    """Successful runs with small signed conditions; each metric of `acting` follows its key."""
+    rng = np.random.default_rng(7)
+    rows = []
+    for i in range(count):
+        varied = {key: float(rng.uniform(-0.05, 0.06)) for key in keys}
+        metrics = {m: varied[k] if k else float(rng.random()) for m, k in acting.items()}
+        rows.append(Row(i, i, "succeeded", "", (), "", dict(varied), metrics, {}, 1, ""))
+    return rows
+
+
+def test_only_an_effect_on_limits_makes_a_condition_influential() -> None:
+    """A condition that acts on a metric without a limit is not called influential."""
+    keys = ("plant.idle", "plant.free", "plant.asked", "plant.also")
+    acting = {"asked": "plant.asked", "also": "plant.also", "free": "plant.free"}
+    rows = build_acting(40, acting, keys)
+    limits = {name: Requirement(limit=1.0) for name in ("asked", "also")}
+    verdict = build_verdict(rows, keys, limits, 0.9)
+    assert set(figures.list_influential(keys, verdict)) == {"plant.asked", "plant.also"}
+    ranked = figures.rank_keys(keys, verdict)
+    assert set(ranked[:2]) == {"plant.asked", "plant.also"} and ranked[2] == "plant.free"
+    without = build_verdict(rows, keys, {}, 0.9)
+    assert figures.list_influential(keys, without) == []
+
+
+def test_every_limit_is_in_the_influence_picture_and_what_is_left_out_is_counted(
+    tmp_path: Path,
+) -> None:
+    keys = ("plant.a", "plant.b")
+    idle = {f"idle{i:02}": "" for i in range(20)}
+    asked = {f"asked{i:02}": "" for i in range(16)}
+    rows = build_acting(40, {**idle, **asked, "zz_acting": "plant.a"}, keys)
+    verdict = build_verdict(rows, keys, {m: Requirement(limit=2.0) for m in asked}, 0.9)
+    figure = figures.draw_sensitivities(keys, verdict)
+    assert figure is not None
+    drawn = [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    assert drawn[:17] == [LIMIT_USE, *asked] and "zz_acting" in drawn
+    left_out = 1 + 16 + 20 + 1 - len(drawn)
+    facts = Facts("scan", "", "othex", "pipe", 1, 40, dict.fromkeys(keys, "uniform(0,1)"), (),
+                  40, 1.0, {})  # fmt: skip
+    write_campaign_page(tmp_path / "campaign.html", rows, verdict, facts)
+    assert left_out > 10
+    assert f"{left_out} other metrics" in (tmp_path / "campaign.html").read_text()
+
+
+@pytest.mark.parametrize("count", [2, 3, 5])
+def test_labels_of_ticks_do_not_overlap(count: int) -> None:
+    keys = tuple(f"plant.error{i}" for i in range(count))
+    numbers = build_acting(40, {"error": keys[0]}, keys)
+    words = ["a-rather-long-name", "another-long-name", "a-third-long-name", "short"]
+    named = [row._replace(varied=dict.fromkeys(keys, words[row.run % 4])) for row in numbers]
+    for rows in (numbers, named):
+        verdict = build_verdict(rows, keys, {"error": Requirement(limit=0.1)}, 0.9)
+        for draw in (figures.draw_conditions, figures.draw_map):
+            with house_style():
+                figure = draw(rows, keys, verdict)
+                assert figure is not None
+                figure.draw_without_rendering()
+            for ax in figure.axes:
+                shown = [t for t in ax.get_xticklabels() if t.get_text() and t.get_visible()]
+                low, high = sorted(ax.get_xlim())
+                shown = [t for t in shown if low <= t.get_position()[0] <= high]
+                lines: dict[int, list[Any]] = {}
+                for t in shown:
+                    lines.setdefault(t.get_text().count("\n"), []).append(t.get_window_extent())
+                assert not shown or len(shown) >= 2
+                for boxes in lines.values():
+                    assert all(a.x1 + 3.0 < b.x0 for a, b in itertools.pairwise(boxes))
+                assert not shown or ax.xaxis.label.get_window_extent().y0 > 0.0

@@ -4,8 +4,10 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
 from skywright.core.arrays import Array
 from skywright.reports.figures.style import (
@@ -29,6 +31,13 @@ MARKERS = "XPsD^v*"
 FAILURES = (RED, BLACK, PURPLE, ORANGE, GREEN)
 MAX_PANELS = 12
 
+TICK_ROOM = 0.62
+"""Inches per labelled tick of a number, wide enough for seven characters, e.g. −0.0025."""
+LETTER_ROOM = 0.075
+"""Inches per letter of a tick's label."""
+LINE = 0.14
+"""Inches per line of ticks' labels."""
+
 
 def draw_conditions(rows: Sequence[Row], keys: Sequence[str], verdict: Verdict) -> Figure | None:
     """Draw one panel per varied key: each run's use of its tightest limit, with failures marked.
@@ -41,17 +50,19 @@ def draw_conditions(rows: Sequence[Row], keys: Sequence[str], verdict: Verdict) 
     keys = [key for key in keys if key in shown]
     columns = min(len(keys), 3)
     lines = math.ceil(len(keys) / columns)
-    figure = new_figure(WIDTH, 0.75 + 2.1 * lines)
+    placed = {key: _place(rows, key) for key in keys}
+    extra = max(_count_lines(names, 0.8 * WIDTH / columns) for _, names in placed.values()) - 1
+    height = 0.75 + (2.1 + LINE * extra) * lines
+    figure = new_figure(WIDTH, height)
     use = _compute_use(rows, verdict)
     styles = _choose_styles(verdict)
-    height = figure.get_size_inches()[1]
     grid = figure.add_gridspec(
-        lines, columns, left=0.07, right=0.99, bottom=0.52 / height, top=1 - 0.62 / height,
-        wspace=0.16, hspace=0.42,
+        lines, columns, left=0.07, right=0.99, bottom=(0.52 + LINE * extra) / height,
+        top=1 - 0.62 / height, wspace=0.16, hspace=0.42 + 0.8 * LINE * extra,
     )  # fmt: skip
     for i, key in enumerate(keys):
         ax = figure.add_subplot(grid[i // columns, i % columns])
-        x, names = _place(rows, key)
+        x, names = placed[key]
         good = np.array([row.succeeded for row in rows])
         ax.scatter(x[good], use[good], s=9, color=BLUE, alpha=0.45, lw=0)
         for name, (colour, marker) in styles.items():
@@ -63,8 +74,7 @@ def draw_conditions(rows: Sequence[Row], keys: Sequence[str], verdict: Verdict) 
         if i % columns:
             ax.tick_params(labelleft=False)
         ax.set_xlabel(key)
-        if names:
-            ax.set_xticks(range(len(names)), names)
+        _place_ticks(ax.xaxis, names)
     handles = [_dot(BLUE, "o", "met every requirement")]
     handles += [_dot(c, m, f"failed: {name}") for name, (c, m) in styles.items()]
     figure.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.06, 1.0), ncols=4)
@@ -78,7 +88,7 @@ def draw_map(rows: Sequence[Row], keys: Sequence[str], verdict: Verdict) -> Figu
         return None
     chosen = rank_keys(keys, verdict)[:2]
     figure = new_figure(6.6, 4.6)
-    ax = figure.add_axes((0.12, 0.12, 0.7, 0.76))
+    ax = figure.add_axes((0.12, 0.16, 0.7, 0.72))
     use = _compute_use(rows, verdict)
     (x, x_names), (y, y_names) = (_place(rows, key) for key in chosen)
     good = np.array([row.succeeded for row in rows])
@@ -100,9 +110,8 @@ def draw_map(rows: Sequence[Row], keys: Sequence[str], verdict: Verdict) -> Figu
                 )  # fmt: skip
     ax.set(xlabel=chosen[0], ylabel=chosen[1])
     for names, axis in ((x_names, ax.xaxis), (y_names, ax.yaxis)):
-        if names:
-            axis.set_ticks(range(len(names)), names)
-    bar = figure.colorbar(dots, cax=figure.add_axes((0.85, 0.12, 0.025, 0.76)))
+        _place_ticks(axis, names)
+    bar = figure.colorbar(dots, cax=figure.add_axes((0.85, 0.16, 0.025, 0.72)))
     bar.set_ticks([0.0, 1.0], labels=["median", "limit"])
     handles = [_dot(c, m, f"failed: {name}") for name, (c, m) in styles.items()]
     if handles:
@@ -144,9 +153,20 @@ def draw_headroom(rows: Sequence[Row], verdict: Verdict) -> Figure | None:
     return figure
 
 
-def draw_sensitivities(keys: Sequence[str], verdict: Verdict, most: int = 14) -> Figure | None:
+def split_metrics(verdict: Verdict) -> tuple[list[str], list[str]]:
+    """Return the metrics that `draw_sensitivities` draws, and the others.
+
+    Requirements come first, drawn even if no key acts on them. Other metrics are drawn only if a
+    key has a significant effect, because an empty line of theirs tells nothing.
+    """
+    metrics = list(dict.fromkeys(s.metric for s in verdict.sensitivities))
+    shown = _list_limits(verdict) | {s.metric for s in verdict.sensitivities if s.significant}
+    return [m for m in metrics if m in shown], [m for m in metrics if m not in shown]
+
+
+def draw_sensitivities(keys: Sequence[str], verdict: Verdict) -> Figure | None:
     """Draw the share of each metric's rank variance that each key explains; requirements first."""
-    metrics = list(dict.fromkeys(s.metric for s in verdict.sensitivities))[:most]
+    metrics, _ = split_metrics(verdict)
     keys = [k for k in keys if any(s.key == k for s in verdict.sensitivities)]
     if not metrics or not keys:
         return None
@@ -207,15 +227,59 @@ def _choose_styles(verdict: Verdict) -> dict[str, tuple[str, str]]:
 
 def rank_keys(keys: Sequence[str], verdict: Verdict) -> list[str]:
     """Sort keys by their influence on the limits; keys that separate failures come first."""
-    share = {k: 0.0 for k in keys}
-    for s in verdict.sensitivities:
-        if s.metric == LIMIT_USE and s.significant:
-            share[s.key] = max(s.share, s.rho**2 if math.isfinite(s.rho) else 0.0)
-    for group in reversed(verdict.failures):
-        if group.key:
-            share[group.key] += 1.0
+    influential = list_influential(keys, verdict)
     others = {s.key for s in verdict.sensitivities if s.significant}  # on any metric
-    return sorted(keys, key=lambda k: (-share[k], k not in others))
+    rest = [k for k in keys if k not in influential]
+    return influential + sorted(rest, key=lambda k: k not in others)
+
+
+def list_influential(keys: Sequence[str], verdict: Verdict) -> list[str]:
+    """Return the keys that separate failures, or significantly act on limits; strongest first.
+
+    Acting on a limit means on the use of the tightest limit, or on a metric with a requirement.
+    """
+    limits = _list_limits(verdict)
+    strength = {k: (0.0, 0.0, 0.0) for k in keys}  # on failures, limit use, required metrics
+    for s in verdict.sensitivities:
+        if s.significant and s.metric in limits:
+            value = max(s.share, s.rho**2 if math.isfinite(s.rho) else 0.0)
+            failures, use, metric = strength[s.key]
+            if s.metric == LIMIT_USE:
+                use = value
+            strength[s.key] = (failures, use, max(metric, value))
+    for group in verdict.failures:
+        if group.key:
+            failures, use, metric = strength[group.key]
+            strength[group.key] = (failures + 1.0, use, metric)
+    acting = [k for k in keys if any(strength[k])]
+    return sorted(acting, key=lambda k: strength[k], reverse=True)
+
+
+def _list_limits(verdict: Verdict) -> set[str]:
+    """Return the metrics that are compared with a limit."""
+    return {LIMIT_USE, *(h.name for h in verdict.headroom)}
+
+
+def _place_ticks(axis: Axis, names: Sequence[str]) -> None:
+    """Label an axis with the names of its values, or with as many numbers as have room.
+
+    Names that are too long for one line of the x axis alternate between several lines.
+    """
+    figure = axis.axes.figure
+    assert isinstance(figure, Figure)
+    width = axis.axes.get_position().width * figure.get_size_inches()[0]
+    across = axis is axis.axes.xaxis
+    if names:
+        lines = _count_lines(names, width) if across else 1
+        axis.set_ticks(range(len(names)), ["\n" * (i % lines) + n for i, n in enumerate(names)])
+    elif across:
+        axis.set_major_locator(MaxNLocator(max(int(width / TICK_ROOM), 1), steps=[1, 2, 5, 10]))
+
+
+def _count_lines(names: Sequence[str], width: float) -> int:
+    """Return the lines over which names at equal distances on `width` inches alternate."""
+    longest = max(map(len, names), default=0)
+    return max(math.ceil((longest + 2) * LETTER_ROOM * len(names) / width), 1)
 
 
 def _place(rows: Sequence[Row], key: str) -> tuple[Array, list[str]]:

@@ -35,9 +35,8 @@ class Facts(NamedTuple):
 def write_campaign_page(path: Path, rows: Sequence[Row], verdict: Verdict, facts: Facts) -> None:
     """Write campaign.html, a self-contained page."""
     keys = list(facts.vary)
-    decisive = any(s.significant for s in verdict.sensitivities) or any(
-        group.key for group in verdict.failures
-    )
+    influential = figures.list_influential(keys, verdict)
+    undrawn = len(figures.split_metrics(verdict)[1])
     with house_style():
         pictures = [
             build_picture(
@@ -54,9 +53,12 @@ def write_campaign_page(path: Path, rows: Sequence[Row], verdict: Verdict, facts
                    if len(keys) > figures.MAX_PANELS else ""),
             ),
             build_picture(
-                "The two most influential conditions" if decisive else "Two conditions together",
-                figures.draw_map(rows, keys, verdict),
-                "Brighter dots are closer to a limit. A cluster of failures shows a risky "
+                "The two most influential conditions" if len(influential) > 1
+                    else "The most influential condition and another one",
+                figures.draw_map(rows, keys, verdict) if influential else None,
+                (f"Only {influential[0]} has a significant effect on limits. "
+                    if len(influential) == 1 else "")
+                + "Brighter dots are closer to a limit. A cluster of failures shows a risky "
                     "region of conditions.",
             ),
             build_picture(
@@ -72,7 +74,10 @@ def write_campaign_page(path: Path, rows: Sequence[Row], verdict: Verdict, facts
                     "An arrow shows whether the metric rises or falls with the condition; no "
                     "arrow: both. Empty cells are not significant (false discovery rate "
                     f"{1 - CONFIDENCE:.0%}). “{LIMIT_USE}” is the use of the tightest limit, "
-                    "drawn as height in the first picture.",
+                    "drawn as height in the first picture. Lines without a number are metrics "
+                    "with a limit."
+                + (f" {undrawn} other metrics, without a limit and without a significant effect, "
+                    "are not drawn." if undrawn else ""),
             ),
         ]  # fmt: skip
     page = render_page(
@@ -89,6 +94,7 @@ def write_campaign_page(path: Path, rows: Sequence[Row], verdict: Verdict, facts
         tables=sum(text.startswith("csv(") for text in facts.vary.values()),
         ranges=_list_ranges(rows, facts.vary),
         silent=_list_silent(verdict, keys),
+        uninfluential=len(keys) > 1 and not influential,
     )
     path.write_text(page, encoding="utf-8")
 
