@@ -56,6 +56,20 @@ def check_nothing_is_cut(page: Page, has_plots: bool) -> None:
         expect(picture).to_be_hidden()
 
 
+def check_badges(page: Page) -> None:
+    """Check that the text of every badge contrasts with its background (WCAG 2: 4.5 to 1)."""
+    contrasts = page.locator(".badge").evaluate_all("""all => all.map(e => {
+        const {color, backgroundColor} = getComputedStyle(e);
+        const [a, b] = [color, backgroundColor].map(text => {
+            const [r, g, b] = text.match(/[0-9.]+/g).map(v => v / 255)
+                .map(v => v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+            return 0.2126 * r + 0.7152 * g + 0.0722 * b + 0.05;
+        });
+        return [e.className, Math.max(a, b) / Math.min(a, b)]; })""")
+    assert contrasts
+    assert all(contrast > 4.5 for _, contrast in contrasts), contrasts
+
+
 def widen(page: Page, *, has_plots: bool) -> None:
     """Widen a page that was loaded in a narrow window; its plots are drawn anew."""
     narrow = page.evaluate(WIDTHS)
@@ -70,6 +84,8 @@ def check_page(show_page: Callable[..., Page], path: Path, *, has_plots: bool) -
     """Nothing is cut off at 800 and at 1280 px, and the contents lead to headings."""
     page = show_page(path, 800)
     check_nothing_is_cut(page, has_plots=has_plots)
+    if page.locator(".badge").count():
+        check_badges(page)
     inside = page.locator("nav a")
     assert inside.count() > 2
     assert inside.evaluate_all("all => all.every(a => document.querySelector(a.hash) !== null)")
