@@ -18,7 +18,7 @@ from playwright.sync_api import Page, expect
 
 import skywright
 from exact_map import EXACT
-from page_checks import check_nothing_is_cut, list_cut, widen
+from page_checks import check_badges, check_nothing_is_cut, list_cut, widen
 from pdf_text import read_pdf_text
 from skywright.analysis.campaign.report import Facts, write_campaign_page
 from skywright.analysis.compare_runs.overlay import compare_runs
@@ -146,6 +146,56 @@ def test_nothing_is_cut_off_and_every_link_leads_somewhere(
     assert inside.count() > 2 or name == "replay"
     assert inside.evaluate_all("all => all.every(a => document.querySelector(a.hash) !== null)")
     widen(page, has_plots=name != "campaign")
+
+
+@pytest.mark.parametrize(
+    "outcome", ["succeeded", "failed", "aborted", "interrupted", "diverged", "met"]
+)
+def test_the_badge_of_every_outcome_can_be_read(page: Page, outcome: str) -> None:
+    page.locator(".badge").evaluate("(e, word) => { e.className = `badge ${word}`; }", outcome)
+    check_badges(page)
+
+
+def test_names_of_levels_stand_clear_of_the_data(
+    show_page: Callable[..., Page], tmp_path: Path
+) -> None:
+    """The mean of a noisy line has its name elsewhere, after a sample of its line."""
+    t = np.linspace(0.0, 60.0, 3000)
+    phases = [PhaseRecord("all", 0.0, 60.0, "done")]
+    with house_style():
+        figure, (ax,) = draw_panels(2.4, phases, t, ("Error", "error (mm)"))
+        draw_line(ax, t, 1.4 + 0.4 * np.random.default_rng(1).standard_normal(3000))
+        ax.axhline(1.4, color="#009E73", ls=":", label="mean of the noise")
+        draw_limit(ax, 4.0, "limit 4 mm")
+        ax.set_ylim(0.0, 7.0)
+        picture = build_picture("Over time", figure, "")
+    run = SimpleNamespace(outcome="succeeded", reason="")
+    found = SimpleNamespace(a=run, b=run, settings=[], metrics=[])
+    write_page(tmp_path / "page.html", render_page(
+        "compare_runs.html.j2", found=found, names=("a", "b"), reports=("", ""), picture=picture,
+        number=str,
+    ))  # fmt: skip
+    page = show_page(tmp_path / "page.html")
+    ((_, _, texts),) = page.evaluate("readTexts()")
+    points = np.array(
+        page.evaluate(f"""{PLOTS}.flatMap(({{u}}) => u.data[0].map((t, i) =>
+        [u.valToPos(t, "x", true), u.valToPos(u.data[1][i], "y", true)]))""")
+    )
+    boxes = {name: box for name, *box in texts}
+    for name in ("mean of the noise", "limit 4 mm"):
+        x0, x1, y0, y1 = boxes[name]
+        y = points[(points[:, 0] > x0) & (points[:, 0] < x1), 1]
+        assert not np.any((y > y0) & (y < y1)), name
+
+
+def test_captions_name_every_kind_of_dashed_line(
+    show_page: Callable[..., Page], pages: dict[str, Path]
+) -> None:
+    page = show_page(pages["scan"])
+    captions = page.locator("figure", has=page.locator(".panels", has_text="Thrust of each rotor"))
+    assert captions.count() == 2
+    for figure in captions.all():
+        expect(figure.locator("figcaption")).to_contain_text("dashed orange line")
 
 
 def test_a_report_prints_with_its_figures(page: Page, report: Path, tmp_path: Path) -> None:

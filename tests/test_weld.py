@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import NamedTuple
+from types import SimpleNamespace
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -37,7 +38,8 @@ from skywright.inspection.surface_fit import (
 from skywright.inspection.weld import WeldResult, process_scan
 from skywright.inspection.weld_line import compute_line_error, estimate_weld_line
 from skywright.models.eddy_current import build_probe_signal, ec_signal
-from skywright.reports.weld_map import write_weld_map
+from skywright.reports.figures.style import new_figure
+from skywright.reports.weld_map import draw_weld_signal, write_weld_map
 
 APPROACH = 6.0  # s
 RATE = 50.0  # Hz
@@ -591,6 +593,26 @@ def test_contact_map_keeps_the_worst_of_each_cell() -> None:
     assert found.tilt.ravel() == pytest.approx([6e-4, 4e-4])
     with pytest.raises(InputError):
         compute_contact_map(s * np.nan, c, x, x, x)
+
+
+def test_lift_off_is_visible_beside_the_weld_signal() -> None:
+    """Between crossings both are near 0; the lift-off is drawn last, since it has less noise."""
+    rng = np.random.default_rng(3)
+    t = np.linspace(0.0, 20.0, 4000)
+    fields: Any = {
+        "t": t, "lift_off": 0.05 * rng.standard_normal(4000), "contact": np.ones(4000, bool),
+        "weld": 0.1 * rng.standard_normal(4000), "crossings": (),
+        "calibration": SimpleNamespace(lift_off_threshold=15.0, weld_threshold=1.0),
+    }  # fmt: skip
+    figure = new_figure(9.6, 2.0)
+    ax = figure.add_subplot()
+    draw_weld_signal(ax, SimpleNamespace(**fields))  # type: ignore[arg-type]
+    ax.set_title("")
+    figure.canvas.draw()
+    red, green, blue, _ = np.asarray(figure.canvas.buffer_rgba(), float).transpose(2, 0, 1)  # type: ignore[attr-defined]
+    is_blue = (blue > 1.4 * red) & (blue > 1.2 * green)
+    columns = is_blue.any(axis=0)
+    assert np.count_nonzero(columns) > 0.7 * len(columns)
 
 
 def test_picture_is_written_with_and_without_a_line(tmp_path: Path) -> None:

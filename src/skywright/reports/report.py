@@ -133,7 +133,7 @@ def _draw_motion(result: RunResult) -> list[Picture | None]:
         ),
         build_picture(
             "The whole flight", series.draw_flight_series(result),
-            "Bands are phases. Dashed red lines are limits."
+            f"Bands are phases. {series.LIMITS_DRAWN}"
                 + (CONTACT_OFFSET if result.description.robot.probe else ""),
         ),
     ]  # fmt: skip

@@ -220,9 +220,10 @@ def draw_weld_signal(ax: Axes, result: WeldResult) -> None:
     index = finite[:: max(1, math.ceil(finite.size / 20000))]
     t = result.t[index] - result.t[finite[0]] if finite.size else result.t[index]
     start = float(result.t[finite[0]]) if finite.size else 0.0
-    ax.plot(t, result.lift_off[index] / cal.lift_off_threshold, color="#31688e", lw=0.9)
     shown = np.where(result.contact[index], result.weld[index] / cal.weld_threshold, np.nan)
     ax.plot(t, shown, color="#b98900", lw=0.9)
+    # above the weld signal, whose noise is wider: both are near 0 between crossings
+    ax.plot(t, result.lift_off[index] / cal.lift_off_threshold, color="#1a5fd0", lw=1.6)
     ax.axhline(1.0, color=_ESTIMATE, lw=1, ls="--")
     for x in result.crossings:
         ax.axvline(x.t - start, color=_ESTIMATE, lw=0.8, alpha=0.6)

@@ -31,7 +31,7 @@ from skywright.models.eddy_current import Instrument
 from skywright.models.rigid_body import build_body_model, compute_tip, posture
 from skywright.planning.patterns import build_pattern
 from skywright.reports.figures.paths import select_scan, unroll_points
-from skywright.reports.figures.series import draw_contact_series
+from skywright.reports.figures.series import LIMITS_DRAWN, draw_contact_series
 from skywright.reports.figures.style import LIMIT, WIDTH, new_figure, new_map
 from skywright.reports.weld_map import draw_impedance_plane, draw_weld_map, draw_weld_signal
 from skywright.run.flight import Flown
@@ -387,8 +387,8 @@ FIGURES = Figures(
         ),
         "contact_series": Chart(
             "Signals during contact",
-            "Grey and white bands are phases, named on top. Dashed red lines are limits, "
-            "dotted green lines are expected values.",
+            "Grey and white bands are phases, named on top. Dotted green lines are expected "
+            f"values. {LIMITS_DRAWN}",
             draw_contact,
         ),
     },

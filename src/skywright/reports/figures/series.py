@@ -31,6 +31,11 @@ from skywright.run.result import RunResult
 TOUCHING = ("touch", "settle", "scan", "back_off", "leave")
 """Phases near the surface."""
 
+LIMITS_DRAWN = (
+    "Dashed red lines are limits; a dashed orange line is the largest thrust that plans use."
+)
+"""Part of the captions of figures with rotors."""
+
 GAP_SHOWN = 3.0  # mm; larger gaps are not shown
 
 
@@ -239,6 +244,7 @@ def _draw_rotors(ax: Axes, t: Array, s: Samples, result: RunResult) -> None:
 
 
 __all__ = [
+    "LIMITS_DRAWN",
     "compute_tilt",
     "compute_tip_errors",
     "draw_contact_series",

@@ -2,7 +2,7 @@
 // Without this script, and on paper, the pictures stand in their place.
 (() => {
 "use strict";
-const HEIGHT = 150, BAND = "#eef1f5", NONE = 65535;
+const HEIGHT = 150, SAMPLE = 24, BAND = "#eef1f5", NONE = 65535;
 const clocks = {};  // group and label of a time -> its plots, bars, zoom
 
 async function inflate(text) {
@@ -58,6 +58,25 @@ function drawBack(u, panel, phases) {
   ctx.restore();
 }
 
+function meetsData(u, [left, base, wide]) {  // whether a line of data passes through a text
+  const {bbox: b} = u, dpr = devicePixelRatio, top = base - 11 * dpr, low = base + 3 * dpr;
+  const [t, ...columns] = u.data;
+  const from = Math.max(u.posToIdx((left - b.left) / dpr) - 1, 0);
+  const to = Math.min(u.posToIdx((left + wide - b.left) / dpr) + 1, t.length - 1);
+  return columns.some(values => {
+    let last = null;  // the previous point; lines are straight between points
+    for (let i = from; i <= to; i++) {
+      if (values[i] === undefined) continue;  // a point of another line
+      const at = values[i] === null ? null : [u.valToPos(t[i], "x", true), u.valToPos(values[i], "y", true)];
+      const [p, q] = [last || at, at];
+      last = at;
+      if (!at || p[0] > left + wide || q[0] < left) continue;
+      if (Math.min(p[1], q[1]) < low && Math.max(p[1], q[1]) > top) return true;
+    }
+    return false;
+  });
+}
+
 function drawFront(u, panel, phases, first) {
   const {ctx, bbox: b} = u, dpr = devicePixelRatio;
   const x = t => u.valToPos(t, "x", true), right = b.left + b.width;
@@ -110,13 +129,24 @@ function drawFront(u, panel, phases, first) {
     const free = ([at, base]) => !names.some(([other, line, width]) =>
       Math.abs(line - base) < 13 * dpr && at < other + width && other < at + wide);
     const clear = ([, base]) => !lines.some(line => line > base - 10 * dpr && line < base + 2 * dpr);
-    const place = places.find(p => free(p) && clear(p)) || places.find(free) || places[0];
+    const empty = p => free(p) && clear(p) && !meetsData(u, p);
+    // data hide a name at its line: it stands elsewhere, after a sample of the line
+    const long = Math.min(wide + SAMPLE * dpr, b.width), rows = [b.top + 13 * dpr, b.top + b.height - 5 * dpr];
+    const entries = rows.flatMap(base => [right - long, b.left].map(at => [at, base, long]));
+    const near = places.find(empty), entry = near || !places.length ? null : entries.find(empty);
+    const place = near || entry || places.find(p => free(p) && clear(p)) || places.find(free) || places[0];
     if (!place) continue;  // a plot without room for text
     names.push(place);
+    if (entry) {
+      ctx.beginPath();
+      ctx.moveTo(place[0] + 4 * dpr, place[1] - 4 * dpr);
+      ctx.lineTo(place[0] + (SAMPLE - 2) * dpr, place[1] - 4 * dpr);
+      ctx.stroke();
+    }
     ctx.setLineDash([]);  // a white outline, so that lines below the name leave it readable
     ctx.lineWidth = 3 * dpr;
     ctx.strokeStyle = "#fff";
-    const text = [level.label, place[0] + 4 * dpr, place[1], wide - 8 * dpr];
+    const text = [level.label, place[0] + (entry ? SAMPLE : 0) * dpr + 4 * dpr, place[1], wide - 8 * dpr];
     ctx.strokeText(...text);
     ctx.fillText(...text);
   }
