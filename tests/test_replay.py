@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 import re
 import time
 import zlib
@@ -17,6 +18,7 @@ from hypothesis import strategies as st
 from playwright.sync_api import Page, expect
 
 from exact_map import EXACT
+from page_checks import list_cut
 from skywright.core.rotations import quat_from_rot, rot_from_quat, rot_z
 from skywright.core.types import MAX_JOINTS
 from skywright.description.loader import load_description
@@ -34,7 +36,13 @@ from skywright.models.rigid_body import build_body_model, compute_tip, joint_nam
 from skywright.reports.first_person import find_mount
 from skywright.reports.frames import FrameBuilder, list_columns
 from skywright.reports.meshes import Mesh, build_mesh, build_ribbon
-from skywright.reports.replay import build_replay, build_replay_data, pack_frames, write_replay
+from skywright.reports.replay import (
+    build_replay,
+    build_replay_data,
+    embed_page,
+    pack_frames,
+    write_replay,
+)
 from skywright.reports.scene3d import Scene3d, _list_edges, weld_curve
 from skywright.reports.served import unlink_files
 from skywright.reports.trace3d import (
@@ -47,7 +55,7 @@ from skywright.reports.trace3d import (
     judge_trace,
     list_judged,
 )
-from skywright.reports.views3d import FOV, build_views
+from skywright.reports.views3d import FOV, build_views, find_hidden
 from skywright.run.result import RunResult
 from skywright.run.run import run_mission
 from waiting import wait_for
@@ -205,14 +213,22 @@ def test_weld_is_drawn_on_its_line(angle: float, offset: float) -> None:
 
 def test_a_transport_is_not_judged_by_contact_and_shows_its_area() -> None:
     d = load_description("bar-transport")
-    assert list_judged(d.robot, d.world) == ()  # though its last phase is called settle
-    meanings = [text for _, text in build_legend(d.robot, d.world, False)]
+    assert (
+        list_judged(d.robot, d.world, d.mission.kind) == ()
+    )  # though its last phase is called settle
+    meanings = [text for _, text in build_legend(d.robot, d.world, False, judged=False)]
     assert "limits of the area" in meanings
     edges = _list_edges((0.0, 1.0), (0.0, 2.0), (0.0, 3.0))
     lengths = np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1)
     assert sorted(lengths) == [1.0] * 4 + [2.0] * 4 + [3.0] * 4
     scan = load_description("pipe-weld-scan")
-    assert "scan" in list_judged(scan.robot, scan.world)
+    assert "scan" in list_judged(scan.robot, scan.world, scan.mission.kind)
+    # a way-point flight touches nothing, even with a probe beside a pipe
+    assert list_judged(scan.robot, scan.world, "waypoints") == ()
+    scene = Scene3d(scan.robot, scan.world)
+    untouched = FrameBuilder(scene, frozenset({"ec"}), ())
+    assert untouched.layout["map"] is None
+    assert not {"push on the pipe", "air gap"} & {c.name for c in untouched.channels}
 
 
 def test_trace_is_coloured_by_contact_quality() -> None:
@@ -254,6 +270,40 @@ def test_first_view_sees_everything_that_was_flown(scan: RunResult) -> None:
         assert np.all(depth > 0.2)
         assert np.all(np.abs(way @ np.cross(right, ahead)) < half * depth)
         assert np.all(np.abs(way @ right) < 1.3 * half * depth)
+
+
+def test_first_view_is_not_behind_a_wall(scan: RunResult) -> None:
+    d, flown = load_description("waypoints"), scan.samples["p_WB"][::100]
+    free = build_views(d.robot, d.world, flown)[0]
+    place = 0.5 * (free.position + free.look_at)
+    turn = math.atan2(*(free.position - free.look_at)[1::-1])
+    quat = np.array([math.cos(turn / 2), 0.0, 0.0, math.sin(turn / 2)])
+    size = np.array([0.05, 4.0, 4.0])
+    wall = Shape("wall", "box", size, place, quat, np.ones(4))
+    assert find_hidden(free.position, flown, [wall]).all()
+    assert not find_hidden(free.look_at, flown, [wall._replace(position=place + 100.0)]).any()
+    assert not find_hidden(free.position, flown, [wall._replace(kind="plane")]).any()
+    view = build_views(d.robot, d.world, flown, [wall])[0]
+    assert view.name == free.name and not find_hidden(view.position, flown, [wall]).any()
+
+
+@pytest.mark.parametrize("value", [0.0, 10.0, math.nan])
+def test_ticks_of_a_constant_differ(
+    show_page: Callable[..., Page], flight: RunResult, tmp_path: Path, value: float
+) -> None:
+    """A plot of one value, or of none, has no two ticks with equal text, and none is cut."""
+    data = build_replay_data(flight)
+    t, channels = np.linspace(0.0, 20.0, 40), data["layout"]["channels"]
+    frames = np.ones((40, data["layout"]["size"]), "<f4")
+    frames[:, -len(channels) :] = value
+    data["frames"] = pack_frames(t, frames)
+    (tmp_path / "replay.html").write_text(embed_page(data, ""), encoding="utf-8")
+    page = show_page(tmp_path / "replay.html")
+    canvases = page.evaluate("readTexts()")
+    assert len(canvases) >= sum(c["plotted"] for c in channels) and list_cut(page) == []
+    for _, _, texts in canvases:
+        written = [text for text, *_ in texts]
+        assert len(set(written)) == len(written) > 2, written
 
 
 def test_replay_is_small_quick_and_complete(scan: RunResult) -> None:

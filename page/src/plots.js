@@ -7,10 +7,12 @@ const INK = '#0b4f8a', LIMIT = '#b3005e';
 const LEAST = 1e-4; // least range of a plot, relative to its values
 
 // Returns the range of the axis of values. Of a range near the resolution of the numbers, such as
-// that of a robot that stands still, uPlot would compute ticks without end.
-function findRange(u, min, max) {
-  if (min === null) return [null, null];
-  const more = 0.5 * Math.max(LEAST * Math.max(Math.abs(min), Math.abs(max)) - (max - min), 0);
+// that of a robot that stands still, uPlot would compute ticks without end. It is at least a few
+// steps of the last of the `digits` shown, so that the ticks of a constant differ as they are written.
+function findRange(digits, min, max) {
+  if (min === null) return [0, 1]; // without values
+  const least = Math.max(LEAST * Math.max(Math.abs(min), Math.abs(max)), 4 * 10 ** -digits);
+  const more = 0.5 * Math.max(least - (max - min), 0);
   return uPlot.rangeNum(min - more, max + more, 0.1, true);
 }
 
@@ -49,7 +51,7 @@ export class Plots {
     this.box.append(holder);
     const plot = new uPlot({
       width: 300, height: 100, title: `${c.name}${c.unit ? `, ${c.unit}` : ''}${c.limit !== null ? `  (dashed: limit ${c.limit})` : ''}`,
-      legend: { show: false }, scales: { x: { time: false }, y: { range: findRange } }, padding: [8, 18, 0, 0], // at the right: half of the last time
+      legend: { show: false }, scales: { x: { time: false }, y: { range: (u, min, max) => findRange(c.digits, min, max) } }, padding: [8, 18, 0, 0], // at the right: half of the last time
       axes: [
         { size: 20, font: '10px sans-serif', values: (u, ticks) => ticks.map((x) => `${x} s`), ticks: { size: 3 }, gap: 1 },
         { size: 44, font: '10px sans-serif', ticks: { size: 3 }, gap: 2, space: 22 },

@@ -258,7 +258,7 @@ class Feed:
         d, plan = self._d, self._plan
         scene = Scene3d(d.robot, d.true_world, build_socket_error(d.plant))
         columns = frozenset(c.name for c in vehicle.recorded.columns)
-        self._judged = list_judged(d.robot, d.world)
+        self._judged = list_judged(d.robot, d.world, d.mission.kind)
         forces = has_forces(self.backend)
         self._builder = FrameBuilder(
             scene, columns, self._judged, d.mission.task.get_gap_limit(), forces=forces
@@ -276,7 +276,9 @@ class Feed:
             ))  # fmt: skip
         start = np.array([d.mission.start_x_m, d.mission.start_y_m, 0.0])
         planned = [table["p_WB"][::25] for table in plan.segments.values() if len(table)]
-        views = build_views(d.robot, d.true_world, np.concatenate([start[None], *planned]))
+        views = build_views(
+            d.robot, d.true_world, np.concatenate([start[None], *planned]), scene.drawing.world
+        )
         data = describe(d, scene, self._builder, views, plan.way)
         names = {c.name for c in vehicle.assembly.components}
         data |= {

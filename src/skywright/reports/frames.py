@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from skywright.core.arrays import Array, Mask
 from skywright.description.robot.limbs import SIDES
 from skywright.description.robot.spec import Robot
-from skywright.description.world.spec import World
 from skywright.description.world.surface import build_cylinder, unroll_points
 from skywright.inspection.contact_quality import GAP_LIMIT, TILT_LIMIT
 from skywright.models.compliant_arms import is_compliant
@@ -66,13 +65,13 @@ class FrameBuilder:
         self.scene, self.judged = scene, judged
         self.gap_limit = GAP_LIMIT if gap_limit is None else gap_limit
         robot, world = scene.robot, scene.world
-        self.channels = list_channels(robot, world, columns, self.gap_limit)
+        self.channels = list_channels(robot, columns, self.gap_limit, contact=bool(judged))
         self.arrows = list_arrows(robot, columns)
         if not forces:
             self.channels = [c for c in self.channels if c.unit not in ("N", "%", "W")]
             self.arrows = []
         self.has_arm = robot.arm is not None
-        self.pipe = world.pipe if "ec" in columns and robot.probe is not None else None
+        self.pipe = world.pipe if "ec" in columns and judged else None
         self._cylinder = build_cylinder(self.pipe) if self.pipe is not None else None
 
     @property
@@ -134,9 +133,9 @@ class FrameBuilder:
 
 
 def list_channels(
-    robot: Robot, world: World, columns: frozenset[str], gap_limit: float = GAP_LIMIT
+    robot: Robot, columns: frozenset[str], gap_limit: float = GAP_LIMIT, *, contact: bool = False
 ) -> list[Channel]:
-    """Return the channels of a robot in a world."""
+    """Return the channels of a robot; with `contact`, those of a probe on a pipe."""
     out: list[Channel] = []
 
     def add(
@@ -145,7 +144,7 @@ def list_channels(
     ) -> None:  # fmt: skip
         out.append(Channel(name, unit, limit, digits, plotted, read))
 
-    if robot.probe is not None and world.pipe is not None:
+    if contact:
         add("push on the pipe", "N", lambda r: _near(r, r["f_normal"]), digits=2)
         add("air gap", "mm", lambda r: _near(r, 1e3 * np.maximum(r["gap"], 0.0)), 1e3 * gap_limit,
             digits=2)  # fmt: skip

@@ -83,7 +83,7 @@ def build_replay_data(result: RunResult) -> dict[str, Any]:
     marks = load_kind(d.mission.kind).figures().marks(result) if len(samples) else []
     for mark in marks:
         scene.draw_mark(mark, start)
-    judged_names = list_judged(d.robot, d.world)
+    judged_names = list_judged(d.robot, d.world, d.mission.kind)
     builder = FrameBuilder(
         scene, list_columns(result.samples), judged_names, d.mission.task.get_gap_limit(),
         forces=has_forces(result.backend),
@@ -92,8 +92,8 @@ def build_replay_data(result: RunResult) -> dict[str, Any]:
         shown["phase"], [i for i, p in enumerate(result.phases) if p.name in judged_names]
     )
     found = weld is not None and weld.line is not None
-    data = describe(d, scene, builder, build_views(d.robot, d.true_world, flown),
-                    result.plan.way, found)  # fmt: skip
+    views = build_views(d.robot, d.true_world, flown, scene.drawing.world)
+    data = describe(d, scene, builder, views, result.plan.way, found)
     named = {mark.name: mark.colour for mark in marks if mark.name}
     data["legend"] += [["#{:02x}{:02x}{:02x}".format(*rgb), name] for name, rgb in named.items()]
     frames = builder.build(shown, judged, _read_signal(weld, shown["t"]))
@@ -134,7 +134,9 @@ def describe(
             for v in views
         ],
         "camera": _describe_camera(d, scene),
-        "legend": build_legend(d.robot, d.world, found, builder.gap_limit),
+        "legend": build_legend(
+            d.robot, d.world, found, builder.gap_limit, judged=bool(builder.judged)
+        ),
         "qualities": [list(c) for c in COLOURS],
     }
 

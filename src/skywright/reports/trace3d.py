@@ -13,6 +13,7 @@ from skywright.description.world.spec import World
 from skywright.inspection.contact_quality import GAP_LIMIT, TILT_LIMIT
 from skywright.models.compliant_arms import is_compliant
 from skywright.reports.scene3d import AREA, CCW, CW, ESTIMATE, PLAN, WELD, Colour
+from skywright.run.kind import load_kind
 
 FREE, GOOD, TILTED, LIFTED = range(4)
 """Qualities of the path: away from the surface, within limits, tilted, lifted."""
@@ -23,9 +24,13 @@ JUDGED = ("settle", "scan")
 """Phases in which contact quality counts, see `list_judged`."""
 
 
-def list_judged(robot: Robot, world: World) -> tuple[str, ...]:
-    """Return the phases in which contact quality counts: none without a probe and a pipe."""
-    return JUDGED if world.pipe is not None and robot.probe is not None else ()
+def list_judged(robot: Robot, world: World, kind: str) -> tuple[str, ...]:
+    """Return the phases in which contact quality counts.
+
+    None without a probe and a pipe, and none in missions of a `kind` that has not all these phases.
+    """
+    has_both = world.pipe is not None and robot.probe is not None
+    return JUDGED if has_both and set(JUDGED) <= set(load_kind(kind).figures().phases) else ()
 
 
 def judge_trace(
@@ -48,13 +53,16 @@ def judge_trace(
 
 
 def build_legend(
-    robot: Robot, world: World, found: bool, gap_limit: float = GAP_LIMIT
+    robot: Robot, world: World, found: bool, gap_limit: float = GAP_LIMIT, *, judged: bool
 ) -> list[list[str]]:
-    """Return pairs of colour (#rrggbb) and meaning; `found`: an estimated weld line is drawn."""
+    """Return pairs of colour (#rrggbb) and meaning; `found`: an estimated weld line is drawn.
+
+    `judged`: the path is coloured by contact quality.
+    """
     what = "platform" if robot.arm is None else "left hand" if is_compliant(robot) else "tip"
     free, good, tilted, lifted = COLOURS
     entries = [(free, f"path of the {what}, in the air")]
-    if list_judged(robot, world):
+    if judged:
         limits = f"{1e3 * gap_limit:g} mm, {math.degrees(TILT_LIMIT):g}°"
         entries += [
             (good, f"contact within limits ({limits})"),

@@ -1,15 +1,18 @@
 """Camera poses of the 3-D views that a page offers."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from skywright.core.arrays import Array
+from skywright.core.arrays import Array, Mask
+from skywright.core.rotations import rot_from_quat
 from skywright.description.robot.spec import Robot
 from skywright.description.world.scenario import get_structures
 from skywright.description.world.spec import World
 from skywright.description.world.surface import build_cylinder
+from skywright.models.drawing import Shape
 
 
 class View(NamedTuple):
@@ -20,6 +23,8 @@ class View(NamedTuple):
     look_at: Array  # (3,) m
 
 
+AZIMUTHS_DEG = (0, 45, -45, 90, -90, 135, -135, 180)
+"""Turns of the first view about the vertical, as they are preferred."""
 FOV = math.radians(45.0)
 ASPECT = 1.3  # narrower than most windows, so that all points fit
 
@@ -42,15 +47,57 @@ def build_view(name: str, points: Array, look_at: Array, side: Array, margin: fl
     return View(name, position, look_at)
 
 
-def build_views(robot: Robot, world: World, flown: Array) -> list[View]:
-    """Return the camera poses; the first is the default. `flown` (n, 3): platform positions."""
+def build_clear_view(
+    name: str, points: Array, look_at: Array, side: Array, seen: Array, walls: Sequence[Shape],
+    margin: float = 1.15,
+) -> View:  # fmt: skip
+    """Return the view of `build_view` from the azimuth at which boxes hide least of `seen` (n, 3).
+
+    Of equal azimuths, the nearest to that of `side` is chosen. Only boxes of `walls` count.
+    """
+    best, least = None, math.inf
+    for turn in AZIMUTHS_DEG:
+        c, s = math.cos(math.radians(turn)), math.sin(math.radians(turn))
+        turned = np.array([c * side[0] - s * side[1], s * side[0] + c * side[1], side[2]])
+        view = build_view(name, points, look_at, turned, margin)
+        hidden = int(np.count_nonzero(find_hidden(view.position, seen, walls)))
+        if hidden < least:
+            best, least = view, hidden
+    assert best is not None
+    return best
+
+
+def find_hidden(eye: Array, points: Array, walls: Sequence[Shape]) -> Mask:
+    """Return the points (n, 3) that a box hides from `eye` (3,)."""
+    hidden = np.zeros(len(points), bool)
+    for wall in walls:
+        if wall.kind != "box":
+            continue
+        R = rot_from_quat(wall.quaternion)
+        start, way = (eye - wall.position) @ R, (points - eye) @ R
+        way = np.where(np.abs(way) < 1e-9, 1e-9, way)
+        ends = np.stack([(-wall.size - start) / way, (wall.size - start) / way])
+        enter, leave = ends.min(axis=0).max(axis=1), ends.max(axis=0).min(axis=1)
+        hidden |= (enter < leave) & (leave > 0.0) & (enter < 1.0)
+    return hidden
+
+
+def build_views(
+    robot: Robot, world: World, flown: Array, walls: Sequence[Shape] = ()
+) -> list[View]:
+    """Return the camera poses; the first is the default. `flown` (n, 3): platform positions.
+
+    `walls`: fixed shapes that must not hide the flight in the first view.
+    """
     reach = 0.5 * robot.platform.diameter_m
     around = reach * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-0.4, 0.6)])
     points = (flown[:, None] + around).reshape(-1, 3)
     if world.pipe is None or robot.arm is None:
         look_at = 0.5 * (points.min(axis=0) + points.max(axis=0))
         views = [
-            build_view("overview", points, look_at, np.array([-0.5, -1.0, 0.5])),
+            build_clear_view(
+                "overview", points, look_at, np.array([-0.5, -1.0, 0.5]), flown, walls
+            ),
             build_view("from above", points, look_at, np.array([-1e-3, -1e-2, 1.0])),
         ]
         if get_structures(world).area is not None:  # gaps are visible along the path
@@ -76,7 +123,9 @@ def build_views(robot: Robot, world: World, flown: Array) -> list[View]:
     spot = work + near_by * np.array([flat, left, -left, [0, 0, 1.0], [0, 0, -1.0]])
     up = np.array([0.0, 0.0, 1.0])
     return [
-        build_view("overview", seen, middle, 0.6 * flat + left + 0.4 * up, margin=1.05),
+        build_clear_view(
+            "overview", seen, middle, 0.6 * flat + left + 0.4 * up, flown, walls, margin=1.05
+        ),
         build_view("robot", near + 1.1 * around, close, 0.5 * flat + left + 0.35 * up),
         build_view(
             "probe" if robot.probe is not None else "pipe",
