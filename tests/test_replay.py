@@ -533,4 +533,4 @@ def test_plots_of_a_robot_that_stands_still_have_ticks(
         }"""
     )
     assert ranges
-    assert all(1e-4 < r < 1e-2 for r in ranges)
+    assert all(1e-4 < r < 0.6 for r in ranges)  # a few steps of the last digit shown
