@@ -29,6 +29,7 @@ _KINDS = {
     mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
     mujoco.mjtGeom.mjGEOM_BOX: "box",
 }
+BOX = _KINDS[mujoco.mjtGeom.mjGEOM_BOX]
 
 
 class Shape(NamedTuple):

@@ -12,7 +12,7 @@ from skywright.description.robot.spec import Robot
 from skywright.description.world.scenario import get_structures
 from skywright.description.world.spec import World
 from skywright.description.world.surface import build_cylinder
-from skywright.models.drawing import Shape
+from skywright.models.drawing import BOX, Shape
 
 
 class View(NamedTuple):
@@ -71,7 +71,7 @@ def find_hidden(eye: Array, points: Array, walls: Sequence[Shape]) -> Mask:
     """Return the points (n, 3) that a box hides from `eye` (3,)."""
     hidden = np.zeros(len(points), bool)
     for wall in walls:
-        if wall.kind != "box":
+        if wall.kind != BOX:
             continue
         R = rot_from_quat(wall.quaternion)
         start, way = (eye - wall.position) @ R, (points - eye) @ R
