@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -57,8 +58,8 @@ def _check_one(name: str, kind: str, path: str) -> CheckReport:
         if not problems:
             description = load_description(path)
             _check_lift(description.robot, description.world.gravity_mps2, name, problems, notes)
-            problems += _check_rules(description)
-            problems += _check_limits(description)
+            problems += _list_error(build_rules, description)
+            problems += _list_error(check_requirements, description.mission)
             problems += _check_overlaps(description.robot, description.world, name)
             if not problems and _has_code_of_a_user(description):
                 problems += _check_compiles(description)
@@ -79,17 +80,10 @@ def _check_one(name: str, kind: str, path: str) -> CheckReport:
     return CheckReport(name, kind, not problems, problems, notes)
 
 
-def _check_rules(description: Description[Any]) -> list[str]:
+def _list_error(check: Callable[..., Any], *arguments: Any) -> list[str]:
+    """Return the message of the InputError that a check raises, or nothing."""
     try:
-        build_rules(description)
-    except InputError as error:
-        return [str(error)]
-    return []
-
-
-def _check_limits(description: Description[Any]) -> list[str]:
-    try:
-        check_requirements(description.mission)
+        check(*arguments)
     except InputError as error:
         return [str(error)]
     return []
