@@ -120,6 +120,53 @@ def test_a_flight_that_turns_too_little_is_refused_with_its_own_r2(exact: Fit) -
     assert "about all axes without the parameters of these axes, " in told
 
 
+def change(fit: Fit, **values: dict[str, Any]) -> Fit:
+    """Return the fit with fields of its estimates replaced."""
+    return fit._replace(
+        estimates=[
+            e._replace(**values.get(e.parameter.name.rpartition(".")[2], {})) for e in fit.estimates
+        ]
+    )
+
+
+def write_file(fit: Fit, folder: Path) -> tuple[Robot, str]:
+    """Return the identified robot, loaded from its file, and the file's text."""
+    made = make_log(2.0)
+    found = Identification(
+        ROBOT, ["a.csv"], [], fit, made.q[:1], made.joints, None, None, [], True, []
+    )
+    file = folder / "identified.toml"
+    file.write_text(build_overrides(found, ROBOT.name))
+    return load_robot(str(file))[0], file.read_text()
+
+
+def test_rotors_without_inertia_have_none_within_the_interval(exact: Fit, tmp_path: Path) -> None:
+    """Simulators leave it out; the estimate is then zero to within its error, on either side."""
+    below = change(exact, rotor_inertia_kgm2={"value": -3e-7, "half_width": 2e-6})
+    check_fit(below, ROBOT, "sim.csv")
+    assert write_file(below, tmp_path)[0].rotors.rotor_inertia_kgm2 == 0.0
+    far = change(exact, rotor_inertia_kgm2={"value": -5e-6, "half_width": 2e-6})
+    with pytest.raises(InputError, match="rotor_inertia_kgm2 .* would be -5e-06 kg m"):
+        check_fit(far, ROBOT, "sim.csv")
+
+
+def test_an_inertia_is_written_without_those_that_were_not_identified(
+    exact: Fit, tmp_path: Path
+) -> None:
+    whole, _ = write_file(exact, tmp_path)
+    nominal = {e.parameter.name: e.parameter.nominal for e in exact.estimates}
+    z = {"value": nominal["pose_1.inertia_zz_kgm2"], "half_width": np.nan, "identified": False}
+    part, text = write_file(change(exact, inertia_zz_kgm2=z), tmp_path)
+    assert part.platform.inertia_xx_kgm2 == pytest.approx(whole.platform.inertia_xx_kgm2)
+    assert part.platform.inertia_yy_kgm2 == pytest.approx(whole.platform.inertia_yy_kgm2)
+    assert part.platform.inertia_zz_kgm2 == ROBOT.platform.inertia_zz_kgm2
+    assert "no rigid body" not in text
+    x = {"value": 0.2, "half_width": 0.001}  # more than the other two together
+    part, text = write_file(change(exact, inertia_zz_kgm2=z, inertia_xx_kgm2=x), tmp_path)
+    assert part.platform.inertia_xx_kgm2 == ROBOT.platform.inertia_xx_kgm2
+    assert "# inertia_xx_kgm2 = 0.1" in text and "no rigid body has it" in text
+
+
 def test_a_flight_that_tells_nothing_identifies_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """As damaged files do: every interval is too wide, and no parameter is left to fit."""
     from skywright.analysis.identify import fit as module

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from identify_log import make_log, ulog_topics
 from skywright.analysis.identify import flight_log
@@ -192,13 +193,40 @@ def test_a_long_ulog_is_read_at_a_longer_interval(
     assert log.period == pytest.approx(0.015, rel=1e-3) and log.free.any()
 
 
+def load_example(name: str) -> Any:
+    file = Path(__file__).parents[1] / "examples" / "identify" / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(name, file)
+    assert spec is not None and spec.loader is not None
+    example = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(example)
+    return example
+
+
+def test_the_example_turns_a_flight_of_px4_into_the_frames_of_a_table(tmp_path: Path) -> None:
+    """Heading north, the nose 10 deg up: x of the body points to north and up, y to west."""
+    row = {
+        "timestamp": 2e6, "u0": 1100, "u1": 1200, "u2": 1300, "u3": 1400, "vx": 1, "vy": 2, "vz": -3,
+        "q0": math.cos(math.radians(5)), "q1": 0, "q2": math.sin(math.radians(5)), "q3": 0,
+        "ang_vel_x": 0.1, "ang_vel_y": 0.2, "ang_vel_z": 0.3,
+        "acc_b_x": 1, "acc_b_y": 2, "acc_b_z": -9,
+    }  # fmt: skip
+    file = tmp_path / "flight.csv"
+    file.write_text(",".join(row) + "\n" + ",".join(map(str, row.values())) + "\n")
+    table, pulses = load_example("iris_table").build_table(file)
+    told = {name: float(x[0]) for name, x in table.items()}
+    assert [told[f"v{a}_m_s"] for a in "xyz"] == [2, 1, 3]
+    assert [told[f"w{a}_rad_s"] for a in "xyz"] == [0.1, -0.2, -0.3]
+    assert [told[f"a{a}_m_s2"] for a in "xyz"] == [1, -2, 9]
+    attitude = Rotation.from_quat([told[k] for k in ("qx", "qy", "qz", "qw")])
+    ten = math.radians(10.0)
+    expected = [[0, math.cos(ten), math.sin(ten)], [-1, 0, 0]]
+    assert np.allclose(attitude.apply(np.eye(3)[:2]), expected)
+    assert np.allclose(pulses, [[0.3, 0.2, 0.4, 0.1]])  # front left, back left, back right
+
+
 def test_the_example_reads_a_log_and_finds_the_model_that_made_it(tmp_path: Path) -> None:
     """Thrust by the square of a lagging command: lag, thrust and inertia come back."""
-    file = Path(__file__).parents[1] / "examples" / "identify" / "crazyflie_log.py"
-    spec = importlib.util.spec_from_file_location("crazyflie_log", file)
-    assert spec is not None and spec.loader is not None
-    example: Any = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(example)
+    example = load_example("crazyflie_log")
     rng, n, full, inertia, lag = np.random.default_rng(1), 40_000, 0.15, 1.5e-5, 0.08
     slow = np.repeat(rng.uniform(-1, 1, (n // 250, 4)), 250, axis=0)
     command = 0.66 + 0.1 * slow  # counter-clockwise from front left

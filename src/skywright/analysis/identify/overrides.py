@@ -61,9 +61,9 @@ def build_overrides(found: Identification, base: str) -> str:
         width = "" if half is None else f", +- {half:.2g}"
         return f'{key} = {{ value = {value:.6g}, source = "derived", note = "{note}{width}" }}'
 
-    platform = _platform(found)
+    platform, left_out = _platform(found)
     if platform:
-        lines += ["", "[robot.platform]", *(number(k, v) for k, v in platform.items())]
+        lines += ["", "[robot.platform]", *(number(k, v) for k, v in platform.items()), *left_out]
     rotors = []
     gains = [e for n, e in values.items() if n.startswith("rotor_gain_")]
     if all(e.identified for e in gains):
@@ -80,11 +80,12 @@ def build_overrides(found: Identification, base: str) -> str:
     upright = not any((*robot.rotors.alpha_deg, *robot.rotors.beta_deg))
     if height.identified and upright:  # the height of upright rotors affects only their drag
         rotors.append(number("height_m", height.value, height.half_width))
-    for key in (
-        "torque_per_thrust_m", "drag_coefficient_n_per_rads_mps", "rotor_inertia_kgm2"
-    ):  # fmt: skip
+    for key in ("torque_per_thrust_m", "drag_coefficient_n_per_rads_mps"):
         if values[key].identified and values[key].value > 0.0:
             rotors.append(number(key, values[key].value, values[key].half_width))
+    spun = values["rotor_inertia_kgm2"]
+    if spun.identified:  # below zero within its interval: rotors without inertia, as of a simulator
+        rotors.append(number("rotor_inertia_kgm2", max(spun.value, 0.0), spun.half_width))
     lag = found.rotor_lag
     if lag is not None and lag.identified and lag.lag > 0.0:
         rotors.append(number("time_constant_s", lag.lag, lag.half_lag))
@@ -96,12 +97,14 @@ def build_overrides(found: Identification, base: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _platform(found: Identification) -> dict[str, float]:
+def _platform(found: Identification) -> tuple[dict[str, float], list[str]]:
+    """Return the identified values of the platform, and comments on those that are not used."""
     robot, fit = found.robot, found.fit
     p = robot.platform
     model = build_body_model(robot)
     values = {e.parameter.name: e for e in fit.estimates}
     out: dict[str, float] = {}
+    left_out = []
     nominal, _, _ = compute_body(model, found.poses[0])
     mass = p.mass_kg + fit.mass - nominal
     if found.mass_given:
@@ -125,19 +128,28 @@ def _platform(found: Identification) -> dict[str, float]:
     for i, axis in enumerate("xyz"):
         if com_known[i]:
             out[f"com_{axis}_m"] = float(c[i])
+    I_0 = platform_inertia(p)
+    I_0 = I_0 + p.mass_kg * (c0 @ c0 * np.eye(3) - np.outer(c0, c0)) + inertia / count
+    own = np.diag(I_0 - mass * (c @ c * np.eye(3) - np.outer(c, c))).copy()
     if known[:3].all():
-        I_0 = platform_inertia(p)
-        I_0 = I_0 + p.mass_kg * (c0 @ c0 * np.eye(3) - np.outer(c0, c0)) + inertia / count
-        own = np.diag(I_0 - mass * (c @ c * np.eye(3) - np.outer(c, c))).copy()
         own[2] = min(own[2], own[0] + own[1])  # rigid body, within the estimate's error
-        if np.all(own > 0.0):
-            for axis, value in zip(("xx", "yy", "zz"), own, strict=True):
-                out[f"inertia_{axis}_kgm2"] = float(value)
+    else:  # with the file's inertia about the other axes
+        own = np.where(known[:3], own, np.diag(platform_inertia(p)))
+    rigid = np.all(own > 0.0) and 2.0 * np.max(own) <= np.sum(own) * (1.0 + 1e-9)
+    for axis, value, fitted in zip(("xx", "yy", "zz"), own, known[:3], strict=True):
+        key = f"inertia_{axis}_kgm2"
+        if fitted and rigid:
+            out[key] = float(value)
+        elif fitted:
+            left_out.append(
+                f"# {key} = {value:.6g} was identified, but no rigid body has it with the file's "
+                "inertia about the other axes: correct those"
+            )
     for axis in "xyz":
         e = values[f"drag_area_{axis}_m2"]
         if e.identified and e.value >= 0.0:
             out[f"drag_area_{axis}_m2"] = e.value
-    return out
+    return out, left_out
 
 
 def _servos(found: Identification, number: object) -> list[str]:

@@ -64,7 +64,8 @@ def check_fit(fit: Fit, robot: Robot, logs: str, notes: Sequence[str] = ()) -> N
         )
     for e in fit.estimates:
         q = e.parameter
-        if e.identified and not q.low <= e.value <= q.high:
+        low = q.low - e.half_width if q.low == 0.0 else q.low  # an interval that contains zero
+        if e.identified and not low <= e.value <= q.high:
             raise InputError(
                 f"{wrong}: {q.name} ({q.meaning}) would be {e.value:.4g} {q.unit}".rstrip()
                 + f"; valid: {q.low:.4g} to {q.high:.4g}, its file has {q.nominal:.4g}; {advice}"
