@@ -146,7 +146,7 @@ def test_rotors_without_inertia_have_none_within_the_interval(exact: Fit, tmp_pa
     check_fit(below, ROBOT, "sim.csv")
     assert write_file(below, tmp_path)[0].rotors.rotor_inertia_kgm2 == 0.0
     far = change(exact, rotor_inertia_kgm2={"value": -5e-6, "half_width": 2e-6})
-    with pytest.raises(InputError, match="rotor_inertia_kgm2 .* would be -5e-06 kg m"):
+    with pytest.raises(InputError, match=r"rotor_inertia_kgm2 .* would be -5e-06 kg m"):
         check_fit(far, ROBOT, "sim.csv")
 
 

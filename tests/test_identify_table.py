@@ -205,9 +205,9 @@ def load_example(name: str) -> Any:
 def test_the_example_turns_a_flight_of_px4_into_the_frames_of_a_table(tmp_path: Path) -> None:
     """Heading north, the nose 10 deg up: x of the body points to north and up, y to west."""
     row = {
-        "timestamp": 2e6, "u0": 1100, "u1": 1200, "u2": 1300, "u3": 1400, "vx": 1, "vy": 2, "vz": -3,
-        "q0": math.cos(math.radians(5)), "q1": 0, "q2": math.sin(math.radians(5)), "q3": 0,
-        "ang_vel_x": 0.1, "ang_vel_y": 0.2, "ang_vel_z": 0.3,
+        "timestamp": 2e6, "u0": 1100, "u1": 1200, "u2": 1300, "u3": 1400, "vx": 1, "vy": 2,
+        "vz": -3, "q0": math.cos(math.radians(5)), "q1": 0, "q2": math.sin(math.radians(5)),
+        "q3": 0, "ang_vel_x": 0.1, "ang_vel_y": 0.2, "ang_vel_z": 0.3,
         "acc_b_x": 1, "acc_b_y": 2, "acc_b_z": -9,
     }  # fmt: skip
     file = tmp_path / "flight.csv"
