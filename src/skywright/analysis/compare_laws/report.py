@@ -64,12 +64,18 @@ def print_laws(c: LawComparison, page: Path) -> None:
             d.law, d.case, d.metric, format_number(d.reference), f"{d.median:+.4g}",
             f"{d.low:+.3g} to {d.high:+.3g}",
         )  # fmt: skip
-    console.print(table)
+    if found:
+        console.print(table)
+    elif c.runs >= FEWEST:
+        console.print(f"No difference to {c.laws[0]} is beyond chance (of {len(c.differences)}).")
     for f in c.flown:
         if f.refused or f.reason:
             console.print(f"{f.law}, {f.case}: {f.refused or f.reason}")
     if c.runs < FEWEST:
-        console.print(f"--runs {c.runs}: no interval and no test below {FEWEST} runs")
+        console.print(
+            f"--runs {c.runs}: differences are tested from {FEWEST} runs on; the page lists the "
+            "medians"
+        )
     console.print(f"page: {page}")
 
 
