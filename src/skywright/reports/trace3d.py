@@ -20,17 +20,11 @@ FREE, GOOD, TILTED, LIFTED = range(4)
 COLOURS: tuple[Colour, ...] = ((165, 172, 182), (0, 114, 178), (240, 200, 0), (213, 94, 0))
 """Colours of the qualities, colour-blind safe (Okabe and Ito's palette)."""
 
-JUDGED = ("settle", "scan")
-"""Phases in which contact quality counts, see `list_judged`."""
-
 
 def list_judged(robot: Robot, world: World, kind: str) -> tuple[str, ...]:
-    """Return the phases in which contact quality counts.
-
-    None without a probe and a pipe, and none in missions of a `kind` that has not all these phases.
-    """
+    """Return the phases in which contact quality counts; none without a probe and a pipe."""
     has_both = world.pipe is not None and robot.probe is not None
-    return JUDGED if has_both and set(JUDGED) <= set(load_kind(kind).figures().phases) else ()
+    return load_kind(kind).figures().judged if has_both else ()
 
 
 def judge_trace(

@@ -85,6 +85,8 @@ class Figures(NamedTuple):
     """Geometry of the mission to draw, before a plan exists (None) and after."""
     marks: Callable[[RunResult[Any, Any]], list[Mark]] = lambda _: []
     """Results to draw in a replay."""
+    judged: tuple[str, ...] = ()
+    """Phases in which the probe's contact with a pipe is judged, in the replay and on live pages."""
 
 
 class MissionKind(ABC, Generic[T, P]):

@@ -130,6 +130,7 @@ FIGURES = Figures(
     describe,
     notes=list_notes,
     phases=SCAN.phases,
+    judged=SCAN.judged,
     title="Search for cracks",
     charts={
         "crack-map": Chart(

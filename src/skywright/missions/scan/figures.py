@@ -393,6 +393,7 @@ FIGURES = Figures(
         ),
     },
     phases=PHASES,
+    judged=("settle", "scan"),
     title="Inspection",
     notes=list_notes,
     sketch=sketch,
