@@ -91,12 +91,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"--speeds: {error}")
     seeds = range(1, options.seeds + 1)
     if not options.json:
-        print(
-            "| "
-            + " | ".join(["impacting part", "m/s", *COLUMNS.values(), "requirements met", "aborted"])
-            + " |"
-        )
-        print("|---" * (len(COLUMNS) + 4) + "|")
+        heads = ["impacting part", "m/s", *COLUMNS.values(), "requirements met", "aborted"]
+        print("| " + " | ".join(heads) + " |")
+        print("|---" * len(heads) + "|")
     rows = []
     for variant in VARIANTS:
         for speed in options.speeds:
@@ -105,7 +102,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if options.json:
                 continue
             cells = [_write(row.mean[c]) if c in row.mean else "" for c in COLUMNS]
-            cells = [variant, f"{speed:.1f}", *cells, f"{row.met}/{row.flights}", f"{row.aborted}/{row.flights}"]
+            shares = [f"{n}/{row.flights}" for n in (row.met, row.aborted)]
+            cells = [variant, f"{speed:.1f}", *cells, *shares]
             print("| " + " | ".join(cells) + " |", flush=True)
     if options.json:
         print(json.dumps({"rows": [row._asdict() for row in rows]}))

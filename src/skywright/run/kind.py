@@ -86,7 +86,7 @@ class Figures(NamedTuple):
     marks: Callable[[RunResult[Any, Any]], list[Mark]] = lambda _: []
     """Results to draw in a replay."""
     judged: tuple[str, ...] = ()
-    """Phases in which the probe's contact with a pipe is judged, in the replay and on live pages."""
+    """Phases in which replay and live pages judge the probe's contact with a pipe."""
 
 
 class MissionKind(ABC, Generic[T, P]):
