@@ -23,7 +23,9 @@ from skywright.reports.page import render_page, tell_command
         (["/opt/skywright/__main__.py", "list"], "skywright list"),
         (["C:/bin/skywright.exe", "list"], "skywright list"),
         (["/usr/bin/pytest", "tests"], ""),
-        (["my_script.py"], ""),
+        (["study/my_script.py", "--runs", "3"], "python study/my_script.py --runs 3"),
+        (["/opt/ipykernel_launcher.py", "-f", "kernel.json"], ""),
+        (["/opt/pytest/__main__.py", "tests"], ""),
         ([""], ""),
     ],
 )

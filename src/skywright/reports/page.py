@@ -85,10 +85,16 @@ def render_page(template: str, **values: object) -> str:
 
 
 def tell_command() -> str:
-    """Return the `skywright` command that this process runs, as typed; "" in other programs."""
+    """Return the command that this process runs, as typed: of `skywright`, or of a Python script.
+
+    Other programs, such as notebooks, give "".
+    """
     program = Path(sys.argv[0])
     name = program.parent.name if program.name == "__main__.py" else program.stem
-    return shlex.join(["skywright", *sys.argv[1:]]) if name == "skywright" else ""
+    if name == "skywright":
+        return shlex.join(["skywright", *sys.argv[1:]])
+    is_script = program.suffix == ".py" and name == program.stem != "ipykernel_launcher"
+    return shlex.join(["python", *sys.argv]) if is_script else ""
 
 
 def write_time(t: datetime) -> str:
