@@ -12,6 +12,7 @@ from skywright.errors import InputError
 
 Array = NDArray[np.float64]
 LARGEST = 1000.0  # m, as in world files, m/s, N
+MOST_TURNS = 4
 
 
 def check_number(name: str, value: Any, most: float = math.inf) -> float:
@@ -24,6 +25,14 @@ def check_number(name: str, value: Any, most: float = math.inf) -> float:
         raise InputError(f"{name} = {value!r}; valid: a finite number")
     if abs(out) > most:
         raise InputError(f"{name} = {out:g}; valid: within +-{most:g}")
+    return out
+
+
+def check_heading(value: Any) -> float:
+    """Return a heading (rad) of up to MOST_TURNS turns: beyond them it would be in degrees."""
+    out = check_number("yaw", value)
+    if abs(out) > MOST_TURNS * math.tau:
+        raise InputError(f"yaw = {out:g} rad is more than {MOST_TURNS} turns; give rad, not degrees")
     return out
 
 

@@ -80,7 +80,10 @@ class Uav(Commanded):
         )
 
     def go_to(self, p: ArrayLike, yaw: float | None = None, *, wait: bool | None = None) -> Handle:
-        """Fly straight to p (3,) m in W with the heading `yaw` (rad; default: as it is)."""
+        """Fly straight to p (3,) m in W with the heading `yaw` (rad; default: as it is).
+
+        Raises InputError for a yaw of more than four turns, which would be in degrees.
+        """
         goal, heading = check_bounded("p", p), self._heading(yaw)
         return self._start(Command.GO_TO, lambda: self._fly.go_to(goal, heading), wait, goal)
 
