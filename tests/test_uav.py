@@ -258,7 +258,7 @@ def test_numbers_that_are_none_are_told_by_their_name(uav):
         (lambda: uav.set_velocity((1.0, 2.0)), "v = "),
         (lambda: uav.take_off(math.inf), "height = inf"),
         (lambda: uav.stick(roll="a"), "roll = 'a'"),
-        (lambda: uav.go_to((1.0, 0.0, 1.0), 90.0), "yaw = 90 rad .* not degrees"),
+        (lambda: uav.go_to((1.0, 0.0, 1.0), 90.0), r"yaw = 90 rad.* not degrees"),
         (lambda: uav.go_to_geo(91.0, 0.0, 0.0), "latitude = 91 deg; valid: -90 to 90"),
     ):
         with pytest.raises(InputError, match=words):

@@ -28,12 +28,11 @@ def check_number(name: str, value: Any, most: float = math.inf) -> float:
     return out
 
 
-def check_heading(value: Any) -> float:
+def check_heading(yaw: float) -> float:
     """Return a heading (rad) of up to MOST_TURNS turns: beyond them it would be in degrees."""
-    out = check_number("yaw", value)
-    if abs(out) > MOST_TURNS * math.tau:
-        raise InputError(f"yaw = {out:g} rad is more than {MOST_TURNS} turns; give rad, not degrees")
-    return out
+    if abs(yaw) > MOST_TURNS * math.tau:
+        raise InputError(f"yaw = {yaw:g} rad: over {MOST_TURNS} turns; give rad, not degrees")
+    return yaw
 
 
 def check_positive(name: str, value: Any) -> float:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from skywright.description.mission.safety import Checklist, Fence
 from skywright.errors import InputError
-from skywright.vehicle.arguments import check_heading, check_number
+from skywright.vehicle.arguments import check_number
 from skywright.vehicle.arm_commands import ARM_STREAMS, ArmCommand, get_entry
 from skywright.vehicle.commands import (
     NEEDS,
@@ -274,4 +274,4 @@ class Commanded:
 
     def _heading(self, yaw: float | None) -> float:
         R = self.backend.reference_now["R_WB"]
-        return math.atan2(R[1, 0], R[0, 0]) if yaw is None else check_heading(yaw)
+        return math.atan2(R[1, 0], R[0, 0]) if yaw is None else check_number("yaw", yaw)

@@ -13,7 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from skywright.errors import InputError
 from skywright.models.rigid_body import joint_names
-from skywright.vehicle.arguments import LARGEST, check_bounded, check_number, check_vector
+from skywright.vehicle.arguments import (
+    LARGEST,
+    check_bounded,
+    check_heading,
+    check_number,
+    check_vector,
+)
 from skywright.vehicle.arm_commands import ArmCommand
 from skywright.vehicle.attitude_drive import AttitudeDrive, check_attitude
 from skywright.vehicle.commanded import Commanded
@@ -84,7 +90,7 @@ class Uav(Commanded):
 
         Raises InputError for a yaw of more than four turns, which would be in degrees.
         """
-        goal, heading = check_bounded("p", p), self._heading(yaw)
+        goal, heading = check_bounded("p", p), check_heading(self._heading(yaw))
         return self._start(Command.GO_TO, lambda: self._fly.go_to(goal, heading), wait, goal)
 
     def go_to_geo(
@@ -92,7 +98,7 @@ class Uav(Commanded):
         *, wait: bool | None = None,
     ) -> Handle:  # fmt: skip
         """Fly straight to a position in WGS 84: degrees, and m above the ellipsoid."""
-        origin, heading = self.backend.world.origin, self._heading(yaw)
+        origin, heading = self.backend.world.origin, check_heading(self._heading(yaw))
         if origin is None:
             return self._refuse(Command.GO_TO_GEO, Need.ORIGIN)
         goal = check_bounded(
