@@ -27,7 +27,11 @@ from skywright.analysis.identify.flight_log import FlightLog
 from skywright.analysis.identify.identify import Identification, identify
 from skywright.analysis.identify.lag import fit_lag
 from skywright.analysis.identify.load import build_log
-from skywright.analysis.identify.overrides import build_overrides
+from skywright.analysis.identify.overrides import (
+    build_overrides,
+    check_replaceable,
+    choose_base,
+)
 from skywright.analysis.identify.plausible import check_fit
 from skywright.analysis.identify.report import write_identify_page
 from skywright.cli import main
@@ -132,12 +136,44 @@ def change(fit: Fit, **values: dict[str, Any]) -> Fit:
 def write_file(fit: Fit, folder: Path) -> tuple[Robot, str]:
     """Return the identified robot, loaded from its file, and the file's text."""
     made = make_log(2.0)
-    found = Identification(
-        ROBOT, ["a.csv"], [], fit, made.q[:1], made.joints, None, None, [], True, []
-    )
     file = folder / "identified.toml"
-    file.write_text(build_overrides(found, ROBOT.name))
+    file.write_text(build_overrides(find(fit), ROBOT.name))
     return load_robot(str(file))[0], file.read_text()
+
+
+def find(fit: Fit, robot: Robot = ROBOT) -> Identification:
+    made = make_log(2.0)
+    return Identification(
+        robot, ["a.csv"], [], fit, made.q[:1], made.joints, None, None, [], True, []
+    )
+
+
+def test_the_identified_file_extends_the_robot_that_flew(
+    exact: Fit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A built-in robot, a file elsewhere, or, for changed robots, a file with all values."""
+    file = tmp_path / "out" / "identified.toml"
+    file.parent.mkdir()
+    monkeypatch.chdir(tmp_path)
+    mine = Path('a "b"/mine.toml')
+    mine.parent.mkdir()
+    mine.write_text(f'[robot]\nname = "mine"\nextends = "{ROBOT.name}"\n')
+    assert choose_base(find(exact), None, file) == (ROBOT.name, "")
+    assert choose_base(find(exact), ROBOT.name, file) == (ROBOT.name, "")
+    base, whole = choose_base(find(exact), str(mine), file)
+    assert (base, whole) == ('../a "b"/mine.toml', "")
+    file.write_text(build_overrides(find(exact, load_robot(mine)[0]), base))
+    assert load_robot(file)[0].name == "mine-identified"
+    for change in ({"time_constant_s": 0.07}, {"radius_m": 0.31}):
+        rotors = ROBOT.rotors.model_copy(update=change)
+        changed = ROBOT.model_copy(update={"rotors": rotors})
+        base, whole = choose_base(find(exact, changed), None, file)
+        file.with_name(base).write_text(whole)
+        check_replaceable(file.with_name(base), [])  # by the next identification
+        assert load_robot(file.with_name(base))[0] == changed
+        file.write_text(build_overrides(find(exact, changed), base))
+        monkeypatch.chdir("/")
+        assert load_robot(file)[0].rotors.radius_m == rotors.radius_m
 
 
 def test_rotors_without_inertia_have_none_within_the_interval(exact: Fit, tmp_path: Path) -> None:

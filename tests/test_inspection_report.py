@@ -147,7 +147,7 @@ def test_wrong_requests_are_told(tmp_path: Path) -> None:
     flight = build_database(tmp_path)
     store = InspectionStore(tmp_path / "r.db")
     empty, _ = store.add_flight(structure="x", mission="m", robot="r", seed=1, run="")
-    with pytest.raises(InputError, match="has no readings and no indications"):
+    with pytest.raises(InputError, match="has no readings, indications, calibrations or coverage"):
         build_inspection_report(store, empty)
     with pytest.raises(InputError, match=f"no flight 'zz'; there are: {flight}"):
         build_inspection_report(store, "zz")

@@ -105,7 +105,7 @@ def test_an_attitude_target_is_read_as_it_was_packed_or_refused(
         assert (read.time_ms, read.type_mask) == (time_ms, mask)
     elif all(math.isfinite(v) for v in x):
         raise AssertionError("a target of finite numbers was refused")
-    point = read_attitude(message, Standing(), Scale(100.0, 5.0, True))  # type: ignore[arg-type]
+    point = read_attitude(message, Standing(), Scale(100.0, True))  # type: ignore[arg-type]
     if isinstance(point, SetPoint):
         assert point.R_WB is not None and np.allclose(point.R_WB @ point.R_WB.T, np.eye(3))
         assert point.f_B is not None and np.isfinite(point.f_B).all()

@@ -64,6 +64,20 @@ def fly(talk: Talk, height: float = 1.5) -> Talk:
     return talk
 
 
+def test_takeoff_chosen_on_the_ground_begins_when_armed(talk: Talk) -> None:
+    """QGroundControl and pymavlink scripts set the mode before they arm."""
+    assert talk.command(176, 1.0, 4.0, 2.0) == ACCEPTED
+    talk.tick(1.0)
+    assert talk.last("HEARTBEAT").custom_mode == 4 << 16 | 2 << 24
+    assert talk.command(400, 1.0) == ACCEPTED
+    talk.until(lambda: talk.vehicle.state == State.FLYING_AUTO)
+    talk.tick(1.0)
+    assert talk.last("HEARTBEAT").custom_mode == 4 << 16 | 3 << 24
+    robot = talk.service.robot
+    risen = talk.vehicle.backend.estimate["p_WB"][2] - robot.home[2]
+    assert risen == pytest.approx(robot.parameters["MIS_TAKEOFF_ALT"], abs=0.1)
+
+
 # --- the ground --------------------------------------------------------------------------------
 
 
@@ -138,6 +152,8 @@ def test_every_command_is_acknowledged_at_once(talk: Talk) -> None:
     assert talk.command(31999) == UNSUPPORTED
     assert talk.command(246, 1.0) == DENIED
     assert talk.command(400, 0.5) == DENIED
+    assert talk.command(185, 2.0) == talk.command(185, math.nan) == DENIED
+    assert talk.command(185, 0.0) == ACCEPTED
     assert talk.command(22) == REJECTED  # not armed
     assert "motors are off" in talk.text()
     assert talk.command(511, 32, 1e5) == ACCEPTED

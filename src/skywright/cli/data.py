@@ -169,7 +169,11 @@ def identify(
     PAGE.toml is replaced only if an earlier identification wrote it.
     """
     from skywright.analysis.identify.identify import identify as identify_logs
-    from skywright.analysis.identify.overrides import build_overrides, check_replaceable
+    from skywright.analysis.identify.overrides import (
+        build_overrides,
+        check_replaceable,
+        choose_base,
+    )
     from skywright.analysis.identify.report import print_identification, write_identify_page
     from skywright.description.robot.loader import find_robot, load_robot, load_robot_layers
 
@@ -179,7 +183,11 @@ def identify(
     base = [] if robot is None else load_robot_layers(find_robot(robot))
     check_replaceable(robot_file, [Path(layer.label) for layer in base])
     found = identify_logs(logs, spec, mass)
-    overrides = build_overrides(found, robot or found.robot.name)
+    name, whole = choose_base(found, robot, robot_file)
+    overrides = build_overrides(found, name)
+    if whole:
+        check_replaceable(robot_file.with_name(name), [])
+        robot_file.with_name(name).write_text(whole, encoding="utf-8")
     write_identify_page(found, overrides, page)
     robot_file.write_text(overrides, encoding="utf-8")
     if as_json:

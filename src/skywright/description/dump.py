@@ -13,6 +13,7 @@ import tomli_w
 from skywright.core.keys import iterate_leaves
 from skywright.core.spec import Source, Spec
 from skywright.description.loader import Description
+from skywright.description.robot.spec import Robot
 
 HEADER = "# A complete description: `skywright run` on this file, or on its folder, repeats it.\n\n"
 
@@ -67,6 +68,11 @@ def dump_description(description: Description, kept: Mapping[Path, str] | None =
         roots[root] = _rename(_dump(spec, root, description.sources), kept)
     roots["mission"]["resolved"] = True
     return HEADER + tomli_w.dumps(roots)
+
+
+def dump_robot(robot: Robot) -> str:
+    """Write a robot as a robot file, with all values and no sources."""
+    return tomli_w.dumps({"robot": _dump(robot, "robot", {})})
 
 
 def _rename(value: Any, kept: Mapping[Path, str]) -> Any:

@@ -63,7 +63,7 @@ def build_inspection_report(
 ) -> InspectionReport:
     """Collect the contents of the page for a flight; `stated` are deviations added by a person.
 
-    Raises InputError for an unknown flight, or one without readings and indications.
+    Raises InputError for an unknown flight, or one without any record.
     """
     known = {f.id: f for f in store.list_flights()}
     if flight not in known:
@@ -74,7 +74,10 @@ def build_inspection_report(
     readings, found = store.find_readings(flight=flight), store.find_indications(flight=flight)
     calibrations, covered = store.list_calibrations(flight), store.list_coverages(flight)
     if not (readings or found or calibrations or covered):
-        raise InputError(f"{store.path}: flight {flight} has no readings and no indications")
+        raise InputError(
+            f"{store.path}: flight {flight} has no readings, indications, "
+            "calibrations or coverage"
+        )
     names = {entry.component for some in (readings, found, covered) for entry in some}
     parts = [c for c in store.list_components(one.asset) if c.name in names]
     procedure = None if one.procedure is None else store.get_procedure(one.procedure)

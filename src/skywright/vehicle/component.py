@@ -11,7 +11,7 @@ A component is a class with
   optional port: None if no component of the vehicle fills it, at no cost.
 
 Numba compiles the steps (`helper` decorates the functions that they call; `words` and `table` read
-arrays by address), or they run as plain Python (`compiled = False`, interactive mode only). They
+arrays by address), or they run as plain Python (`compiled = False`, which selects interactive mode). They
 must not allocate: use `local(3)` (core/scratch.py) for scratch, and `Me` for memory.
 """
 
@@ -215,7 +215,7 @@ class Component:
     """Name of a step -> its slot, for components with several steps."""
     side: ClassVar[Literal["robot", "plant"]] = "robot"
     compiled: ClassVar[bool] = True
-    """False: the steps run as plain Python, in interactive mode only."""
+    """False: the steps run as plain Python, and the vehicle in interactive mode."""
     ports: dict[str, str] = {}
     """Parameter of a step -> name of the component that fills it, if several do. An optional port
     with a component that the vehicle lacks is None."""

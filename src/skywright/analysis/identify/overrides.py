@@ -1,12 +1,15 @@
 """Robot file of an identification: the identified values on top of the base robot."""
 
+import os
 from pathlib import Path
 
 import numpy as np
 
 from skywright.analysis.identify.fit import unpack_inertia
 from skywright.analysis.identify.identify import Identification
+from skywright.description.dump import dump_robot, write_literal
 from skywright.description.robot.limbs import list_joints, list_servos
+from skywright.description.robot.loader import find_robot, load_robot
 from skywright.errors import InputError
 from skywright.models.part_masses import platform_inertia
 from skywright.models.rigid_body import build_body_model, compute_body
@@ -15,6 +18,8 @@ WRITTEN = (
     "# This file contains the identified values only; all other values are those of the base robot."
 )
 """Line by which `check_replaceable` recognises a robot file that `build_overrides` returned."""
+WHOLE = "# The robot of the flights, which an identified robot extends: no file of it is known."
+"""The same for the file that `choose_base` returns."""
 
 
 def check_replaceable(file: Path, base: list[Path]) -> None:
@@ -32,11 +37,31 @@ def check_replaceable(file: Path, base: list[Path]) -> None:
         )
     with file.open("rb") as stream:
         head = stream.read(10_000)
-    if WRITTEN.encode() not in head.splitlines():
+    if not {WRITTEN.encode(), WHOLE.encode()} & {*head.splitlines()}:
         raise InputError(
             f"{file}: already exists and is not from an earlier identification; give another "
             "--out or remove it"
         )
+
+
+def choose_base(found: Identification, robot: str | None, file: Path) -> tuple[str, str]:
+    """Return what the identified robot `file` extends, and the text of that base file.
+
+    The base is a built-in name, a path relative to `file`, or, if the flights' robot is neither
+    built in nor given as `robot` (name or path), a new file beside `file`; its text is "" otherwise.
+    """
+    if robot is not None:
+        given = find_robot(robot)
+        if given.label == f"robot {robot}":
+            return robot, ""
+        return Path(os.path.relpath(given.path.resolve(), file.parent.resolve())).as_posix(), ""
+    name = found.robot.name
+    try:
+        if load_robot(name)[0] == found.robot:
+            return name, ""
+    except InputError:  # not a built-in robot
+        pass
+    return f"{file.stem}-base.toml", f"{WHOLE}\n\n{dump_robot(found.robot)}"
 
 
 def build_overrides(found: Identification, base: str) -> str:
@@ -53,8 +78,8 @@ def build_overrides(found: Identification, base: str) -> str:
         WRITTEN,
         "",
         "[robot]",
-        f'name = "{robot.name}-identified"',
-        f'extends = "{base}"',
+        f"name = {write_literal(f'{robot.name}-identified')}",
+        f"extends = {write_literal(base)}",
     ]
 
     def number(key: str, value: float, half: float | None = None) -> str:

@@ -104,7 +104,11 @@ class Commands:
         return Reply(ACCEPTED) if handle else Reply(BUSY, handle.result.reason)  # type: ignore[union-attr]
 
     def _terminate(self, a: Asked) -> Reply:
-        return self.robot.disarm(force=True) if a.p[0] == 1.0 else Reply(ACCEPTED)
+        if a.p[0] == 1.0:
+            return self.robot.disarm(force=True)
+        if a.p[0] == 0.0:
+            return Reply(ACCEPTED)
+        return Reply(DENIED, f"flight termination: {a.p[0]:g} is neither 1 nor 0")
 
     def _reposition(self, a: Asked) -> Reply:
         b = self.robot.vehicle.backend

@@ -262,8 +262,14 @@ class Robot:
 
     def _watch_ground(self, state: State) -> None:
         """Disarm a robot that has been armed on the ground for COM_DISARM_PRFLT."""
-        if state == State.LANDED_DISARMED and self.mode in AUTO_MODES - {modes.OFFBOARD}:
+        begins = {modes.OFFBOARD, modes.TAKEOFF}  # modes that may be chosen before arming
+        if state == State.LANDED_DISARMED and self.mode in AUTO_MODES - begins:
             self._enter(modes.HOLD)
+        if state == State.LANDED_ARMED and self.mode == modes.TAKEOFF:
+            reply = self.take_off(None)
+            if reply.result != ACCEPTED:
+                self._enter(modes.HOLD)
+                self._say(reply.says)
         if state != State.LANDED_ARMED:
             self._armed_at = None
             return

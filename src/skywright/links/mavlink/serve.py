@@ -30,7 +30,6 @@ from skywright.run.planning import MissionPlan
 from skywright.run.session import Vehicle
 from skywright.run.setup import Setup
 from skywright.run.supervisor import Supervisor
-from skywright.vehicle.bus import Body
 from skywright.vehicle.commands import State
 from skywright.vehicle.motions import Arrival
 from skywright.vehicle.simulated import SimulatedVehicle
@@ -82,10 +81,9 @@ class Service:
         backend.on_samples = None  # the samples have no reader and are not kept
         fixed = [(p.name, p.value) for p in list_parameters(robot, world)]
         self.parameters = Parameters([*fixed, ("MAV_SYS_ID", SYSTEM)], list_settable(robot))
-        mass = float(backend.look(Body).mass) or float(setup.model["mass0"][0])
         lift = float(setup.rotors.axis[:, 2] @ setup.rotors.thrust_max)
         tilt = compute_hover_tilt(robot, posture(robot, "folded"), world.gravity_mps2)
-        scale = Scale(lift, mass, math.isfinite(tilt) and tilt > math.radians(1.0))
+        scale = Scale(lift, math.isfinite(tilt) and tilt > math.radians(1.0))
         self.robot = Robot(self.vehicle, self.parameters, self._tell)
         origin = world.origin or HOME
         reports = Reports(dialect, self.robot, origin, scale, TYPES.get(len(setup.rotors.spin), 2))

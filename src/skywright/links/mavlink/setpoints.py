@@ -63,7 +63,6 @@ class Scale(NamedTuple):
     """Scale of normalised thrust."""
 
     unit: float  # N, of a thrust of 1: all rotors at their maximum
-    mass: float  # kg
     lateral: bool  # whether the rotors produce lateral force
 
 

@@ -1,10 +1,9 @@
 """Fly into a padded obstacle with the left hand or with the passive link (Suarez 2020, table 3).
 
-The robot flies at a constant speed and has no information on the obstacle until it detects contact:
-its reference continues for the reaction time after the contact, stops, and backs off later. This is
-a flight rather than an object thrown at a hovering robot. The energy that arm, springs and link
-absorb is then the robot's own at that speed, no projectile's mass has to be assumed, and the flight
-law takes part.
+The robot flies at a constant speed and does not detect the obstacle: its reference continues for
+the reaction time after the planned contact, stops, and backs off later. This is a flight rather
+than an object thrown at a hovering robot. The energy that arm, springs and link absorb is then the
+robot's own at that speed, no projectile's mass has to be assumed, and the flight law takes part.
 """
 
 import numpy as np

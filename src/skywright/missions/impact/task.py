@@ -23,7 +23,7 @@ class Impact(Task):
     part: Literal["arm", "link"] = "arm"  # part that hits it: the left hand or the passive link
     # stiff: without springs between servos and links
     joints: Literal["compliant", "stiff"] = "compliant"
-    # delay between contact and the command to stop
+    # time from the planned contact to the command to stop
     reaction_s: float = Field(default=0.1, ge=0, le=1)
 
     def adapt_robot(self, robot: Robot) -> Robot:

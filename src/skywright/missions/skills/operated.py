@@ -30,7 +30,8 @@ class OperatedTask(Task):
     # speed at full deflection of the stick, v_max of (24)
     stick_speed_mps: float = Field(default=0.03, gt=0, le=0.2)
     # assistance of the operator along the contact's axis: none, slow (speed limit near the
-    # contact), guard (no further motion at the requested force), hold (the robot holds the force)
+    # contact), guard (slower with the force, no further motion at 1.25 times the requested one),
+    # hold (the robot holds the force)
     assistance: Level = "none"
 
     def find_files(self, folder: Path) -> Self:

@@ -1,4 +1,4 @@
-"""A flight through waypoints; any robot can fly it."""
+"""A flight through waypoints, with the arms folded."""
 
 import math
 

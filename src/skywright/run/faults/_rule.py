@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 
 Response = Literal["hold", "come_home", "land_here", "let_go"]
 RESPONSES: dict[Response, str] = {
-    "hold": "retreat from the contact and hover until the value is within its limit, then return "
-    "home",
+    "hold": "retreat from the contact and hover until the value is within its limit, for 30 s at "
+    "most, then return home",
     "come_home": "retreat from the contact, return along the flown path and land at the start",
     "land_here": "retreat from the contact and land in place",
     "let_go": "stop the motors and fall",
