@@ -15,7 +15,7 @@ Platform, (25) and (26): mass and inertia are those of the present posture of th
 wrench is subtracted: the tip's from the measured force (24), the docking feet's as planned. Arm,
 (27), (30) and (31): the law controls the force along the probe, and before contact the position of
 the tip across it. The servos take speeds, and a speed of the tip against the probe's spring of
-stiffness K is a rate of force. (31) therefore becomes v = w_f (F_d - F) / K with the bandwidth w_f
+stiffness K is a rate of force. (31) therefore becomes v = k_f (F_d - F) / K with the bandwidth k_f
 of the force loop, the servo map of section 4; the rate of F_d is not fed forward.
 
 Since the law is a PID, k_1, k_2 and lambda follow from its stiffness, damping and integral gain:
