@@ -9,14 +9,14 @@ This is stable for all positive gains. After substitution of z_2 it equals the P
 x_d'' + (1 + lambda + k_1 k_2) z_1 + (k_1 + k_2) z_1' + k_2 lambda chi. Four misprints of the paper
 are corrected (docs/papers/sanchez-cuevas-2020.md): e_p = p_d - p in (28), k and lambda exchanged
 in K (E004-1, E004-2), the lever in (24) (E004-6), and (23) rotates the force only (E004-7). The
-attitude error is a rotation vector instead of Euler angles (E004-4).
+attitude error is e = 1/2 [R^T R_d - R_d^T R]_vee instead of a difference of Euler angles (E004-4).
 
 Platform, (25) and (26): mass and inertia are those of the present posture of the arm. The contact
 wrench is subtracted: the tip's from the measured force (24), the docking feet's as planned. Arm,
-(27), (30) and (31): the law controls the force F_d + k_f (F_d - F) along the probe, and the joints
-across it. The servos take speeds, and a speed of the tip against the probe's spring is a rate of
-force. (31) therefore becomes v = k_f (F_d - F) / K, the servo map of section 4; the rate of
-F_d is not fed forward.
+(27), (30) and (31): the law controls the force along the probe, and before contact the position of
+the tip across it. The servos take speeds, and a speed of the tip against the probe's spring of
+stiffness K is a rate of force. (31) therefore becomes v = k_f (F_d - F) / K with the bandwidth k_f
+of the force loop, the servo map of section 4; the rate of F_d is not fed forward.
 
 Since the law is a PID, k_1, k_2 and lambda follow from its stiffness, damping and integral gain:
 

@@ -1,9 +1,9 @@
 """Sanchez-Cuevas 2020, (27), (30), (31): inverse dynamics of the arm as torques of its servos.
 
-The platform is controlled as in `backstepping`. The printed (27) counts the contact twice: if F_d
-and F_C are both forces on the robot, -J^T F_d - F_C holds twice the force at rest; if F_d is the
-force of the tip, it holds none. In this law F_d replaces F_C (E004-12 in
-docs/papers/sanchez-cuevas-2020.md):
+The platform is controlled as in `backstepping`. The printed (27) counts the contact twice: at the
+desired force, -J^T F_d - F_C balances twice this force if F_d and F_C are both forces on the robot,
+and none if F_d is the force of the tip. In this law J^T F_d, with F_d the force of the tip,
+replaces both terms (E004-12 in docs/papers/sanchez-cuevas-2020.md):
 
     U = M (q''_d + e) + C + G + M_QM^T [p''; eta''] + J^T F_d,   F_d = F + k_f (F - F_s)
 
@@ -15,8 +15,8 @@ the probe only: J^T Lambda e_x = M J^-1 (e_x - J' q').
 
 The gains are k_p = w^2 and k_v = 2 w. w is 1 / T_v of the servos, so that the loop is as fast as
 the speed loop that it replaces. If |S| then exceeds 2 with the dead time and the filter of the
-joint speeds, w is the largest smaller value that meets this bound. k_f is the largest value that
-meets it in contact.
+joint speeds, w is the largest value with |S| <= 2. k_f is the largest value with |S| <= 2 in
+contact.
 """
 
 from __future__ import annotations

@@ -2,12 +2,13 @@
 
 The structure is that of PX4. The position loop commands the velocity v_des + k e. The velocity loop
 commands an acceleration: k times the velocity error, minus the damping of a swinging link. The
-thrust points along the force for this acceleration, with every known external force cancelled. The
+thrust points along the force for this acceleration, with the known external forces cancelled. The
 attitude loop commands rates, k times the attitude error. The rate loop commands an angular
-acceleration, k times the rate error. models/floating.py computes the torque for it, including a
-link on a joint without a servo, the posture of the arms, and forces at the hands; only errors of
-this model disturb the platform. The velocity loop has no integral of its own,
-because the estimated force f_rest_W acts as one. All gains follow from bandwidths.
+acceleration, k times the rate error. The torque for this acceleration follows from the model in
+models/floating.py, which includes a link on a joint without a servo, the posture of the arms, and
+forces at the hands; only errors of this model disturb the platform. The velocity loop has no
+integral of its own, because the estimated force f_rest_W acts as one. All gains follow from
+bandwidths.
 """
 
 from __future__ import annotations

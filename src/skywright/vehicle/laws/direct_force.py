@@ -1,4 +1,4 @@
-"""Direct force control: position along the surface, PI on the measured force across it.
+"""Direct force control: position along the surface, PI on the measured force along its normal.
 
 This law is not taken from the papers that Skywright reproduces. It is hybrid position and force
 control at the tip of a fully actuated platform after Bodie et al. 2020 (Active interaction force
@@ -21,7 +21,7 @@ Derivation of the gains. The tip is a spring k between robot and surface: F = k 
   left (`Contact.k_hard`), and k_P k grows with it.
 - zeta = 1 and w_i = w / 4. The pair of poles that the integral creates then has a damping ratio of
   0.7.
-- k_P >= 0. A bandwidth below that of the bare spring, sqrt(k / m), has k_P = 0.
+- k_P >= 0. If w is below the frequency sqrt(k / m) of the bare spring, k_P = 0.
 - w is the largest bandwidth for which the sensitivity |S| stays below 2, in contact with either
   stiffness and in the air. The loop contains the rotor lag T and a dead time tau of 1.5 control
   periods (as in evidence/loop.py), a physics step, half a period of the sensor, and the link both
@@ -30,15 +30,15 @@ Derivation of the gains. The tip is a spring k between robot and surface: F = k 
     L = (D s + k_P k + k_I k / s) e^{-s tau} / (1 + T s) / (m s^2 + k)
 
 Anti-windup: the integral is held while the rotors are saturated and while no force is measured. It
-continues the position integral and shares its bound: sigma is one vector in W, so the transitions
-at touch-down and lift-off are bumpless. At the loss of contact its component across the surface
-contains the wind.
+shares one vector sigma in W, and its bound, with the position integral, so the transitions at
+touch-down and lift-off are bumpless. At the loss of contact the component of sigma along the normal
+contains the force of the wind.
 
 Loss of contact, and the time before contact: F^d (1 + k_P) accelerates a free mass with the damper
 D. The tip therefore returns at a speed of F^d (1 + k_P) / D at most, and `approach_speed_mps`
 limits this speed further. Its default is the speed whose impact on the spring, v sqrt(k m), causes
-half of F^d. If the tip is deeper than its reference by REACH, there is no surface, and the position
-loop takes over.
+half of F^d. If the tip is deeper than its reference by REACH (3 cm), the law assumes that there is
+no surface, and the position loop takes over.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Axis-selective impedance: across the surface the tip acts as a chosen mass, damper and spring.
+"""Axis-selective impedance: along the normal the tip acts as a chosen mass, damper and spring.
 
 Bodie et al. 2019 (An omnidirectional aerial manipulation platform for contact-based inspection,
 RSS), section IV: an impedance whose parameters are chosen for each axis of the surface frame.
@@ -18,8 +18,8 @@ because a force estimated from the motion of the platform does not separate wind
 (docs/adr/0026).
 
 A reference at the depth e inside the surface presses with K e. The depth of a plan is chosen for
-law (4). Half of the stiffness therefore produces half of the push, and halves its change by an
-error of the map. A steady gust acts on the contact in full, as under law (4). sigma is the integral
+law (4). Half of the stiffness therefore halves the push, and the change of the push by an error of
+the map. A steady gust acts on the contact in full, as under law (4). sigma is the integral
 of law (4), with its dead zone.
 
 The rotors lag. A stiffness or mass is refused if the sensitivity |S| of the loop

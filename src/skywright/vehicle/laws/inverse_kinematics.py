@@ -2,7 +2,7 @@
 
 This is the standard control of a redundant manipulator (Siciliano, Robotics, 2009, section 3.7.1):
 joint velocities qd = qd^n + J^+ K e_E with the tip error e_E. Tognon et al. 2018, section V, tested
-it and rejected it: the flexible arm puts the feedback across an elastic mode, and the tip vibrates.
+it and rejected it: the feedback acts across the elasticity of the arm, and the tip vibrates.
 The platform tracks its own nominal pose. In contact only the error along the surface is fed back,
 because the joint velocity integrates and the intended penetration would increase the push without
 bound.

@@ -1,9 +1,9 @@
 """Distributed model inversion for a platform whose arms hang on a passive link (Caballero 2018).
 
 The paper shows a block diagram (figure 4) and states that the laws "make use of nonlinear
-strategies based on model inversion"; it prints no equation and no gain. This law is one reading of
-it for the model (3). It has one part for each subsystem, and each part inverts the rows of the
-model that it commands:
+strategies based on model inversion"; it prints no equation and no gain. This law is one
+interpretation for the model (3). It has one part for each subsystem, and each part inverts the rows
+of the model that it commands:
 
 - Platform: loops on position and velocity command the accelerations u1', u3' (and the same across
   the plane). With this acceleration of the platform, the passive row of (3) gives the angular
@@ -24,12 +24,12 @@ model that it commands:
 
 The rows are inverted one after the other, the translational ones at the present attitude, which
 follows within a tenth of a second. Accelerations of the arm joints are part of the estimated
-external force; a transport moves these joints at some tenths of rad/s.
+external force; a transport moves these joints at a few tenths of rad/s.
 
-In the cascade the placed poles include the pull of the link. In this law the same gains produce
-less force, because they act on the smaller mass, and the law cancels the pull of the swinging link,
-which would bring platform and link back together. docs/papers/caballero-2018.md compares
-both laws in gusts.
+In the cascade the placed poles include the pull of the link. In this law a given gain produces less
+force, because it acts on the smaller mass, and the law cancels the pull of the swinging link, which
+would bring platform and link back together. docs/papers/caballero-2018.md compares both laws in
+gusts.
 """
 
 from __future__ import annotations

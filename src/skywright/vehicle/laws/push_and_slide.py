@@ -7,17 +7,18 @@ is stable across the elasticity of the arm.
 
     (2)  v_M = v_M^n + K_M (q_M^n - q_M)
     (3)  t = c x f + I_C (w'^n + w_R^2 e_R + 2 zeta_R w_R e_w) + theta + w x I_C w
-    (4)  f = m (a^n + g) + K^D (v_R^n - v_R) + K^P (p_E^d - p_E) + sigma
+    (4)  f = m (a^n + g e_z) + K^D (v_R^n - v_R) + K^P (p_E^d - p_E) + sigma
 
 with q_M, v_M of the motors, R the platform, E the tip, c the centre of mass, theta and sigma the
 integrals; K^P = m w^2, K^D = 2 zeta m w (loops.py describes each term and the additions to the
 paper).
 
-An option adds to the paper (`moment_feed_forward`). While the reference slides inside a surface,
-law (4) presses with N = K^P |e_n| and feeds the friction mu N forward as a force. Both forces act
-at the tip, so they turn the robot about its centre of mass by (p_T - c) x f. The paper leaves this
-moment to the integral of law (3), which then has to follow each reversal of the friction. The value
-`friction` feeds the moment of the friction forward, `contact` also that of the push.
+The option `moment_feed_forward` is an addition to the paper. While the reference slides inside a
+surface, law (4) presses with N = K^P |e_n| and feeds the friction mu N forward as a force. Both
+forces act at the tip, so they have the moment (p_T - c) x f about the centre of mass. The paper
+leaves this moment to the integral of law (3), which then has to follow each reversal of the
+friction. The value `friction` feeds the moment of the friction forward, `contact` also that of the
+push.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Cascade of a coplanar multirotor: the position loop commands a force, the attitude follows it.
 
-The force law is that of a fully actuated platform. The thrust acts along z_B, so the direction of
-the force with the nominal heading is the attitude reference (Lee, Leok, McClamroch 2010, CDC,
-eq. 12-16, with a tilt limit). Robots with tilted rotors can fly this law, too.
+The force is that of law (4) of Tognon 2018 (loops.py). The thrust acts along z_B, so the direction
+of the force and the nominal heading determine the attitude reference (Lee, Leok, McClamroch 2010,
+CDC, eq. 12-16, with a tilt limit). Robots with tilted rotors can fly this law, too.
 """
 
 from __future__ import annotations

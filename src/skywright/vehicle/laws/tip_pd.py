@@ -1,9 +1,9 @@
 """Feedback of tip position and tip velocity alone, across the elasticity of the arm.
 
 Tognon et al. 2018, section V, after De Luca and Book (Springer Handbook of Robotics, 2008, ch. 13):
-for a joint with an elastic transmission this feedback is unstable for every gain, while link
-position with motor velocity (`push_and_slide`) is stable for suitable gains. The law demonstrates
-this instability.
+for a joint with an undamped elastic transmission this feedback is unstable for every gain, while
+link position with motor velocity (`push_and_slide`) is stable for suitable gains. The law
+demonstrates this instability.
 """
 
 from __future__ import annotations

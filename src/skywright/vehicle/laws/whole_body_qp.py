@@ -14,10 +14,10 @@ force is that of law (4) and the joint speeds are those of law (2). Each control
 - Dynamics: B T + G f - L q'' = w, force and torque about the centre of mass. w is the wrench that
   the accelerations of laws (3) and (4) require: M a + gravity + gyroscopic terms + integrals. L
   holds the arm's columns of the mass matrix (`fill_reaction`); G applies f at the tip. These rows
-  are part of the cost, so that a solution exists at all limits. W ranks them: height, roll and
-  pitch, then yaw, then the lateral force, then the push. The arm ranks above all of them: its
-  reaction lasts only while it accelerates, so it cannot replace thrust, and joints yield at their
-  own limits.
+  are part of the cost, so that a solution exists at all limits. The weights rank them: height, roll
+  and pitch first, then yaw, then the lateral force, then the push. The arm ranks above all of them:
+  its reaction lasts only while it accelerates, so it cannot replace thrust, and joints yield at
+  their own limits.
 - Contact: law (4) presses with N = K^P |e_n| and feeds the friction mu N of the desired sliding
   forward. Both form f^d here. Their moment about the centre of mass, (p_T - c) x f, is therefore
   part of the balance; law (3) leaves it to its integral. While no limit is active, this is the only
