@@ -135,7 +135,6 @@ def change(fit: Fit, **values: dict[str, Any]) -> Fit:
 
 def write_file(fit: Fit, folder: Path) -> tuple[Robot, str]:
     """Return the identified robot, loaded from its file, and the file's text."""
-    made = make_log(2.0)
     file = folder / "identified.toml"
     file.write_text(build_overrides(find(fit), ROBOT.name))
     return load_robot(str(file))[0], file.read_text()

@@ -26,7 +26,9 @@ if TYPE_CHECKING:
     "--mount", metavar="X,Y,Z[,R,P,Y]",
     help="Place (m) and roll, pitch, yaw (deg) of the arm's root.  [default: 0,0,0]",
 )  # fmt: skip
-@click.option("--body", metavar="NAME", help="Body that flies.  [default: the free body with rotors]")
+@click.option(
+    "--body", metavar="NAME", help="Body that flies.  [default: the free body with rotors]"
+)
 @click.option("--tip", metavar="NAME", help="Link or site at the tip.  [default: end of the arm]")
 @click.option(
     "--weld", multiple=True, metavar="JOINT", help="Freeze a joint; '*': all. May be repeated."

@@ -75,8 +75,7 @@ def build_inspection_report(
     calibrations, covered = store.list_calibrations(flight), store.list_coverages(flight)
     if not (readings or found or calibrations or covered):
         raise InputError(
-            f"{store.path}: flight {flight} has no readings, indications, "
-            "calibrations or coverage"
+            f"{store.path}: flight {flight} has no readings, indications, calibrations or coverage"
         )
     names = {entry.component for some in (readings, found, covered) for entry in some}
     parts = [c for c in store.list_components(one.asset) if c.name in names]

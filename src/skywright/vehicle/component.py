@@ -11,8 +11,8 @@ A component is a class with
   optional port: None if no component of the vehicle fills it, at no cost.
 
 Numba compiles the steps (`helper` decorates the functions that they call; `words` and `table` read
-arrays by address), or they run as plain Python (`compiled = False`, which selects interactive mode). They
-must not allocate: use `local(3)` (core/scratch.py) for scratch, and `Me` for memory.
+arrays by address), or they run as plain Python (`compiled = False`, which selects interactive
+mode). They must not allocate: use `local(3)` (core/scratch.py) for scratch, and `Me` for memory.
 """
 
 from __future__ import annotations

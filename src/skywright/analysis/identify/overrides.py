@@ -48,7 +48,8 @@ def choose_base(found: Identification, robot: str | None, file: Path) -> tuple[s
     """Return what the identified robot `file` extends, and the text of that base file.
 
     The base is a built-in name, a path relative to `file`, or, if the flights' robot is neither
-    built in nor given as `robot` (name or path), a new file beside `file`; its text is "" otherwise.
+    built in nor given as `robot` (name or path), a new file beside `file`. The text is "" unless
+    the base is a new file.
     """
     if robot is not None:
         given = find_robot(robot)
