@@ -16,6 +16,7 @@ import shlex
 import subprocess
 import sys
 import tomllib
+from collections import Counter
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -50,6 +51,11 @@ def fly(name: str, out: Path, workers: int) -> str:
         result["largest"] = {
             metric: max(float(r[metric]) for r in rows if r[metric])
             for metric in CAMPAIGNS[name]["largest"]
+        }
+    if "counted" in CAMPAIGNS[name]:
+        result["counted"] = {
+            metric: dict(Counter(f"{float(r[metric]):g}" for r in rows if r[metric]))
+            for metric in CAMPAIGNS[name]["counted"]
         }
     text = json.dumps(result, indent=1, ensure_ascii=False) + "\n"
     (KEPT / f"{name}.json").write_text(text, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Run modules of skywright.evidence and keep what they print, for tables of the papers' pages.
+"""Run modules of skywright.evidence and keep what they print, for tables of the pages.
 
     python benchmarks/print_evidence.py [NAME...]      # writes benchmarks/evidence/NAME.md
     python docs/generate_evidence.py                   # and the tables of the pages
@@ -20,6 +20,10 @@ from skywright.evidence.bench.machine import read_commit
 ROOT = Path(__file__).resolve().parent.parent
 KEPT = Path(__file__).resolve().parent / "evidence"
 COMMANDS = {
+    "consistency": "-m skywright.evidence.consistency --set plant.sensor_noise_error=0",
+    "stated-deviations": "-m skywright.evidence.stated_deviations",
+    "identify-accuracy": "-m skywright.evidence.identify_accuracy",
+    "identify-lags": "-m skywright.evidence.identify_accuracy --lags",
     "force-estimators": "-m skywright.evidence.force_estimators",
     "impacts": "-m skywright.evidence.impacts",
     "transport-laws": "-m skywright.evidence.transport_laws",

@@ -1,7 +1,7 @@
 """Write the tables that modules of skywright.evidence print: `python docs/generate_evidence.py`.
 
 They come from benchmarks/evidence, which `python benchmarks/print_evidence.py` wrote, and replace
-what is between the markers of the papers' pages.
+what is between the markers of the pages.
 """
 
 from __future__ import annotations
@@ -11,7 +11,10 @@ from pathlib import Path
 
 DOCS = Path(__file__).parent
 KEPT = DOCS.parent / "benchmarks" / "evidence"
-PAGES = ("papers/suarez-2020.md", "papers/caballero-2018.md")
+PAGES = (
+    "papers/suarez-2020.md", "papers/caballero-2018.md", "howto/identify.md",
+    "howto/estimator-and-link.md",
+)  # fmt: skip
 PLACE = re.compile(
     r"(<!-- evidence ([\w-]+): begin[^>]*-->\n\n).*?(\n\n<!-- evidence: end -->)", re.S
 )

@@ -6,6 +6,7 @@ errors to the stated deviations are judged over all flights of a kind.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 from skywright.analysis.locate import blind, fusion, reach
 from skywright.core.record import View
 from skywright.description.loader import load_description
+from skywright.evidence.stated_deviations import BEAR, HIDDEN, Silence
 from skywright.models.localisation.drift_filter import CAMERA, STATION, DriftModel
 from skywright.models.tracking_camera import CameraErrors
 from skywright.run.run import fly_and_evaluate
@@ -23,28 +25,15 @@ from skywright.vehicle.estimators.filter import LEAST_NOISE, Filter, fuse
 from skywright.vehicle.readings import MocapSample
 from skywright.vehicle.sensors.mocap import MotionCapture
 
-BEAR = ["mission.faults.localisation_stale.on=false", "mission.faults.localisation_lost.on=false",
-        "mission.timestep_ms=2"]  # fmt: skip
-STATION_SETS = [
-    "world.localisation=total-station",
-    "world.total_station.blocked_s=[[8,11],[14,17],[20,23],[26,30],[34,37]]",
-]  # fmt: skip
 
+class Watch(Silence):
+    """Compares what the filter states with its covariance."""
 
-class Silence:
-    """No motion capture for 1.5 s of every 5; keeps what the filter states and its covariance."""
-
-    def __init__(self, silent: bool) -> None:
-        self.silent, self.off = silent, 0.0
-
-    def on_plan(self, plan: Any, description: Any) -> None:
-        """Nothing to do."""
+    off = 0.0
 
     def on_tick(self, t: float, phase: str, vehicle: Any) -> None:
         """Silence the sensor; compare the stated deviations with the covariance brought to now."""
-        if self.silent:
-            quiet = t % 5.0 < 1.5 and phase not in ("start", "take_off", "land")
-            vehicle.assembly.get(MotionCapture.Me, "mocap")["dropout"] = 1.0 if quiet else 0.01
+        super().on_tick(t, phase, vehicle)
         flt = vehicle.read_memory("estimator")
         if t > 3.0 and round(50 * t) % 77 == 0:  # at any phase of the silence
             P = np.empty((15, 15))
@@ -52,15 +41,12 @@ class Silence:
             exact, told = np.sqrt(np.diag(P)[:3]), vehicle.read(EstimatorState)["p_std"]
             self.off = max(self.off, float(np.max(np.abs(told / exact - 1.0))))
 
-    def close(self) -> None:
-        """Nothing to do."""
 
-
-def fly(robot: str | None, sets: list[str], silent: bool, late: float) -> tuple[float, float]:
+def fly(robot: str | None, sets: Sequence[str], quiet: float, late: float) -> tuple[float, float]:
     """Return rms of error over stated deviation with a localisation and `late` (s) without it."""
     squares: dict[bool, list[float]] = {False: [], True: []}
     for seed in range(1, 4):
-        watch = Silence(silent)
+        watch = Watch(MotionCapture.Me, "mocap", quiet, 5.0)
         d = load_description("waypoints", robot, sets=sets, seed=seed)
         r = fly_and_evaluate(d, observers=[watch])
         assert r.outcome == "succeeded"
@@ -75,13 +61,13 @@ def fly(robot: str | None, sets: list[str], silent: bool, late: float) -> tuple[
 
 
 def test_with_a_station_that_is_hidden_now_and_then() -> None:
-    flight, outage = fly("f550-bridge", STATION_SETS, silent=False, late=0.6)
+    flight, outage = fly("f550-bridge", HIDDEN, quiet=0.0, late=0.6)
     assert 0.85 < flight < 1.15
     assert 0.75 < outage < 1.2
 
 
 def test_with_motion_capture_that_is_silent_now_and_then() -> None:
-    flight, outage = fly(None, BEAR, silent=True, late=0.25)
+    flight, outage = fly(None, BEAR, quiet=1.5, late=0.25)
     assert 0.85 < flight < 1.15
     assert 0.75 < outage < 1.2
 

@@ -152,13 +152,14 @@ def compute_whiteness(traces: list[Trace]) -> tuple[Array, Array]:
 def main(mission: str, seeds: int, sets: tuple[str, ...]) -> None:
     """Fly and print a table; the exit code is 1 if the whole state is not consistent."""
     traces = fly_traces(mission, sets, range(1, seeds + 1))
-    print(f"{mission}, {seeds} seeds, {min(len(t.t) for t in traces)} instants each")
-    print("part                 NEES/n   95 % of averages   instants inside")
+    print(f"{mission}, {seeds} seeds, {min(len(t.t) for t in traces)} instants each\n")
+    print("| part | NEES / n | 95 % bounds | instants inside |\n|---|---|---|---|")
     for name, part in PARTS.items():
         c = compute_consistency(traces, part)
-        print(f"{name:20s} {c.mean:6.3f}   {c.low:.3f} .. {c.high:.3f}    {c.inside:.3f}")
+        told = "whole state (15)" if name == "all" else name
+        print(f"| {told} | {c.mean:.3f} | {c.low:.3f} to {c.high:.3f} | {100 * c.inside:.0f} % |")
     variance, memory = compute_whiteness(traces)
-    print("innovations, variance   ", np.round(variance, 3))
+    print("\ninnovations, variance   ", np.round(variance, 3))
     print("innovations, correlation", np.round(memory, 3))
     c = compute_consistency(traces, PARTS["all"])
     sys.exit(not c.low < c.mean < c.high)

@@ -11,8 +11,8 @@ phi is the link's angle, forward positive; u the rotors' horizontal force after 
 lag (`attitude_lag`); F the drag. Its lever c about the joint is the only value fitted to the
 flight.
 
-The law is `vehicle/laws/cascade.py`: position and velocity loop, damping of the swing, the estimates of
-F (`wrench.bandwidth`) and of s (SWING_BANDWIDTH, twice), and the shift of the platform
+The law is `vehicle/laws/cascade.py`: position and velocity loop, damping of the swing, the
+estimates of F (`wrench.bandwidth`) and of s (SWING_BANDWIDTH, twice), and the shift of the platform
 (SHIFT_BANDWIDTH).
 """
 
