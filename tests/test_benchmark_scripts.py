@@ -26,7 +26,7 @@ def list_times() -> dict[Path, int]:
         ("fly_laws.py", ["scan", "--runs", "many"], "--runs: invalid int value: 'many'"),
         ("import_models.py", [], "the following arguments are required: folder"),
         ("import_models.py", ["nowhere"], "nowhere: has no file of MODELS; valid: a folder with"),
-        ("print_evidence.py", ["impact"], "impact: no such table; valid: force-estimators, "),
+        ("print_evidence.py", ["impact"], "impact: no such table; valid: consistency, "),
         ("campaign_scale.py", ["--runs", "1"], "--runs 1 --turns 3; valid: 2 runs or more"),
         ("campaign_scale.py", ["--out", "nowhere/x.json"], "the folder nowhere does not exist"),
     ],
