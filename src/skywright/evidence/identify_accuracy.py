@@ -3,7 +3,8 @@
 Flies `excitation` with the default deviations of the plant, identifies the robot with its true
 mass, and compares with the parameters of the simulated plant. Prints the first table of
 docs/howto/identify.md: the largest error and the largest half of the interval over the flights.
-With `--lags` it prints the second one: lags of the rotors from flights of other missions.
+With `--lags` it prints the second one: lags of the rotors from flights of other missions. A flight
+that turns too little is refused.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import skywright
 from skywright.analysis.identify.identify import Identification, identify
 from skywright.analysis.identify.truth import compute_truth
 from skywright.description.loader import Description
-from skywright.errors import SimulationError
+from skywright.errors import InputError, SimulationError
 from skywright.evidence.command import Command
 from skywright.models.rigid_body import posture
 
@@ -126,8 +127,13 @@ def print_lags() -> None:
         told, true = [], math.nan
         for seed in seeds:
             sets = [] if given is None else [f"robot.rotors.time_constant_s={given}"]
-            d, found = fly(mission, robot, sets, seed)
-            lag, true = found.rotor_lag, 1e3 * d.robot.rotors.time_constant_s
+            true = 1e3 * skywright.load_robot(robot).rotors.time_constant_s
+            true = true if given is None else 1e3 * given
+            try:
+                lag = fly(mission, robot, sets, seed)[1].rotor_lag
+            except InputError:  # it turns too little
+                told.append("refused")
+                continue
             if lag is not None and lag.identified:
                 told.append(f"{1e3 * lag.lag:.1f} ± {1e3 * lag.half_lag:.1f} ms")
             else:
