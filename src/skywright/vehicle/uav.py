@@ -169,7 +169,13 @@ class Uav(Commanded):
 
     def lift_off(self) -> Handle:
         """Let streams of references lift the robot off the ground while its motors turn."""
-        return self._do(Command.LIFT_OFF, lambda: self._enter(State.FLYING_AUTO))
+        return self._do(Command.LIFT_OFF, lambda: self._leave_ground(State.FLYING_AUTO))
+
+    def _leave_ground(self, state: State) -> None:
+        """Enter a state in the air; the first place that is left becomes the home position."""
+        if self._state == State.LANDED_ARMED and self._fly.home is None:
+            self._fly.home = np.array(self.backend.estimate["p_WB"])
+        self._enter(state)
 
     def set_attitude(self, R_WB: ArrayLike, f_B: ArrayLike) -> Handle:
         """Hold the attitude R_WB (3, 3) and push with the force f_B (3,) N; a stream.
@@ -257,7 +263,7 @@ class Uav(Commanded):
                 row["v_WB"][2] = min(max(row["v_WB"][2], -1.0), 1.0)
             self.backend.track(row[None])
             self._take(StickDrive, ControlMode.ATTITUDE)
-            self._enter(State.FLYING_MANUAL)
+            self._leave_ground(State.FLYING_MANUAL)
 
         return self._do(Command.TAKE_OVER, give)
 

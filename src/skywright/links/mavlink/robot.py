@@ -21,7 +21,8 @@ from skywright.links.mavlink.modes import Mode
 from skywright.links.mavlink.parameters import Parameters
 from skywright.links.mavlink.setpoints import SetPoint, follow
 from skywright.run.session import Vehicle
-from skywright.vehicle.commands import State
+from skywright.vehicle.commands import NEEDS, Need, State
+from skywright.vehicle.conditions import find_lack
 from skywright.vehicle.drives import TURN_MAX
 from skywright.vehicle.results import Handle
 
@@ -66,6 +67,7 @@ class Robot:
         self._armed_at: float | None = None
         self._state = vehicle.state
         self._acted = 0
+        self.terminated = False  # whether a flight termination interrupts a rule's response
         self._ground = np.array(vehicle.backend.estimate["p_WB"])
         """(3,) m in W, last position with the motors off."""
 
@@ -112,6 +114,9 @@ class Robot:
         """Stop the motors, in the air only with `force`."""
         if not self.armed:
             return Reply(ACCEPTED)
+        if force and self.flies_itself:  # its response would start the motors again
+            self.terminated = True
+            return Reply(ACCEPTED)
         if force:
             return self._answer(self.vehicle.stop_motors(confirm=True))
         return self._answer(self.vehicle.disarm())
@@ -119,6 +124,8 @@ class Robot:
     def take_off(self, height: float | None) -> Reply:
         """Rise to `height` (m in W), or by MIS_TAKEOFF_ALT; the motors must turn."""
         v = self.vehicle
+        if self.flies_itself:
+            return Reply(BUSY, f"take_off refused: a rule flies: {self._list_acted()}")
         if not self.armed:
             return Reply(BUSY, "take_off refused: the motors are off, arm first")
         z = height
@@ -134,9 +141,15 @@ class Robot:
 
     def reposition(self, p: Array, yaw: float | None) -> Reply:
         """Fly to p (3,) m in W and hold there."""
+        if self.flies_itself:
+            return Reply(BUSY, f"go_to refused: a rule flies: {self._list_acted()}")
         far = self._find_far("go_to", p)
         if far:
             return Reply(DENIED, far)
+        v = self.vehicle
+        outside = find_lack(Need.FENCE, v.backend, v.fence, p)
+        if outside:  # before the pilot loses control
+            return Reply(BUSY, f"go_to refused: {outside}")
         reply = self._leave_stick() or self._try(lambda: self.vehicle.go_to(p, yaw, wait=False))
         if reply.result == ACCEPTED:
             self._enter(modes.HOLD)
@@ -152,7 +165,7 @@ class Robot:
 
     def choose(self, mode: Mode) -> Reply:
         """Change the mode."""
-        if self.flies_itself and mode not in modes.BY_STICK:
+        if self.flies_itself:
             return Reply(BUSY, f"{mode} refused: a rule flies: {self._list_acted()}")
         if mode in (modes.MISSION, modes.ACRO) or mode not in modes.NAMES or mode == modes.READY:
             why = "missions are flown by `skywright run`" if mode == modes.MISSION else "unknown"
@@ -178,20 +191,23 @@ class Robot:
             return self.take_off(None) if mode == modes.TAKEOFF else Reply(ACCEPTED)
         if mode == modes.TAKEOFF:
             return Reply(BUSY, f"Takeoff refused: the state is {state}")
+        if mode == modes.RETURN:  # what refuses it, before the pilot loses control
+            if v.home is None:
+                return Reply(BUSY, f"go_home refused: it requires that {NEEDS[Need.HOME]}")
+            far = self._find_far("go_home", v.home)
+            if far:
+                return Reply(BUSY, far)
         reply = self._leave_stick()
         if reply is not None and reply.result != ACCEPTED:
             return reply
         if mode == modes.LAND:
             return self._try(lambda: v.land(wait=False))
         if mode == modes.RETURN:
-            far = "" if v.home is None else self._find_far("go_home", v.home)
-            if far:
-                return Reply(BUSY, far)
             handle = v.go_home(wait=False)
             self._return = handle if handle else None
             return self._answer(handle)
-        if state == State.FLYING_MANUAL or mode == self.mode:
-            return Reply(ACCEPTED)  # it brakes or holds
+        if state == State.FLYING_MANUAL or (mode == self.mode and mode != modes.HOLD):
+            return Reply(ACCEPTED)  # it brakes, or the mode goes on
         return self._answer(v.hold(wait=False))
 
     def _leave_stick(self) -> Reply | None:
@@ -318,8 +334,11 @@ class Robot:
             level = LEVEL * np.array([stick.ahead, -stick.right, 0.0])
             turned = rot_z(math.atan2(R[1, 0], R[0, 0])) @ level
             v.set_velocity(turned + [0.0, 0.0, CLIMB * stick.up], -TURN_MAX * stick.turn)
-        elif state == State.LANDED_ARMED and self.mode == modes.POSITION and stick.up > 0.3:
-            v.lift_off()
+        elif state == State.LANDED_ARMED and self.mode == modes.POSITION:
+            if stick.up > 0.3:
+                v.lift_off()
+        elif state == State.LANDED_ARMED:  # a mode that was chosen before arming
+            v.take_over()
 
     def _list_acted(self) -> str:
         return "; ".join(self.vehicle.acted) or "its response is flown"

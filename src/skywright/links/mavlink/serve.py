@@ -104,6 +104,9 @@ class Service:
         check_interrupt()
         if self.robot.flies_itself:
             self.server.poll()
+            if self.robot.terminated:
+                self.robot.terminated = False
+                self.supervisor.faults.let_go("flight termination was commanded")
         self.server.report()
         crumbs = self.supervisor.trail.crumbs
         if len(crumbs) > CRUMBS:

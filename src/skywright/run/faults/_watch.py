@@ -120,6 +120,15 @@ class Watch:
             if self._on_acted is not None:
                 self._on_acted(acted.acted._replace(response="told"))
 
+    def let_go(self, says: str) -> None:
+        """Replace the response that is flown by the fall of a robot without motors.
+
+        Raises RuleActed, for the code that flies the response.
+        """
+        rule = Rule("flight_termination", Rule.Table(response="let_go"))
+        rule.value, rule.failure = 1.0, says
+        self._act(rule, "")
+
     def rise(self, response: Response, flown: Response | None) -> Response:
         """Return the stronger of two responses and make it the active one."""
         if flown is not None and RANK[flown] > RANK[response]:
