@@ -163,6 +163,23 @@ def test_one_controls_others_watch_and_a_lease_ends(
     assert other.ask("rest") == "accepted" and sender.ask("rest") == "not in control"
 
 
+def test_a_session_that_watches_does_not_lead(wire: Wire, server: Server, sender: Sender) -> None:
+    """The one in control falls silent while another still sends `alive`."""
+    monitor = Sender(wire, server, OTHER)
+    assert monitor.ask("connect") == "accepted" and monitor.ask("alive") == "accepted"
+    assert server.watched and not server.led
+    assert sender.ask("hold") == "accepted"
+    for _ in range(6):
+        assert server.led
+        wire.now += 0.4 * SILENT_S
+        assert monitor.ask("alive") == "accepted"
+        if wire.now < 50.0 + 2.0 * SILENT_S:
+            sender.ask("alive")
+    wire.now += 0.7 * SILENT_S
+    monitor.ask("alive")
+    assert server.watched and not server.led
+
+
 def test_silence_ends_the_stream_of_states(wire: Wire, server: Server, sender: Sender) -> None:
     sender.send("stick", axes=[0.0])
     wire.now += SILENT_S + 0.1

@@ -16,7 +16,7 @@ from skywright.links.mavlink.frames import to_ned_quaternion
 from skywright.links.sitl.earth import HOME
 from skywright.vehicle.commands import State
 
-ACCEPTED, UNSUPPORTED = 0, 3
+ACCEPTED, DENIED, UNSUPPORTED = 0, 2, 3
 TAKE_OFF, REPOSITION, SET_HOME, REQUEST, TERMINATE, ARM = 22, 192, 179, 512, 185, 400
 RELATIVE, UNKNOWN, NAN = 6, 2**31 - 1, math.nan
 AMSL = 0
@@ -44,7 +44,7 @@ def talk(built: Any) -> Talk:
     return talk
 
 
-def order(talk: Talk, number: int, frame: int, altitude: float) -> None:
+def order(talk: Talk, number: int, frame: int, altitude: float, result: int = ACCEPTED) -> None:
     """Send a COMMAND_INT with an altitude, without a place."""
     talk.messages = []
     talk.send(
@@ -53,7 +53,7 @@ def order(talk: Talk, number: int, frame: int, altitude: float) -> None:
         )
     )
     talk.tick()
-    assert talk.last("COMMAND_ACK").result == ACCEPTED
+    assert talk.last("COMMAND_ACK").result == result
 
 
 def rise(talk: Talk, frame: int = RELATIVE, altitude: float = 1.5) -> None:
@@ -70,6 +70,15 @@ def above_home(talk: Talk) -> float:
 
 
 # --- altitudes ---------------------------------------------------------------------------------
+
+
+def test_altitudes_above_the_terrain_are_refused(talk: Talk) -> None:
+    rise(talk)
+    for frame in (10, 11, 1):  # above the terrain, and local
+        order(talk, REPOSITION, frame, 10.0, DENIED)
+        order(talk, TAKE_OFF, frame, 10.0, DENIED)
+    talk.tick(1.0)
+    assert above_home(talk) == pytest.approx(1.5, abs=0.1)
 
 
 def test_home_is_the_place_on_the_ground(talk: Talk) -> None:

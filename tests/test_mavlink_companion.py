@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,10 +22,11 @@ from skywright.errors import InputError
 from skywright.links.mavlink import modes
 from skywright.links.mavlink.body_force import compute_most
 from skywright.links.mavlink.check import find_refusal
-from skywright.links.mavlink.companion import open_backend
+from skywright.links.mavlink.companion import MavlinkVehicle, open_backend
 from skywright.links.mavlink.endpoint import Endpoint, parse_url
 from skywright.links.mavlink.heard import Heard
 from skywright.links.mavlink.link import RENEWED_S, Target, VehicleLink, WallClock
+from skywright.links.mavlink.offboard import SILENT_S
 from skywright.links.mavlink.robot import Stick
 from skywright.run.result import RunResult
 from skywright.run.run import run_mission
@@ -386,3 +388,20 @@ def test_without_its_library_a_back_end_is_refused_at_once(monkeypatch: pytest.M
     monkeypatch.setitem(sys.modules, "pymavlink.dialects.v20", None)
     with pytest.raises(InputError, match="pip install"):
         open_backend("udpin:14550")
+
+
+def test_a_companion_does_not_sleep_for_the_uptime_of_an_autopilot_that_restarted() -> None:
+    slept: list[float] = []
+    now = [0.0]
+
+    def sleep(seconds: float) -> None:
+        slept.append(seconds)
+        now[0] += seconds
+
+    clock = SimpleNamespace(now=lambda: now[0], sleep=sleep)
+    vehicle: Any = SimpleNamespace(
+        _due=600.0, _now=lambda: 8.0 + now[0], clock=clock, late_s=0.0,
+        link=SimpleNamespace(heard=SimpleNamespace(pace=1.0)),
+    )  # fmt: skip
+    MavlinkVehicle._pace(vehicle)
+    assert max(slept) < 0.03 and sum(slept) <= SILENT_S + 0.03

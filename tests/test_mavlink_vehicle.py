@@ -11,20 +11,21 @@ from click.testing import CliRunner
 from pymavlink.dialects.v20 import common
 
 import skywright
-from mavlink_talk import Talk, local
+from mavlink_talk import MemoryWire, Talk, local
 from skywright.cli import main
 from skywright.core.rotations import rot_z
 from skywright.description.mission.safety import Fence
 from skywright.errors import InputError
 from skywright.links.mavlink import modes
 from skywright.links.mavlink.attitude_target import AttitudeTarget
-from skywright.links.mavlink.endpoint import Endpoint, parse_url
+from skywright.links.mavlink.endpoint import Endpoint, Url, parse_url
 from skywright.links.mavlink.frames import (
     from_ned_quaternion,
     swap_heading,
     to_ned_quaternion,
 )
 from skywright.links.mavlink.parameters import INT32
+from skywright.links.mavlink.stream import MavlinkStream
 from skywright.vehicle.commands import State
 from skywright.vehicle.drives import tilt_heading
 
@@ -521,3 +522,25 @@ def test_a_host_without_an_address_is_told_as_such(kind: str, host: str) -> None
 def test_a_robot_without_mavlink_is_told_what_to_add() -> None:
     done = CliRunner().invoke(main, ["serve", "hexarotor"])
     assert done.exit_code == 2 and "serve hexarotor --mavlink URL" in done.output
+
+
+def test_junk_neither_becomes_a_peer_nor_moves_one() -> None:
+    """Datagrams without a message: eight senders fill no place, and none redirects the stream."""
+    wire = MemoryWire()
+    listening = Endpoint(Url("udpin", "127.0.0.1", 14550), 1, 1, wire)
+    for port in range(20):
+        wire.inbox.append((b"junk", ("127.0.0.1", port)))
+    assert list(listening.poll()) == [] and not listening.peers
+    heartbeat = common.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+    packed, me = MavlinkStream(255, 190).pack(heartbeat), ("127.0.0.1", 99)
+    wire.inbox.append((packed, me))
+    assert len(list(listening.poll())) == 1 and list(listening.peers) == [me]
+    calling = Endpoint(Url("udpout", "127.0.0.1", 14550), 1, 1, wire)
+    wire.inbox.append((b"junk", ("127.0.0.1", 7)))
+    assert list(calling.poll()) == []
+    calling.send(heartbeat)
+    assert wire.sent.pop()[1] == ("127.0.0.1", 14550)
+    wire.inbox.append((packed, me))  # its answer comes from another port
+    assert len(list(calling.poll())) == 1
+    calling.send(heartbeat)
+    assert wire.sent.pop()[1] == me

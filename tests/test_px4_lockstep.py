@@ -349,6 +349,12 @@ def test_the_rules_of_lockstep() -> None:
     rules.send(0.012)
     rules.take(answer(compute_time_us(0.012), [0.5] * 4, mode=1))
     assert not rules.armed and np.all(rules.command == 0.0)
+    rules.send(0.016)
+    rules.take(answer(compute_time_us(0.016), [0.5] * 4))
+    rules.send(0.020)
+    rules.take(answer(compute_time_us(0.020), [math.nan] * 4, mode=1))  # disarmed: no numbers
+    assert not rules.armed and np.all(rules.command == 0.0)
+    rules.counts["duplicate"] += 1000  # others were refused before, not in a row
     for _ in range(REFUSALS_MAX):
         rules.take(answer(10**9))
     assert "time is not that of the samples" in rules.trouble

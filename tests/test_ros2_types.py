@@ -153,6 +153,10 @@ def test_yaw_of_an_orientation() -> None:
     q = {"w": np.cos(0.3), "x": 0.0, "y": 0.0, "z": np.sin(0.3)}
     assert read_yaw(q) == pytest.approx(0.6)
     assert read_yaw(dict.fromkeys("wxyz", 0.0)) is None
+    longer = {axis: 1.05 * value for axis, value in q.items()}
+    assert read_yaw(longer) == pytest.approx(0.6)
+    with pytest.raises(InputError, match=r"orientation of length 1\.41; valid: a unit quaternion"):
+        read_yaw({"w": 1.0, "x": 0.0, "y": 0.0, "z": 1.0})
 
 
 def test_options_are_checked(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -44,10 +44,17 @@ def read_vector(v: Any) -> list[float]:
 
 
 def read_yaw(q: Any) -> float | None:
-    """Return the heading (rad) of an orientation; None if all its numbers are 0."""
+    """Return the heading (rad) of an orientation; None if all its numbers are 0.
+
+    Raises InputError for a quaternion whose length is not about 1.
+    """
     w, x, y, z = (float(q[axis]) for axis in "wxyz")
     if w == x == y == z == 0.0:
         return None
+    size = math.sqrt(w * w + x * x + y * y + z * z)
+    if not 0.9 < size < 1.1:
+        raise InputError(f"orientation of length {size:.3g}; valid: a unit quaternion, or zeros")
+    w, x, y, z = w / size, x / size, y / size, z / size
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
@@ -152,6 +159,7 @@ class MissionCommands:
             self._ours |= result.ok
         elif name == "/ual/recover_from_manual":
             result = s.give_back()
+            self._ours &= not result.ok
         elif name in ("/ual/land", "/mission/abort"):
             result = self._end(last)
         elif name in ("/mission/next", "/mission/retry", "/mission/retract"):
@@ -182,6 +190,7 @@ class MissionCommands:
         v, turn = np.array(read_vector(a["twist"]["linear"])), float(a["twist"]["angular"]["z"])
         if not (np.isfinite(v).all() and math.isfinite(turn)):
             raise InputError("set_velocity: every number must be finite")
+        self._ours &= s.pilot.switch or s.pilot.flies  # the stick may be another pilot's later
         if not (self._ours and s.pilot.flies):
             says = "set_velocity refused: call /ual/take_over first"
             return Result(False, says, s.vehicle.t)

@@ -83,7 +83,8 @@ class LiveRecorder:
             file.write(",".join([*cells, str(sample.clock), f"{arrived.arrival:.6f}"]) + "\n")
         except OSError as error:
             raise InputError(f"{self.folder}: {error.strerror or error}") from None
-        self._rows[key].append((sample.t, float(sample.clock), *sample.values))
+        if key[0] == "SKYEC" or (key[1] == "tip" and key[0] not in LINES):  # `_merge` reads these
+            self._rows[key].append((sample.t, float(sample.clock), *sample.values))
 
     def finish(self) -> list[Path]:
         """Close the files, and write scan.csv if possible; return all files."""

@@ -11,7 +11,12 @@ import numpy as np
 from skywright.description.world.origin import Origin
 from skywright.errors import InputError
 from skywright.links.mavlink import modes
-from skywright.links.mavlink.frames import find_height, swap_heading
+from skywright.links.mavlink.frames import (
+    GLOBAL_FRAMES,
+    RELATIVE_FRAMES,
+    find_height,
+    swap_heading,
+)
 from skywright.links.mavlink.modes import Mode
 from skywright.links.mavlink.robot import ACCEPTED, BUSY, DENIED, UNSUPPORTED, Reply, Robot
 from skywright.vehicle.geodesy import Geodetic, to_local
@@ -75,7 +80,17 @@ class Commands:
     def _take_off(self, a: Asked) -> Reply:
         if not math.isfinite(a.p[6]):
             return self.robot.take_off(None)
+        if says := self._find_foreign(a):
+            return Reply(DENIED, says)
         return self.robot.take_off(self._find_height(a))
+
+    @staticmethod
+    def _find_foreign(a: Asked) -> str:
+        """Return why the frame of a COMMAND_INT is refused, or ""."""
+        if a.frame is None or a.frame in (*GLOBAL_FRAMES, *RELATIVE_FRAMES):
+            return ""
+        valid = ", ".join(map(str, (*GLOBAL_FRAMES, *RELATIVE_FRAMES)))
+        return f"frame {a.frame} is refused; valid: {valid}"
 
     def _find_height(self, a: Asked) -> float:
         """Return the height z (m) in W of a command's altitude."""
@@ -113,6 +128,8 @@ class Commands:
     def _reposition(self, a: Asked) -> Reply:
         b = self.robot.vehicle.backend
         lat, lon, yaw = a.p[4], a.p[5], a.p[3]
+        if says := self._find_foreign(a):
+            return Reply(DENIED, says)
         p = np.array(b.reference_now["p_WB"])
         z = self._find_height(a) if math.isfinite(a.p[6]) else float(p[2])
         if math.isfinite(lat) and math.isfinite(lon):

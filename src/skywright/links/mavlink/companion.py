@@ -73,10 +73,10 @@ class MavlinkVehicle(Offboard, KinematicVehicle):
 
     def _pace(self) -> None:
         """Wait until the tick is over by the vehicle's clock; `_wait_for_link` handles silence."""
-        self._due += MISSION_TICK
+        self._due = min(self._due + MISSION_TICK, self._now() + SILENT_S)  # it may have restarted
         end = self.clock.now() + SILENT_S
         while (left := self._due - self._now()) > EARLY_S and self.clock.now() < end:
-            self.clock.sleep(left / self.link.heard.pace)
+            self.clock.sleep(min(left / self.link.heard.pace, MISSION_TICK))
         self.late_s = max(self.late_s, -left)
         if -left > 0.5:  # larger delays are not made up
             self._due += -left

@@ -114,28 +114,31 @@ class Endpoint:
             if found is None:
                 return
             data, address = found
-            peer = self._find_peer(address, now)
-            if peer is None:
+            fixed = self._fixed is not None
+            peer = self.peers.get(self._fixed if fixed else address)
+            peer = peer or Peer(address, *self.ids, now, self.counts)
+            messages = list(peer.stream.feed(data))
+            if not messages:  # a sender of anything else neither moves nor becomes a peer
+                continue
+            if self.url.kind == "udpout":
+                peer.address = address  # the answer may come from another port
+            elif not fixed and not self._keep(address, peer, now):
                 self.counts["peers"] += 1
                 continue
-            for message in peer.stream.feed(data):
-                peer.heard = now
+            peer.heard = now
+            for message in messages:
                 yield message, peer
 
-    def _find_peer(self, address: Any, now: float) -> Peer | None:
-        if self._fixed is not None:
-            only = self.peers[self._fixed]
-            if self.url.kind == "udpout":
-                only.address = address  # the answer may come from another port
-            return only
-        peer = self.peers.get(address)
-        if peer is None:
-            for other in [a for a, p in self.peers.items() if now - p.heard > SILENT_S]:
-                del self.peers[other]
-            if len(self.peers) >= PEERS:
-                return None
-            peer = self.peers[address] = Peer(address, *self.ids, now, self.counts)
-        return peer
+    def _keep(self, address: Any, peer: Peer, now: float) -> bool:
+        """Store a new peer in place of silent ones; return False if there are too many."""
+        if address in self.peers:
+            return True
+        for other in [a for a, p in self.peers.items() if now - p.heard > SILENT_S]:
+            del self.peers[other]
+        if len(self.peers) >= PEERS:
+            return False
+        self.peers[address] = peer
+        return True
 
     def send(self, message: Any, peer: Peer | None = None) -> None:
         """Send a message to a peer, or to all peers."""
@@ -230,15 +233,16 @@ class TcpWire:
         self._url, self._next = url, 0.0
         self._socket: socket.socket | None = None
         self._rest = b""  # of a packet that was sent in part
-        if self._connect() is None:
+        if self._connect(0.5) is None:
             raise InputError(f"{url}: nothing listens there")
 
-    def _connect(self) -> socket.socket | None:
+    def _connect(self, longest: float = 0.05) -> socket.socket | None:
+        """Connect if a retry is due; blocks for `longest` (s) if the host does not answer."""
         now = time.monotonic()
         if self._socket is None and now >= self._next:
             self._next = now + RETRY_S
             try:
-                made = socket.create_connection((self._url.host, self._url.port), 0.5)
+                made = socket.create_connection((self._url.host, self._url.port), longest)
             except OSError:
                 return None
             made.setblocking(False)

@@ -19,8 +19,9 @@ NED_FROM_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 """Its own inverse."""
 FRD_FROM_FLU = np.diag([1.0, -1.0, -1.0])
 """Its own inverse."""
-RELATIVE_FRAMES = (3, 6)
-"""MAV_FRAME with altitudes above home; those of other global frames are above sea level."""
+GLOBAL_FRAMES, RELATIVE_FRAMES = (0, 5), (3, 6)
+"""MAV_FRAME with altitudes above sea level, and above home. Others, such as above the terrain, are
+refused."""
 
 
 def swap_world(v: Array) -> Array:

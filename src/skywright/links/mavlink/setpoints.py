@@ -18,6 +18,7 @@ from skywright.links.mavlink.attitude_target import (
     AttitudeTarget,
 )
 from skywright.links.mavlink.frames import (
+    GLOBAL_FRAMES,
     RELATIVE_FRAMES,
     find_heading,
     find_height,
@@ -33,7 +34,6 @@ from skywright.vehicle.uav import Uav
 Array = NDArray[np.float64]
 
 LOCAL, OFFSET, BODY, BODY_OFFSET = 1, 7, 8, 9  # MAV_FRAME
-GLOBAL_FRAMES = (0, 5)
 ACCELERATION, FORCE = 0x1C0, 0x200  # bits of type_mask
 YAW, YAW_RATE = 0x400, 0x800
 FAR = 1e4

@@ -72,7 +72,7 @@ class Lockstep:
         self.state, self.armed = state, False
         self.command[:] = 0.0
         self._answered_us = self._last_us = -1
-        self._refused = 0
+        self._refused, self._cause = 0, ""
 
     def send(self, t: float) -> None:
         """Record that the sample of the plant's time `t` (s) has been sent."""
@@ -88,8 +88,7 @@ class Lockstep:
         """Return why the connection must end, or ""."""
         if self._refused < REFUSALS_MAX:
             return ""
-        cause = max(CAUSES, key=lambda c: self.counts[c])
-        return f"{self._refused} packets in a row were refused: {CAUSES[cause]}"
+        return f"{self._refused} packets in a row were refused: {CAUSES[self._cause]}"
 
     def take(self, message: Any) -> None:
         """Process a message of the autopilot."""
@@ -104,7 +103,7 @@ class Lockstep:
         cause = self._find_cause(message)
         if cause is not None:
             self.counts[cause] += 1
-            self._refused += 1
+            self._refused, self._cause = self._refused + 1, cause
             if cause == "numbers":  # it is an answer; the last command is held
                 self._answered_us = self._sent_us
             return
@@ -123,6 +122,8 @@ class Lockstep:
             return "clock"
         if self._answered_us >= 0 and int(message.time_usec) <= self._last_us:
             return "duplicate"
+        if not message.mode & ARMED:  # the motors stop, whatever the numbers
+            return None
         return None if np.all(np.isfinite(message.controls[: self.n])) else "numbers"
 
 

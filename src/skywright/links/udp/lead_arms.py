@@ -119,14 +119,18 @@ class Lead:
             check_interrupt()
             self.gateway.poll()
             time.sleep(0.01)
+        led = False  # a session that only watches does not lead
         for _ in range(round(longest_s / MISSION_TICK)):
             self.gateway.poll()
+            led = led or self.gateway.server.led
+            if not led and time.monotonic() > ends:
+                return f"nobody took control within {PATIENCE_S:g} s"
             while self.gateway.operations:
                 task = NAMES[self.gateway.operations.popleft().code]
                 if task == "land":
                     return ""
                 self._set_task(task)
-            if not self.gateway.server.watched:
+            if led and not self.gateway.server.led:
                 return "the operator is gone"
             self._step()
             self.s.tick()

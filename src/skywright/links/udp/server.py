@@ -8,6 +8,7 @@ silent for two seconds; other sessions receive the state only.
 
 from __future__ import annotations
 
+import math
 import secrets
 import socket
 import time
@@ -83,6 +84,7 @@ class Server:
         self._pending: dict[Address, Peer] = {}
         self._controller: Address | None = None
         self._lease = 0.0
+        self._led = -math.inf  # s, newest packet of the session in control
         self.port = int(opened.getsockname()[1])
 
     def poll(self) -> list[Arrived | Operation]:
@@ -124,6 +126,11 @@ class Server:
         now = self._clock()
         return any(now - peer.heard < SILENT_S for peer in self.peers.values())
 
+    @property
+    def led(self) -> bool:
+        """Whether a session has taken control and is not silent."""
+        return self._clock() - self._led < SILENT_S
+
     def close(self) -> None:
         """Stop listening."""
         self._socket.close()
@@ -145,6 +152,8 @@ class Server:
         if arrived is None:
             return None
         peer.heard = now
+        if self._controller == address:
+            self._led = now
         if self.peers.get(address) is not peer and not self._establish(peer, now):
             return None
         if packet.kind.name == "operation":
@@ -196,7 +205,7 @@ class Server:
         """Whether a sender is in control; takes control if it is free."""
         if self._controller not in (None, address) and now < self._lease:
             return False
-        self._controller, self._lease = address, now + LEASE_S
+        self._controller, self._lease, self._led = address, now + LEASE_S, now
         return True
 
     def _operate(self, peer: Peer, packet: Packet, now: float) -> Operation | None:
@@ -215,7 +224,7 @@ class Server:
             says = "accepted"
             self.peers.pop(peer.address, None)
             if self._controller == peer.address:
-                self._controller = None
+                self._controller, self._led = None, -math.inf
         elif code not in self.offered:
             says = "unavailable"
         elif not self._controls(peer.address, now):
