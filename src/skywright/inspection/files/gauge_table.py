@@ -21,6 +21,7 @@ from skywright.inspection.history.database import parse_stamp
 from skywright.inspection.history.entries import Reading
 from skywright.recordings.text_table import (
     Cells,
+    check_repeated,
     check_widths,
     convert_commas,
     find_columns,
@@ -125,11 +126,12 @@ def load_readings(
     are interpolated over time. A thickness that is not above 0 and at most LARGEST_MM is a refused
     reading with that reason. Raises InputError in one line, with the row, if the table has no
     values, no units or no places (or spots), if two columns give the same quantity, if a cell is
-    not valid, if the rows have several assets or components, or if the lag exceeds the time span
-    of the file.
+    not valid, if two rows are equal in every column, if the rows have several assets or components,
+    or if the lag exceeds the time span of the file.
     """
     given = parse_columns(columns, COLUMNS) if columns else {}
     header, rows, delimiter = _load_cells(path)
+    check_repeated(path, rows)
     places = _find_columns(path, header, given)
     numeric = [places[what][0] for what in NUMBERS if what in places]
     notes = []
