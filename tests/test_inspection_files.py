@@ -112,6 +112,24 @@ def test_a_gauge_s_own_names_units_and_lag(tmp_path: Path) -> None:
     assert (now[-1].time - START).total_seconds() == pytest.approx(4.75)
 
 
+@pytest.mark.parametrize(("lag", "x"), [(5.0, [0.0, 0.5, 1.5]), (-5.0, [0.5, 1.5, 2.0])])
+def test_a_row_before_the_first_position_is_refused(
+    tmp_path: Path, lag: float, x: list[float]
+) -> None:
+    """A probe that moves 0.1 m/s: at -5 and 25 s its position is unknown."""
+    path = tmp_path / "g.csv"
+    path.write_text(HEAD + "0,0,0,0,9,0.1\n10,1,0,0,8,0.1\n20,2,0,0,7,0.1\n")
+    found = [row.reading for row in load_readings(path, START, lag_s=lag).rows]
+    assert [r.x_m for r in found] == pytest.approx(x)
+    lost = 0 if lag > 0 else 2
+    assert [k for k, r in enumerate(found) if not r.accepted] == [lost]
+    assert f"no position at the time of this value minus --lag {lag:g}" in found[lost].reason
+    # a position at a time of the table is known in spite of rounding: 0.3 s - 0.1 s < 0.2 s
+    path.write_text(HEAD + "0.2,0,0,0,9,0.1\n0.3,1,0,0,8,0.1\n0.4,2,0,0,7,0.1\n")
+    late = [row.reading for row in load_readings(path, START, lag_s=0.1).rows]
+    assert [r.accepted for r in late] == [False, True, True]
+
+
 @given(
     mm=st.floats(0.5, 100.0), unit=st.sampled_from(["m", "mm", "um", "in"]),
 )  # fmt: skip
@@ -139,6 +157,8 @@ def test_units_are_read(tmp_path_factory: pytest.TempPathFactory, mm: float, uni
         (HEAD + "0,0,0,0,9,0.1\n", ("--columns", "value=X"), "no column 'x'"),
         (HEAD + "0,0,0,0,9,0.1\n", ("--columns", "value=X[kg]"), "valid units: m, mm"),
         (HEAD + "0,0,0,0,9,0.1\n", ("--lag", "5"), "--lag 5: the times"),
+        (HEAD + "0,0,0,0,9,0.1\n5,1,0,0,9,0.1\n", ("--lag", "5"), "span 5 s; valid: less"),
+        ("t_s,spot,thickness_mm\n0,A,9\n9,B,9\n", ("--lag", "5"), "has no x, y or z"),
         (HEAD + "0,0,0,0,9,0.1\n1,0,0,0,9,0.1\n0.5,0,0,0,9,0.1\n", ("--lag", "0.1"), "increasing"),
         ("spot,thickness_mm,accepted\nA,9,perhaps\n", (), "accepted is 'perhaps'"),
         ("spot,thickness_mm,accepted\nA,,1\n", (), "accepted without a value"),
