@@ -97,6 +97,30 @@ def test_a_diconde_style_result_holds_the_tags(tmp_path: Path, simulated: bool) 
     assert d.DeviceSerialNumber == "42"
 
 
+def test_a_diconde_style_result_keeps_the_letters_of_every_name(tmp_path: Path) -> None:
+    """Also outside Latin-1; a backslash would divide a value into two, a ^ or = a name."""
+    path, file = tmp_path / "r.db", tmp_path / "r.dcm"
+    store = InspectionStore(path, create=True)
+    part = store.add_component("Behälter\\2", "Rohr Ωx^=", material="Stahl №5")
+    flight, _ = store.add_flight(
+        structure="Behälter\\2", mission="m", robot="r", seed=1, run="", started=START
+    )
+    gauge = Calibrated("UT", "Prüfer\\A", "№\\7", "before", "Keil", {}, True)
+    store.add_calibration(flight, START, gauge)
+    reading = Reading("thickness", 9.0, "mm", 0.1, 0, 0, 0, spot="Ω\\1")
+    store.add_reading(flight, START, reading, component=part)
+    store.close()
+    code, out = call(path, "--dicom", file, "--flight", flight, "--component", "Rohr Ωx^=")
+    assert code == 0, out
+    d = pydicom.dcmread(file)
+    assert str(d.PatientName) == "Rohr Ωx//^Behälter/2" and d.PatientName.given_name == "Behälter/2"
+    assert d.PatientID == "Behälter/2/Rohr Ωx^=" and d.MaterialNotes == "Stahl №5"
+    assert (d.ManufacturerModelName, d.DeviceSerialNumber) == ("Prüfer/A", "№/7")
+    (item,) = d.EvaluatorSequence[0].IndicationSequence
+    assert item.IndicationLabel == "Ω/1"
+    assert "Keil" in d.CalibrationSettingsSequence[0].CalibrationProcedure
+
+
 def test_a_gauge_s_own_names_units_and_lag(tmp_path: Path) -> None:
     """A probe that moves 10 mm/s; its gauge answers 0.5 s late: places lie 5 mm back."""
     path = tmp_path / "g.csv"
