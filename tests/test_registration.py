@@ -208,6 +208,24 @@ def test_a_refused_table_leaves_the_database_as_it_was(tmp_path: Path) -> None:
     assert done.exit_code == 2 and "export in a second command" in done.output
 
 
+def test_marks_of_a_flight_belong_to_the_asset_of_the_flight(tmp_path: Path) -> None:
+    """Under another asset they would never be used."""
+    store = InspectionStore(tmp_path / "r.db", create=True)
+    flight, _ = store.add_flight(structure="tank", mission="m", robot="r", seed=1, run="")
+    store.add_asset("bridge")
+    marks = list(name(MARKS).values())
+    for asset, key, says in (
+        ("bridge", flight, f"no flight '{flight}' of 'bridge'; valid: none"),
+        ("tank", "gone", f"no flight 'gone' of 'tank'; valid: {flight}"),
+    ):
+        with pytest.raises(InputError, match=says):
+            store.add_datums(asset, key, marks)
+        assert store.list_datums(asset, key) == {}
+    store.add_datums("tank", flight, marks)
+    assert len(store.list_datums("tank", flight)) == 4
+    store.close()
+
+
 def test_the_table_of_flights_has_a_value_below_each_heading(tmp_path: Path) -> None:
     path, table = tmp_path / "r.db", tmp_path / "d.csv"
     store = InspectionStore(path, create=True)
