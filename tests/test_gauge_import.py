@@ -385,6 +385,39 @@ def test_a_table_is_imported_once(tmp_path: Path) -> None:
     assert add(db, places)[0] == 0
 
 
+def test_a_table_is_imported_once_also_after_its_flight_is_registered(tmp_path: Path) -> None:
+    """A mark 10 mm off moves what is listed; neither the table nor its export is new."""
+    db, export = tmp_path / "h.db", tmp_path / "export.csv"
+    table = write(tmp_path / "g.csv", "x_m,y_m,z_m,thickness_mm", "1,0,0,9.0", "2,0,0,8.0")
+    assert add(db, table)[0] == 0
+    (flight,) = list_flights(db)
+    for x, owner in ((0.0, ("--structure", "tank")), (-0.01, ("--flight", flight.id))):
+        marks = write(tmp_path / "d.csv", "name,x_m,y_m,z_m,u95_m", f"A,{x},0,0,0.001")
+        assert call(db, "--datums", marks, *owner)[0] == 0
+    assert call(db, "--readings", "--csv", export)[0] == 0
+    assert load_readings(export, START).rows[0].reading.x_m == pytest.approx(1.01, abs=1e-4)
+    for again in (table, export):
+        code, out = add(db, again)
+        assert code == 2 and "2 of 2 rows are stored already" in out and flight.id in out
+    assert len(list_flights(db)) == 1
+
+
+def test_a_row_that_repeats_another_in_every_column_is_refused(tmp_path: Path) -> None:
+    """Three copies of 9.0 mm beside one 8.0 mm would be a mean of 8.75 instead of 8.5 mm."""
+    db, head = tmp_path / "h.db", "t_s,spot,thickness_mm,u95_mm"
+    table = write(tmp_path / "g.csv", head, "0,1,9.0,0.1", "5,1,8.0,0.1", "0,1, 9.0,0.1",
+                  "0,1,9.0,0.1")  # fmt: skip
+    code, out = add(db, table)
+    assert code == 2, out
+    assert "2 of 4 rows repeat another in every column, such as row 4 (a copy of row 2)" in out
+    assert len(out.strip().splitlines()) == 1 and list_flights(db) == []
+    # another time or value, or a number of the reading, is another reading
+    write(table, head, "0,1,9.0,0.1", "5,1,9.0,0.1", "0,1,8.0,0.1")
+    assert len(load_readings(table, START).rows) == 3
+    write(table, "spot,thickness_mm,No", "1,9.0,1", "1,9.0,2")
+    assert len(load_readings(table, START).rows) == 2
+
+
 @pytest.mark.parametrize(
     ("row", "options", "says"),
     [

@@ -97,6 +97,30 @@ def test_a_diconde_style_result_holds_the_tags(tmp_path: Path, simulated: bool) 
     assert d.DeviceSerialNumber == "42"
 
 
+def test_a_diconde_style_result_keeps_the_letters_of_every_name(tmp_path: Path) -> None:
+    """Also outside Latin-1; a backslash would divide a value into two, a ^ or = a name."""
+    path, file = tmp_path / "r.db", tmp_path / "r.dcm"
+    store = InspectionStore(path, create=True)
+    part = store.add_component("Behälter\\2", "Rohr Ωx^=", material="Stahl №5")
+    flight, _ = store.add_flight(
+        structure="Behälter\\2", mission="m", robot="r", seed=1, run="", started=START
+    )
+    gauge = Calibrated("UT", "Prüfer\\A", "№\\7", "before", "Keil", {}, True)
+    store.add_calibration(flight, START, gauge)
+    reading = Reading("thickness", 9.0, "mm", 0.1, 0, 0, 0, spot="Ω\\1")
+    store.add_reading(flight, START, reading, component=part)
+    store.close()
+    code, out = call(path, "--dicom", file, "--flight", flight, "--component", "Rohr Ωx^=")
+    assert code == 0, out
+    d = pydicom.dcmread(file)
+    assert str(d.PatientName) == "Rohr Ωx//^Behälter/2" and d.PatientName.given_name == "Behälter/2"
+    assert d.PatientID == "Behälter/2/Rohr Ωx^=" and d.MaterialNotes == "Stahl №5"
+    assert (d.ManufacturerModelName, d.DeviceSerialNumber) == ("Prüfer/A", "№/7")
+    (item,) = d.EvaluatorSequence[0].IndicationSequence
+    assert item.IndicationLabel == "Ω/1"
+    assert "Keil" in d.CalibrationSettingsSequence[0].CalibrationProcedure
+
+
 def test_a_gauge_s_own_names_units_and_lag(tmp_path: Path) -> None:
     """A probe that moves 10 mm/s; its gauge answers 0.5 s late: places lie 5 mm back."""
     path = tmp_path / "g.csv"
@@ -110,6 +134,24 @@ def test_a_gauge_s_own_names_units_and_lag(tmp_path: Path) -> None:
         assert b.reading.x_m - a.reading.x_m == pytest.approx(0.005)
         assert a.reading.z_m == pytest.approx(1.5) and a.reading.u95 == pytest.approx(0.1)
     assert (now[-1].time - START).total_seconds() == pytest.approx(4.75)
+
+
+@pytest.mark.parametrize(("lag", "x"), [(5.0, [0.0, 0.5, 1.5]), (-5.0, [0.5, 1.5, 2.0])])
+def test_a_row_before_the_first_position_is_refused(
+    tmp_path: Path, lag: float, x: list[float]
+) -> None:
+    """A probe that moves 0.1 m/s: at -5 and 25 s its position is unknown."""
+    path = tmp_path / "g.csv"
+    path.write_text(HEAD + "0,0,0,0,9,0.1\n10,1,0,0,8,0.1\n20,2,0,0,7,0.1\n")
+    found = [row.reading for row in load_readings(path, START, lag_s=lag).rows]
+    assert [r.x_m for r in found] == pytest.approx(x)
+    lost = 0 if lag > 0 else 2
+    assert [k for k, r in enumerate(found) if not r.accepted] == [lost]
+    assert f"no position at the time of this value minus --lag {lag:g}" in found[lost].reason
+    # a position at a time of the table is known in spite of rounding: 0.3 s - 0.1 s < 0.2 s
+    path.write_text(HEAD + "0.2,0,0,0,9,0.1\n0.3,1,0,0,8,0.1\n0.4,2,0,0,7,0.1\n")
+    late = [row.reading for row in load_readings(path, START, lag_s=0.1).rows]
+    assert [r.accepted for r in late] == [False, True, True]
 
 
 @given(
@@ -139,6 +181,8 @@ def test_units_are_read(tmp_path_factory: pytest.TempPathFactory, mm: float, uni
         (HEAD + "0,0,0,0,9,0.1\n", ("--columns", "value=X"), "no column 'x'"),
         (HEAD + "0,0,0,0,9,0.1\n", ("--columns", "value=X[kg]"), "valid units: m, mm"),
         (HEAD + "0,0,0,0,9,0.1\n", ("--lag", "5"), "--lag 5: the times"),
+        (HEAD + "0,0,0,0,9,0.1\n5,1,0,0,9,0.1\n", ("--lag", "5"), "span 5 s; valid: less"),
+        ("t_s,spot,thickness_mm\n0,A,9\n9,B,9\n", ("--lag", "5"), "has no x, y or z"),
         (HEAD + "0,0,0,0,9,0.1\n1,0,0,0,9,0.1\n0.5,0,0,0,9,0.1\n", ("--lag", "0.1"), "increasing"),
         ("spot,thickness_mm,accepted\nA,9,perhaps\n", (), "accepted is 'perhaps'"),
         ("spot,thickness_mm,accepted\nA,,1\n", (), "accepted without a value"),

@@ -80,6 +80,26 @@ def check_widths(path: Path, header: list[str], rows: list[tuple[int, list[str]]
         raise InputError(f"{path}: the table has a header and no rows")
 
 
+def check_repeated(path: Path, rows: list[tuple[int, list[str]]]) -> None:
+    """Raise InputError if a row repeats another in every column, also in those not read.
+
+    Such a row is a copy, or a repeated measurement that nothing distinguishes from a copy.
+    """
+    first: dict[tuple[str, ...], int] = {}
+    repeated = [
+        (number, kept)
+        for number, cells in rows
+        if (kept := first.setdefault(tuple(cell.strip() for cell in cells), number)) != number
+    ]
+    if repeated:
+        number, kept = repeated[0]
+        raise InputError(
+            f"{path}: {len(repeated)} of {len(rows)} rows repeat another in every column, such as "
+            f"row {number} (a copy of row {kept}); valid: each row once; remove copies, or give "
+            "repeated readings their times, or a column that numbers them"
+        )
+
+
 def convert_commas(
     path: Path, rows: Sequence[list[str]], delimiter: str, columns: Collection[int]
 ) -> bool:

@@ -63,12 +63,14 @@ def write_diconde(result: Result, path: Path) -> None:
     meta.ImplementationClassUID = UID(IMPLEMENTATION)
     d = Dataset()
     d.file_meta = meta
+    d.SpecificCharacterSet = "ISO_IR 192"  # UTF-8; without it, DICOM permits ASCII only
     d.SOPClassUID, d.SOPInstanceUID = meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID
     d.StudyInstanceUID, d.SeriesInstanceUID = generate_uid(), generate_uid()
     d.Modality = "ES" if eddy else "US"
     # E2339: the component takes the place of the patient
-    d.PatientName = f"{result.component.name}^{result.asset}"[:64]
-    d.PatientID = f"{result.asset}/{result.component.name}"[:64]
+    names = (_write_text(name, "\\^=") for name in (result.component.name, result.asset))
+    d.PatientName = "^".join(names)[:64]
+    d.PatientID = _write_text(f"{result.asset}/{result.component.name}")
     d.PatientBirthDate, d.PatientSex = "", "O"
     date, _, time = result.flight.started_utc.partition("T")
     d.StudyDate, d.StudyTime = date.replace("-", ""), time[:8].replace(":", "")
@@ -94,6 +96,14 @@ def write_diconde(result: Result, path: Path) -> None:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
+def _write_text(text: str, separators: str = "\\", length: int = 64) -> str:
+    """Return a text as one DICOM LO or SH of at most `length` characters.
+
+    A separator would divide the text into several values (or a name into its parts, with ^ and =).
+    """
+    return text.translate({ord(c): "/" for c in separators})[:length]
+
+
 def _write_number(value: float) -> str:
     """Return a number as a DICOM DS of at most 16 characters."""
     return f"{value:.8g}"[:16]
@@ -105,8 +115,8 @@ def _add_equipment(d: Any, calibrations: Sequence[StoredCalibration]) -> None:
     settings = []
     for c in calibrations:
         one, item = c.calibrated, Dataset()
-        d.Manufacturer, d.ManufacturerModelName = "", one.model[:64]
-        d.DeviceSerialNumber = one.serial[:64]
+        d.Manufacturer, d.ManufacturerModelName = "", _write_text(one.model)
+        d.DeviceSerialNumber = _write_text(one.serial)
         numbers = "; ".join(f"{k} {v}" for k, v in one.settings.items())
         item.CalibrationProcedure = (
             f"{one.stage} the flight, {one.block}: {'passed' if one.passed else 'FAILED'}"
@@ -131,7 +141,7 @@ def _build_evaluation(result: Result, dataset: Any) -> Any:
         u95 = "" if one.u95 is None else f" +- {one.u95:.3f} (95 %)"
         state = "accepted" if one.accepted else f"refused: {one.reason}"
         item.IndicationNumber = len(items) + 1
-        item.IndicationLabel = (one.spot or f"reading {r.id}")[:16]
+        item.IndicationLabel = _write_text(one.spot or f"reading {r.id}", length=16)
         item.IndicationDescription = f"{one.quantity} {value}{u95}; {state}"
         item.IndicationType = "MEASUREMENT"
         _place(item, one.x_m, one.y_m, one.z_m)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import NamedTuple
@@ -21,6 +20,7 @@ from skywright.inspection.history.database import parse_stamp
 from skywright.inspection.history.entries import Reading
 from skywright.recordings.text_table import (
     Cells,
+    check_repeated,
     check_widths,
     convert_commas,
     find_columns,
@@ -64,6 +64,8 @@ LARGEST_MM = 1000.0
 """mm; a larger thickness is a code of the gauge or an error of the unit."""
 LONGEST_DAYS = 30.0
 """Days, largest time relative to the start; seconds since 1970 exceed it."""
+CLOCK = 1e-6
+"""s, resolution of times."""
 YEARS = (1900, 2100)
 """First and last valid year of a measurement."""
 
@@ -122,14 +124,16 @@ def load_readings(
 
     Numbers in the column t are times since `start`, which is in UTC; ISO 8601 times are absolute.
     A value belongs to the position of the probe `lag_s` before the value was recorded; positions
-    are interpolated over time. A thickness that is not above 0 and at most LARGEST_MM is a refused
-    reading with that reason. Raises InputError in one line, with the row, if the table has no
-    values, no units or no places (or spots), if two columns give the same quantity, if a cell is
-    not valid, if the rows have several assets or components, or if the lag exceeds the time span
-    of the file.
+    are interpolated over time. A row whose position the table's times do not cover is a refused
+    reading at the first or last position, and a thickness that is not above 0 and at most
+    LARGEST_MM is a refused reading, each with that reason. Raises InputError in one line, with the
+    row, if the table has no values, no units or no places (or spots), if two columns give the same
+    quantity, if a cell is not valid, if two rows are equal in every column, if the rows have
+    several assets or components, or if the lag is not shorter than the time span of the file.
     """
     given = parse_columns(columns, COLUMNS) if columns else {}
     header, rows, delimiter = _load_cells(path)
+    check_repeated(path, rows)
     places = _find_columns(path, header, given)
     numeric = [places[what][0] for what in NUMBERS if what in places]
     notes = []
@@ -144,11 +148,16 @@ def load_readings(
     count = range(len(rows))
     times = [_read_time(table, k, start) for k in count]
     points = [[_read_length(table, k, axis) for k in count] for axis in "xyz"]
+    lost = [False] * len(rows)
     if lag_s:
-        points = _shift(path, times, points, lag_s, start)
+        points, lost = _shift(table, times, points, lag_s, start)
     read = [
         _read_row(table, k, times[k], (points[0][k], points[1][k], points[2][k])) for k in count
     ]
+    for k in (k for k in count if lost[k] and read[k].reading.accepted):
+        reason = f"the table has no position at the time of this value minus --lag {lag_s:g}"
+        refused = read[k].reading._replace(accepted=False, reason=reason)
+        read[k] = read[k]._replace(reading=refused)
     other = _list_other_units(table)
     if other:
         header_unit = header[places["unit"][0]]
@@ -359,17 +368,22 @@ def _find_columns(
 
 
 def _shift(
-    path: Path, times: list[datetime], points: list[list[float]], lag_s: float, start: datetime
-) -> list[list[float]]:
-    """Return the positions (3 lists) of the probe `lag_s` before each row."""
+    table: _Table, times: list[datetime], points: list[list[float]], lag_s: float, start: datetime
+) -> tuple[list[list[float]], list[bool]]:
+    """Return the positions (3 lists, m) of the probe `lag_s` before each row.
+
+    The second value states for each row whether this time is outside the table; the position is
+    then the first or last one.
+    """
+    if not {"x", "y", "z"} & set(table.places):
+        raise InputError(f"--lag {lag_s:g}: {table.path} has no x, y or z; valid: without --lag")
     t = np.array([(x - start).total_seconds() for x in times])
-    if not math.isfinite(lag_s) or abs(lag_s) > max(float(np.ptp(t)), 0.0):
+    if not abs(lag_s) < float(np.ptp(t)):
         raise InputError(
-            f"--lag {lag_s:g}: the times of {path} span {float(np.ptp(t)):g} s; valid: less"
+            f"--lag {lag_s:g}: the times of {table.path} span {float(np.ptp(t)):g} s; valid: less"
         )
     if np.any(np.diff(t) <= 0):
-        raise InputError(f"{path}: --lag requires a column t with increasing times")
-    interpolate: Callable[[list[float]], list[float]] = lambda p: np.interp(  # noqa: E731
-        t - lag_s, t, p
-    ).tolist()
-    return [interpolate(axis) for axis in points]
+        raise InputError(f"{table.path}: --lag requires a column t with increasing times")
+    at = t - lag_s
+    lost = (at < t[0] - CLOCK) | (at > t[-1] + CLOCK)
+    return [np.interp(at, t, axis).tolist() for axis in points], lost.tolist()

@@ -81,9 +81,10 @@ def _check_new(
     store: InspectionStore, source: Path, asset: str, component: str, rows: Sequence[Row]
 ) -> None:
     """Raise InputError if a row is stored: same time, quantity, value and spot (or place)."""
+    stored = store.find_readings(asset=asset, component=component, carried=False)
+    # a gauge's table has the measured places, an exported one those that datum points carried
     known = {
-        _identify(r.time_utc, r.reading): r.flight
-        for r in store.find_readings(asset=asset, component=component)
+        _identify(r.time_utc, r.reading): r.flight for r in (*stored, *store.carry_readings(stored))
     }
     found = [row for row in rows if _identify(stamp(row.time), row.reading) in known]
     if not found:

@@ -16,6 +16,7 @@ from skywright.errors import InputError
 from skywright.inspection.history.database import DatabaseFile
 from skywright.inspection.history.entries import Datum, Reading, StoredIndication, StoredReading
 from skywright.inspection.history.registration import Registration, register_flight
+from skywright.recordings.text_table import list_names
 
 COLUMNS = ("name", "x_m", "y_m", "z_m", "u95_m")
 LARGEST_M = 1e8
@@ -65,16 +66,23 @@ class DatumFile(DatabaseFile):
         """Store the datum points of an asset (`flight` None), or those measured by a flight.
 
         A stored point of the same name is replaced. Raises InputError, and stores nothing, if a
-        name occurs twice, or if a flight cannot be registered by these points.
+        name occurs twice, if `flight` is not a flight of `asset`, or if a flight cannot be
+        registered by these points.
         """
         points = list(datums)
         names = [d.name for d in points]
         if twice := sorted({n for n in names if names.count(n) > 1}):
             raise InputError(f"datum points: {', '.join(twice)} twice; valid: each name once")
         new = {**self.list_datums(asset, flight), **{d.name: d for d in points}}
-        for one, prior in self.read(
+        flights = dict(self.read(
             "SELECT id, registration_std_m FROM flights WHERE structure = ?", (asset,)
-        ):
+        ))  # fmt: skip
+        if flight is not None and flight not in flights:
+            raise InputError(
+                f"{self.path}: datum points: no flight {flight!r} of {asset!r}; valid: "
+                f"{list_names(tuple(flights), 5) or 'none, as it has no flight'}"
+            )
+        for one, prior in flights.items():
             if flight is None:
                 register_flight(new, self.list_datums(asset, one), prior)
             elif one == flight:

@@ -20,6 +20,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.special import chdtri
 
 from skywright.core.arrays import Array
 from skywright.core.rotations import exp_so3, log_so3
@@ -31,8 +32,10 @@ TURN_STD = math.radians(3.0)
 """rad, prior standard deviation of each component of the rotation: error of map and heading."""
 SHIFT_STD = 0.1
 """m, prior standard deviation of the translation if the flight states no registration error."""
-OUTLIER = 3.5
-"""Residual of a datum point, in standard deviations, above which the notes name it."""
+FALSE_ALARM = 5e-4
+"""Probability that the notes name a datum point of a flight in which none has moved."""
+LEAST_REDUNDANCY = 0.01
+"""Least variance of a residual along a direction, relative to that of the point, that is tested."""
 LARGEST_TURN = math.radians(15.0)
 """rad, largest valid rotation. A larger one means that names or frames are mixed up."""
 MISFIT = 0.1
@@ -124,14 +127,23 @@ def register_flight(
 
 
 def _list_moved(names: list[str], off: Array, std: Array, J: Array, covariance: Array) -> list[str]:
-    """Return a note for each datum point that does not fit."""
+    """Return a note for each datum point that does not fit.
+
+    `off` (n, 3) m are the residuals, `std` (n,) m the standard deviations of the points.
+    """
     notes = []
     for k, name in enumerate(names):
         rows = J[3 * k : 3 * k + 3]
         # covariance of the residual of a point that is part of the fit
         expected = std[k] ** 2 * np.eye(3) - rows @ covariance @ rows.T
-        size = math.sqrt(max(float(np.trace(expected)) / 3.0, 0.01 * std[k] ** 2))
-        if float(np.max(np.abs(off[k]))) > OUTLIER * size:
+        variances, directions = np.linalg.eigh(expected)
+        # along the other directions the fit follows the point: its error leaves no residual there
+        tested = variances > LEAST_REDUNDANCY * std[k] ** 2
+        along = (directions.T @ off[k])[tested]
+        statistic = float(np.sum(along**2 / variances[tested]))
+        # one test per point: Bonferroni keeps the probability of any false alarm
+        limit = float(chdtri(tested.sum(), FALSE_ALARM / len(names)))
+        if tested.any() and statistic > limit:
             notes.append(
                 f"datum {name} is {1e3 * float(np.linalg.norm(off[k])):.1f} mm from where "
                 "the others place it: it has moved, or it was mistaken for another"

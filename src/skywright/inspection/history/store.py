@@ -301,10 +301,12 @@ class InspectionStore(DatumFile):
         component: str | None = None,
         quantity: str | None = None,
         flight: str | None = None,
+        carried: bool = True,
     ) -> list[StoredReading]:
         """Return accepted and refused readings in chronological order.
 
-        Positions are in the frame of the asset if datum points register the flight.
+        Positions are in the frame of the asset if datum points register the flight; with `carried`
+        False they are as the flight measured them.
         """
         where, values = _join(
             ("f.structure", asset), ("c.name", component), ("r.quantity", quantity),
@@ -317,10 +319,11 @@ class InspectionStore(DatumFile):
             f" LEFT JOIN components c ON c.id = r.component {where} ORDER BY r.time_utc, r.id",
             values,
         )
-        return self.carry_readings([
+        found = [
             StoredReading._make((*row[:6], bool(row[6]), row[7], _read_reading(row[8:])))
             for row in rows
-        ])  # fmt: skip
+        ]
+        return self.carry_readings(found) if carried else found
 
     def find_indications(
         self,
