@@ -169,6 +169,19 @@ def test_lost_contact_is_a_ceiling() -> None:
     assert np.max(known.pod) == pytest.approx(contact.mean(), abs=0.01)
 
 
+def test_bounds_below_a_given_ceiling_agree_on_many_flaws() -> None:
+    """Where contact was held, the POD is F alone: a90 = 0.3 + ln 9 / 25, whatever the ceiling."""
+    table = draw_hits(4, 4000, 0.3, 25.0, ceiling=0.95)
+    truth, margins = 0.3 + np.log(9.0) / 25.0, []
+    for bounds in ("wald", "likelihood"):
+        method = Method(size_axis="linear", ceiling=0.95, bounds=bounds)
+        sizes = compute_pod(table, method).curve.conditional
+        assert sizes is not None and sizes["a90"] is not None and sizes["a90_95"] is not None
+        assert sizes["a90"] == pytest.approx(truth, abs=0.01)
+        margins.append(sizes["a90_95"] - sizes["a90"])
+    assert 0.008 < margins[0] < 0.016 and margins[1] == pytest.approx(margins[0], rel=0.1)
+
+
 def test_a_ceiling_at_its_boundary_is_not_certain() -> None:
     table = draw_hits(1, 80, 0.4, 12.0)
     assert table.hit is not None
