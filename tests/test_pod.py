@@ -349,13 +349,16 @@ def test_the_command_prints_draws_and_reads_other_headers(tmp_path: Path) -> Non
     table.write_text("Tiefe;Gefunden\n" + PAIRS.replace(",", ";"))
     code, out = call(table, "--columns", "size=Tiefe[mm],hit=Gefunden", "--json")
     assert code == 0 and json.loads(out)["unit"] == "mm"
-    commas = "Depth [mm];hit;wind\n0,25;1;3,5\n"
+    commas = "Depth [mm];hit;wind;day;site\n0,25;1;3,5;1.3.26;1,2\n0,5;0;;2.3.26;A\n"
     table.write_text(commas)
     for spec in (None, "size=Depth[mm]", "size=depth"):
         read = load_inspections(table, spec)
-        assert read.size.tolist() == [0.25] and read.unit == "mm"
-        assert read.others == {"wind": ("3,5",)}  # a label; it may be a date
+        assert read.size.tolist() == [0.25, 0.5] and read.unit == "mm"
+        assert read.others["wind"] == ("3.5", "")
+        assert read.others["day"] == ("1.3.26", "2.3.26") and read.others["site"] == ("1,2", "A")
         assert read.notes == ("decimal commas read as decimal points",)
+    table.write_text("Depth [mm];hit;height\n0.25;1;3,500\n")  # here , may separate thousands
+    assert load_inspections(table).others == {"height": ("3,500",)}
     table.write_text("Depth_microns,hit\n10,1\n")
     assert load_inspections(table, "size=Depth_microns").unit == "um"
     table.write_text("depth_mils,hit\n10,1\n")
