@@ -79,6 +79,20 @@ def test_other_columns_may_be_empty_and_time_may_count_from_1970(tmp_path: Path)
     np.testing.assert_allclose(log.w_WB_B[:n], plain.w_WB_B[:n], atol=1e-4)
 
 
+def test_gaps_in_columns_that_are_no_rotors_drop_no_row(tmp_path: Path) -> None:
+    table, _ = build(400)
+    plain = load_table(write(tmp_path / "a.csv", table), ROBOT)
+    sporadic = np.where(np.arange(400) % 40, np.nan, 0.5)
+    names = ("speed_gps", "speed_7_rad_s", "command_7", "command_mode")  # the robot has six rotors
+    log = load_table(write(tmp_path / "b.csv", table | dict.fromkeys(names, sporadic)), ROBOT)
+    assert np.array_equal(log.t, plain.t) and np.array_equal(log.w_WB_B, plain.w_WB_B)
+    # with measured speeds, commands are not used
+    table |= {f"speed_{i}_rad_s": np.full(400, 100.0 * i) for i in range(1, 7)}
+    table["command_3"] = sporadic
+    log = load_table(write(tmp_path / "c.csv", table), ROBOT)
+    assert np.array_equal(log.t, plain.t) and log.rotor_speed is not None
+
+
 def test_a_tilt_at_the_start_is_found_from_the_force() -> None:
     """At once from the first sample; then the filter removes an error with its time constant."""
     tilted = turn(np.array([[50.0, 0.0, 0.0]]))[0]

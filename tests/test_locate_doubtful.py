@@ -14,6 +14,7 @@ from skywright.analysis.locate.fusion import (
     fuse,
     prepare_camera,
 )
+from skywright.analysis.locate.locate import bring_together
 from skywright.analysis.locate.reach import process
 from skywright.errors import InputError
 from skywright.models.localisation.calibration import calibrate
@@ -40,6 +41,36 @@ def hold(camera: Trajectory, n: int) -> Trajectory:
     assert camera.q is not None
     k = np.arange(len(camera.t)) // n * n
     return camera._replace(p=camera.p[k], q=camera.q[k])
+
+
+# --- outages --------------------------------------------------------------------------------------
+
+
+def find_outage(flight: Flight, station: Trajectory, notes: list[str]) -> list[float | None]:
+    """Errors at the end of the first outage, calibrated over the first 38 s."""
+    found = bring_together(
+        station, flight.camera, align="similarity", span=(0.0, 38.0), time_offset=0.0, lever=None,
+        pose=None, notes=notes,
+    )  # fmt: skip
+    return list(found.outages[0][2:])
+
+
+def test_errors_after_an_outage_are_measured_from_an_accepted_sample(flight):
+    """The robot moves on while the filter rejects two reflections 1 m off."""
+    t = flight.station.t
+    keep = (t < 40.0) | (t > 48.0)
+    station, notes = flight.station._replace(t=t[keep], p=flight.station.p[keep]), list[str]()
+    plain = find_outage(flight, station, notes)
+    assert all(error is not None and 0.005 < error < 0.3 for error in plain)
+    p, k = station.p.copy(), int(np.argmax(station.t > 48.0))
+    p[k : k + 2, 0] += 1.0
+    assert find_outage(flight, station._replace(p=p), notes) == pytest.approx(plain, abs=0.02)
+    assert "after the outage" not in " ".join(notes)
+    # no sample of the station is accepted before the next outage
+    alone = (station.t < 48.0) | (station.t == station.t[k]) | (station.t > 52.0)
+    lonely = station._replace(t=station.t[alone], p=p[alone])
+    assert find_outage(flight, lonely, notes) == [None, None, None]
+    assert "no measurement of the station was accepted after the outage from " in notes[-1]
 
 
 # --- repeated samples -----------------------------------------------------------------------------

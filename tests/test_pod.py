@@ -169,6 +169,19 @@ def test_lost_contact_is_a_ceiling() -> None:
     assert np.max(known.pod) == pytest.approx(contact.mean(), abs=0.01)
 
 
+def test_bounds_below_a_given_ceiling_agree_on_many_flaws() -> None:
+    """Where contact was held, the POD is F alone: a90 = 0.3 + ln 9 / 25, whatever the ceiling."""
+    table = draw_hits(4, 4000, 0.3, 25.0, ceiling=0.95)
+    truth, margins = 0.3 + np.log(9.0) / 25.0, []
+    for bounds in ("wald", "likelihood"):
+        method = Method(size_axis="linear", ceiling=0.95, bounds=bounds)
+        sizes = compute_pod(table, method).curve.conditional
+        assert sizes is not None and sizes["a90"] is not None and sizes["a90_95"] is not None
+        assert sizes["a90"] == pytest.approx(truth, abs=0.01)
+        margins.append(sizes["a90_95"] - sizes["a90"])
+    assert 0.008 < margins[0] < 0.016 and margins[1] == pytest.approx(margins[0], rel=0.1)
+
+
 def test_a_ceiling_at_its_boundary_is_not_certain() -> None:
     table = draw_hits(1, 80, 0.4, 12.0)
     assert table.hit is not None
@@ -336,13 +349,16 @@ def test_the_command_prints_draws_and_reads_other_headers(tmp_path: Path) -> Non
     table.write_text("Tiefe;Gefunden\n" + PAIRS.replace(",", ";"))
     code, out = call(table, "--columns", "size=Tiefe[mm],hit=Gefunden", "--json")
     assert code == 0 and json.loads(out)["unit"] == "mm"
-    commas = "Depth [mm];hit;wind\n0,25;1;3,5\n"
+    commas = "Depth [mm];hit;wind;day;site\n0,25;1;3,5;1.3.26;1,2\n0,5;0;;2.3.26;A\n"
     table.write_text(commas)
     for spec in (None, "size=Depth[mm]", "size=depth"):
         read = load_inspections(table, spec)
-        assert read.size.tolist() == [0.25] and read.unit == "mm"
-        assert read.others == {"wind": ("3,5",)}  # a label; it may be a date
+        assert read.size.tolist() == [0.25, 0.5] and read.unit == "mm"
+        assert read.others["wind"] == ("3.5", "")
+        assert read.others["day"] == ("1.3.26", "2.3.26") and read.others["site"] == ("1,2", "A")
         assert read.notes == ("decimal commas read as decimal points",)
+    table.write_text("Depth [mm];hit;height\n0.25;1;3,500\n")  # here , may separate thousands
+    assert load_inspections(table).others == {"height": ("3,500",)}
     table.write_text("Depth_microns,hit\n10,1\n")
     assert load_inspections(table, "size=Depth_microns").unit == "um"
     table.write_text("depth_mils,hit\n10,1\n")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -12,7 +14,7 @@ from skywright.analysis.pod.hit_miss import estimate_ceiling, fit_hit_miss
 from skywright.analysis.pod.links import LINKS, LOGIT
 from skywright.analysis.pod.method import Method
 from skywright.analysis.pod.pod import Pod, compute_pod
-from skywright.analysis.pod.table import Inspections
+from skywright.analysis.pod.table import Inspections, load_inspections
 from skywright.errors import InputError
 
 
@@ -69,6 +71,20 @@ def test_names_of_ranges_stay_apart() -> None:
     assert set(divide(tuple(str(k) for k in range(9))).tolist()) == {
         "0 to 2.67", "2.67 to 5.33", "5.33 to 8",
     }  # fmt: skip
+
+
+@pytest.mark.parametrize("comma", [True, False])
+def test_groups_of_numbers_with_decimal_commas_are_ranges(tmp_path: Path, comma: bool) -> None:
+    """Nine winds from 0.5 to 4.5 m/s form three ranges, whatever the decimal sign."""
+    r = np.random.default_rng(2)
+    size, wind = r.uniform(0.2, 3.0, 360), 0.5 * (1 + np.arange(360) % 9)
+    hit = r.random(360) < expit(6.0 * (size - 1.0))
+    rows = [f"{a:.3f};{h:d};{w:.1f}" for a, h, w in zip(size, hit, wind, strict=True)]
+    text = "\n".join(["a_mm;hit;wind", *rows])
+    path = tmp_path / "inspections.csv"
+    path.write_text(text.replace(".", ",") if comma else text)
+    found = compare_groups(load_inspections(path), "wind", Method(size_axis="linear"))
+    assert list(found.groups) == ["0.5 to 1.83", "1.83 to 3.17", "3.17 to 4.5"]
 
 
 # -- a ceiling, and steps ------------------------------------------------------------------------

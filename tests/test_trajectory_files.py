@@ -81,6 +81,10 @@ def test_units_and_mixed_units(tmp_path):
     traj = load(tmp_path, "z_cm;t_ms;x_mm;y_m\n300;0;1500;2\n300;10;1500;2\n")
     assert traj.t == pytest.approx([0.0, 0.01])
     assert traj.p[0] == pytest.approx([1.5, 2.0, 3.0])
+    head = "Time [Seconds],x (metres),y [m],z [inches]\n"
+    traj = load(tmp_path, head + "0,1,2,10\n0.5,1,2,10\n")
+    assert traj.t == pytest.approx([0.0, 0.5]) and traj.p[0] == pytest.approx([1.0, 2.0, 0.254])
+    assert not traj.notes
 
 
 def test_rostopic_export_takes_the_message_s_own_time(tmp_path):
@@ -117,6 +121,10 @@ def test_flaws_are_repaired_and_noted(tmp_path):
         ("x_m,y_m,z_m\n0,1,2\n1,1,2\n", "no time"),
         ("t_s,x_m,x_mm,y_m,z_m\n0,1,2,3,4\n", "two columns give x"),
         ("t_s,x [furlong],y,z\n0,1,2,3\n1,1,2,3\n", "unknown unit 'furlong'"),
+        ("time [min],x,y,z\n0,1,2,3\n1,1,2,3\n", "line 1: unknown unit 'min' of t; valid: s, "),
+        ("time [m],x,y,z\n0,1,2,3\n1,1,2,3\n", "unknown unit 'm' of t"),
+        ("t_s,x (usft),y,z\n0,1,2,3\n1,1,2,3\n", "unknown unit 'usft' of x; valid: m, mm"),
+        ("# time [h] x y z\n0 1 2 3\n1 1 2 3\n", "line 1: unknown unit 'h' of t"),
         ("time,lat,lon,alt\n0,1,2,3\n1,1,2,3\n", "no column x"),
         ("t_s,x_m,y_m,z_m\n0,1,2\n1,2,3\n2,3,4\n", "line 2: 3 cells where 4"),
         ("t_s,x_m,y_m,z_m\na,b,c,d\ne,f,g,h\n1,1,1,1\n", "line 2"),
@@ -321,6 +329,8 @@ def test_points(tmp_path):
         ("name,x_m,y_m,z_m\nA,1,2\n", "line 2"),
         ("name,x_m,y_m,z_m\nA,1,2,3\nA,1,2,3\n", "occurs twice"),
         ("name,x_m,y_m,z_m\nA,1,2,nan\n", "no finite position"),
+        ("name,x [usft],y,z\nA,1,2,3\n", "line 1: unknown unit 'usft' of x; valid: m, mm"),
+        ("name,x_m,y_m,z [s]\nA,1,2,3\n", "unknown unit 's' of z"),
         ("", "is empty"),
     ],
 )

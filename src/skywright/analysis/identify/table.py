@@ -43,10 +43,10 @@ def load_table(path: Path, robot: Robot | None) -> FlightLog:
     """Load a table flown by `robot`. Raises InputError for a missing column or a wrong time."""
     if robot is None:
         raise InputError(f"{path}: a table contains no robot; give --robot NAME or FILE")
-    table = _read(path)
     n = len(robot.rotors.azimuth_deg)
     measured = tuple(f"speed_{i + 1}_rad_s" for i in range(n))
     commanded = tuple(f"command_{i + 1}" for i in range(n))
+    table = _read(path, measured, commanded)
     known = measured[0] in table
     needed = ("t_s", *RATE, *(measured if known else commanded))
     missing = [name for name in needed if name not in table]
@@ -110,14 +110,12 @@ def load_table(path: Path, robot: Robot | None) -> FlightLog:
     )  # fmt: skip
 
 
-def is_used(name: str) -> bool:
-    """Return whether a column is read; others may have gaps."""
-    known = {"t_s", *RATE, *FORCE, *SPEED, *QUATERNION}
-    return name in known or name.startswith(("speed_", "command_"))
+def _read(path: Path, measured: tuple[str, ...], commanded: tuple[str, ...]) -> dict[str, Array]:
+    """Return the used columns by name, without rows in which one of them has no number.
 
-
-def _read(path: Path) -> dict[str, Array]:
-    """Return the numeric columns by name, without rows that have NaN in a used column."""
+    `measured` and `commanded` name the rotors' speeds and commands; with speeds, commands are not
+    used. Other columns may have gaps.
+    """
     lines = decode(read_bytes(path, LARGEST_TABLE)).splitlines()
     rows = [split_row(x, ",") for x in lines if x.strip() and not x.startswith("#")]
     if not rows:
@@ -129,10 +127,12 @@ def _read(path: Path) -> dict[str, Array]:
     whole = [row for row in rows[1:] if len(row) == len(names)]
     data = np.array([[read_number(cell) for cell in row] for row in whole]).reshape(-1, len(names))
     wanted = [i for i, name in enumerate(names) if np.any(np.isfinite(data[:, i])) and name]
-    used = [i for i in wanted if is_used(names[i])]
+    signals = measured if measured[0] in (names[i] for i in wanted) else commanded
+    known = {"t_s", *RATE, *FORCE, *SPEED, *QUATERNION, *signals}
+    used = [i for i in wanted if names[i] in known]
     most = np.array([math.inf if names[i] == "t_s" else LARGEST for i in used])
     good = data[np.all(np.abs(data[:, used]) < most, axis=1)]
-    return {names[i]: np.ascontiguousarray(good[:, i]) for i in wanted}
+    return {names[i]: np.ascontiguousarray(good[:, i]) for i in used}
 
 
 def estimate_attitude(w: Array, force: Array, period: float) -> Array:

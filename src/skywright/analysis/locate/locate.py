@@ -16,6 +16,7 @@ from skywright.analysis.locate.fusion import (
     fuse_as_printed,
     prepare_camera,
 )
+from skywright.analysis.locate.outages import Outage, measure_outages
 from skywright.analysis.locate.point_file import pair_points
 from skywright.analysis.locate.roles import assign_roles
 from skywright.analysis.locate.station_frame import StationPose, estimate_station_pose
@@ -43,20 +44,6 @@ from skywright.models.localisation.trajectory import (
     interpolate_rotation,
 )
 from skywright.recordings.text_table import parse_span
-
-
-class Outage(NamedTuple):
-    """An interval without the station, and the error of each estimate at its end.
-
-    Distances (m) from the first measurement after it to the last estimate before; None if the
-    station did not return.
-    """
-
-    start: float  # s, station's clock
-    end: float
-    fused: float | None
-    paper: float | None
-    camera: float | None
 
 
 class Fusion(NamedTuple):
@@ -325,32 +312,9 @@ def bring_together(
     lost = np.count_nonzero(~fused.accepted & (fused.kind == STATION))
     if lost:
         notes.append(f"{lost} of the station's samples rejected as outliers while filtering")
-    outages = [
-        _measure_outage(o, events, fused, paper)
-        for o in find_outages(station, float(station.t[0]), float(events.t[-1]))
-    ]
+    spans = find_outages(station, float(station.t[0]), float(events.t[-1]))
+    outages = measure_outages(spans, events, fused, paper, notes)
     return Fusion(station, camera, time, cal, model, events, fused, paper, outages, pose)
-
-
-def _measure_outage(
-    span: tuple[float, float], events: Events, fused: Fused, paper: Array
-) -> Outage:
-    """Return the distances of the estimates from the station's first measurement after an
-    outage."""
-    back = np.flatnonzero((events.kind == STATION) & (events.t >= span[1] - 1e-9))
-    if not len(back) or back[0] == 0 or not np.any(events.t[events.kind == STATION] < span[1]):
-        return Outage(span[0], span[1], None, None, None)
-    k, before = int(back[0]), int(back[0]) - 1
-    z = events.z[k]
-    camera = np.flatnonzero(events.kind[:k] == CAMERA)
-
-    def off(p: Array) -> float:
-        return float(np.linalg.norm(z - p))
-
-    return Outage(
-        span[0], span[1], off(fused.p[before]), off(paper[before]),
-        off(events.z_paper[camera[-1]]) if len(camera) else None,
-    )  # fmt: skip
 
 
 def _select(f: Fusion) -> Mask:

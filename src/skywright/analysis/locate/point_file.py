@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from skywright.analysis.locate.trajectory_file import (
+    check_unit,
     find_delimiter,
     name_column,
     read_bytes,
@@ -41,6 +42,8 @@ def load_points(path: Path) -> dict[str, Array]:
         if named is not None and named[0] in "xyz":
             if named[0] in columns:
                 raise InputError(f"{path}: line {rows[0][0]}: two columns give {named[0]}")
+            if named[1] is None:
+                check_unit(path, rows[0][0], cell, named[0])
             columns[named[0]] = (i, named[1] if named[1] is not None else 1.0)
     names = [i for i, c in enumerate(header) if c.lower() in ("name", "id", "point", "station")]
     if len(columns) < 3 or not names:

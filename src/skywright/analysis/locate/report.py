@@ -174,7 +174,7 @@ def _section_fusion(f: Fusion) -> list[Section]:
     angle = float(np.arccos(np.clip((np.trace(c.frame.rotation) - 1.0) / 2.0, -1.0, 1.0)))
     outages = Section(
         "Outages of the station",
-        "Distance between the first measurement after the outage and each estimate just "
+        "Distance between the first accepted measurement after the outage and each estimate just "
             "before it. The paper's filter and the aligned camera include the camera's drift "
             "since the calibration."
         if f.outages else "No outage of a second or longer.",

@@ -82,13 +82,13 @@ def parse_text(path: Path, raw: bytes) -> Trajectory:
     if "\0" in text or sum(c < " " and c not in "\t\r\n\f" for c in text[:2000]) > 10:
         raise InputError(f"{path}: is neither text nor MCAP; valid: {VALID}")
     rows: list[tuple[int, str]] = []
-    comment = ""
+    comment = 0, ""
     for number, line in enumerate(text.splitlines(), 1):
         stripped = line.strip()
         if not stripped:
             continue
         if stripped.startswith(_COMMENT):
-            comment = stripped.lstrip("#%/ ") if not rows else comment
+            comment = (number, stripped.lstrip("#%/ ")) if not rows else comment
         else:
             rows.append((number, stripped))
     if not rows:
@@ -97,7 +97,7 @@ def parse_text(path: Path, raw: bytes) -> Trajectory:
     cells = split_row(rows[0][1], delimiter)
     notes: list[str] = []
     numbers = [_is_number(c) for c in cells]
-    named = _read_comment(comment, len(cells)) if numbers[0] else None
+    named = _read_comment(path, comment, len(cells)) if numbers[0] else None
     if named is not None:
         columns = named
     elif all(numbers):
@@ -138,13 +138,13 @@ def name_column(cell: str) -> tuple[str, float | None] | None:
     """Return (quantity, factor or None without unit) of a column's name; None for other columns.
 
     Accepts x, x_mm, tx, pos_x [m], p_RS_R_x [m], field.pose.position.x, qw, q_RS_w, timestamp [ns],
-    time(ms), header.stamp.
+    time(ms), header.stamp. `check_unit` tells a unit in brackets that is unknown from none.
     """
     text = cell.strip().strip("\"'").lstrip("#% ").lower()
     unit = None
     found = re.search(r"[\[(]\s*([a-z]*)\s*[\])]\s*$", text)
     if found:
-        unit, text = found.group(1), text[: found.start()].strip()
+        unit, text = text_table.plain_unit(found.group(1)), text[: found.start()].strip()
     words = [w for w in re.split(r"[._/\s]+", text) if w]
     if len(words) > 1 and unit is None and words[-1] in {**TIME_UNITS, **LENGTH_UNITS}:
         unit = words.pop()
@@ -166,8 +166,22 @@ def name_column(cell: str) -> tuple[str, float | None] | None:
     return last, LENGTH_UNITS.get(unit) if unit else None
 
 
+def check_unit(path: Path, line: int, cell: str, name: str) -> None:
+    """Raise InputError if the brackets of a column's name hold a unit that `name` cannot have."""
+    units = TIME_UNITS if name == "t" else LENGTH_UNITS
+    found = re.search(r"[\[(]\s*([^\])]*?)\s*[\])][\s\"']*$", cell)
+    if found and found.group(1) and text_table.plain_unit(found.group(1)) not in units:
+        raise InputError(
+            f"{path}: line {line}: unknown unit {found.group(1)[:20]!r} of {name}; valid: "
+            f"{', '.join(units)}"
+        )
+
+
 def read_header(path: Path, cells: list[str], line: int) -> Columns:
-    """Find columns by name. Raises InputError if time or a coordinate is missing or duplicate."""
+    """Find columns by name.
+
+    Raises InputError if time or a coordinate is missing, duplicate, or in an unknown unit.
+    """
     index: dict[str, int] = {}
     factor: dict[str, float] = {}
     notes: list[str] = []
@@ -177,27 +191,20 @@ def read_header(path: Path, cells: list[str], line: int) -> Columns:
         if named is None:
             continue
         name, scale = named
-        if name in index:
-            if name == "t":  # the recorder's time is later than the message's
-                if "header" in cell.lower():
-                    index[name], factor[name] = i, scale if scale is not None else 1.0
-                    timed = scale is not None
-                continue
+        if name in index and name != "t":
             raise InputError(
                 f"{path}: line {line}: two columns give {name}: {cells[index[name]][:40]!r} and "
                 f"{cell[:40]!r}"
             )
+        if name in index and "header" not in cell.lower():
+            continue  # the recorder's time is later than the message's
+        if scale is None:
+            check_unit(path, line, cell, name)
         index[name], factor[name] = i, scale if scale is not None else 1.0
         if name == "t":
             timed = scale is not None
         elif scale is None:
             bare = True
-            unit = re.search(r"[\[(]\s*([^\])]*)\s*[\])]\s*$", cell)
-            if unit and unit.group(1).strip():
-                raise InputError(
-                    f"{path}: line {line}: unknown unit {unit.group(1)!r} of {name}; valid: "
-                    f"{', '.join(LENGTH_UNITS)}"
-                )
     for name in ("t", "x", "y", "z"):
         if name not in index:
             shown = ", ".join(c[:24] or "(empty)" for c in cells[:12])
@@ -217,15 +224,17 @@ def _check_quaternion(index: dict[str, int], notes: list[str]) -> None:
             del index[name]
 
 
-def _read_comment(comment: str, width: int) -> Columns | None:
-    """Return columns named in a comment above the rows, as in EuRoC and many TUM files."""
-    cells = split_row(comment, find_delimiter(comment)) if comment else []
-    if len(cells) != width:
+def _read_comment(path: Path, comment: tuple[int, str], width: int) -> Columns | None:
+    """Return columns named in a comment above the rows, as in EuRoC and many TUM files.
+
+    A comment that does not name a time and three coordinates is no header.
+    """
+    line, text = comment[0], re.sub(r"\s+([\[(])", r"\1", comment[1])  # "t [s] x": two cells
+    cells = split_row(text, find_delimiter(text)) if text else []
+    named = {found[0] for found in map(name_column, cells) if found}
+    if len(cells) != width or not named.issuperset("txyz"):
         return None
-    try:
-        return read_header(Path("comment"), cells, 0)
-    except InputError:
-        return None
+    return read_header(path, cells, line)
 
 
 def _guess_columns(path: Path, row: tuple[int, str], cells: list[str]) -> Columns:

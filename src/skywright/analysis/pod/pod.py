@@ -200,16 +200,16 @@ def _fit(table: Inspections, method: Method) -> Curve:
     a50, a90, bound = (from_axis(x, axis) for x in _read_off(fit, ceiling, method, table))
     conditional = None
     if ceiling is not None:
-        inner = fit
-        if isinstance(fit, HitMiss):  # the curve below its own ceiling is F alone
+        inner, c = fit, 1.0
+        if isinstance(fit, HitMiss):  # the curve below its ceiling c is F = POD / c
+            # without the row of an estimated c, the covariance is that of F, with c's uncertainty
             scaled = fit.covariance[:2, :2]
-            inner = fit._replace(ceiling=1.0, ceiling_fitted=False, covariance=scaled)
-        assert isinstance(inner, HitMiss | AHat)
-        z = inner.find_bound(LEVELS[1], "wald" if ceiling.source == "fit" else method.bounds)
-        conditional = {
-            "a50": from_axis(inner.find(LEVELS[0]), axis),
-            "a90": from_axis(inner.find(LEVELS[1]), axis), "a90_95": from_axis(z, axis),
-        }  # fmt: skip
+            inner, c = fit._replace(ceiling_fitted=False, covariance=scaled), fit.ceiling
+        bounds = "wald" if ceiling.source == "fit" else method.bounds
+        sizes = [inner.find(level * c) for level in LEVELS]
+        sizes.append(inner.find_bound(LEVELS[1] * c, bounds))
+        keys = ("a50", "a90", "a90_95")
+        conditional = {key: from_axis(x, axis) for key, x in zip(keys, sizes, strict=True)}
     names = ("b0", "b1", "ceiling") if isinstance(fit, HitMiss) else ("b0", "b1", "ln_s")
     errors = dict(zip(names, np.sqrt(np.diag(fit.covariance)).tolist(), strict=False))
     coefficients = {"b0": fit.b0, "b1": fit.b1}

@@ -76,8 +76,15 @@ def load_inspections(path: Path, columns: str | None = None) -> Inspections:
     header, rows, delimiter = read_cells(path, MAX_BYTES)
     places, unit = _find_columns(path, header, given)
     numeric = [index for what, index in places.items() if what != "flaw"]
+    table = [cells for _, cells in rows]
+    further = []
+    if not any("." in cells[k] for cells in table for k in numeric):  # else , is no decimal sign
+        further = [
+            k for k in range(len(header))
+            if k not in places.values() and _has_decimal_commas([cells[k] for cells in table])
+        ]  # fmt: skip
     notes = []
-    if convert_commas(path, [cells for _, cells in rows], delimiter, numeric):
+    if convert_commas(path, table, delimiter, [*numeric, *further]):
         notes.append("decimal commas read as decimal points")
 
     def numbers(what: str) -> Array | None:
@@ -107,6 +114,15 @@ def load_inspections(path: Path, columns: str | None = None) -> Inspections:
         size, unit, numbers("hit"), numbers("signal"), numbers("contact"), flaw, others,
         tuple(notes),
     )  # fmt: skip
+
+
+def _has_decimal_commas(cells: Sequence[str]) -> bool:
+    """Return whether the cells of a further column, which may hold names or dates, are numbers with
+    decimal commas; some may be empty."""
+    filled = [cell for cell in cells if cell]
+    return any("," in cell for cell in filled) and all(
+        "." not in cell and math.isfinite(read_number(cell.replace(",", "."))) for cell in filled
+    )
 
 
 def _find_columns(
