@@ -75,6 +75,28 @@ def test_a_drift_fails_the_check(db: float, deg: float, reason: str) -> None:
     assert soon.holds  # a tenth of it is within the limits
 
 
+def draw_visit(notch_deg: float, lift_deg: float = 0.0) -> BlockScan:
+    """Return a visit without noise; `notch_deg` and `lift_deg` are the directions (deg)."""
+    notch, lift = np.exp(1j * np.radians([notch_deg, lift_deg]))
+    return BlockScan(
+        np.zeros(50, complex), 5.0 * lift * np.linspace(0.0, 1.0, 50), np.full(50, notch), 1e-3
+    )
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("angle", [30.0, 70.0, 110.0])
+def test_a_notch_mirrored_about_the_vertical_has_turned(angle: float, side: float) -> None:
+    """Lift-off and height stay; `side` -1: the display is rotated with the lift-off to the left."""
+    setup = set_up(draw_visit(side * angle))
+    assert check_setup(setup, draw_visit(side * angle)).reasons == ()
+    later = check_setup(setup, draw_visit(side * (180.0 - angle)))
+    assert later.height == pytest.approx(TARGET) and later.lift_angle == pytest.approx(0.0)
+    assert later.phase_change == pytest.approx(abs(180.0 - 2.0 * angle))
+    assert [f"turned by {abs(180 - 2 * angle):.1f} deg" in x for x in later.reasons] == [True]
+    over = check_setup(setup, draw_visit(side * angle + 180.0, 180.0))
+    assert over.phase_change == pytest.approx(180.0)
+
+
 @settings(max_examples=40, deadline=None)
 @given(st.floats(-3, 3), st.floats(-20, 20))
 def test_the_check_tells_the_drift(db: float, deg: float) -> None:

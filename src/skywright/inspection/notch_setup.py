@@ -42,7 +42,7 @@ class NotchSetup(NamedTuple):
     factor: complex  # % FSH per unit, rotation included
     noise: float  # % FSH, standard deviation across the lift-off, at rest
     notch_depth: float  # m, of the reference notch
-    notch_angle: float  # deg, of the notch from the lift-off, 0 to 180
+    notch_angle: float  # deg, of the notch on the display from the right, 0 to 180
     lift_off: float  # % FSH along the horizontal, at the end of the lift
 
     def show(self, z: NDArray[Any]) -> NDArray[np.complex128]:
@@ -104,9 +104,8 @@ def set_up(scan: BlockScan) -> NotchSetup:
     factor = turn * TARGET / (notch * turn).imag
     end = complex(np.median((scan.lift[-5:] - null).real), np.median((scan.lift[-5:] - null).imag))
     across = robust_std(((sound - null) * factor).imag)
-    return NotchSetup(
-        null, factor, across, scan.notch_depth, abs(angle), abs((end * factor).real)
-    )  # fmt: skip
+    shown = math.degrees(cmath.phase(notch * factor))
+    return NotchSetup(null, factor, across, scan.notch_depth, shown, abs((end * factor).real))
 
 
 def check_setup(setup: NotchSetup, scan: BlockScan) -> SetupCheck:
@@ -126,10 +125,8 @@ def check_setup(setup: NotchSetup, scan: BlockScan) -> SetupCheck:
     notch = _find_peak(_check(scan.notch, "notch") - null) * setup.factor
     lift = _find_direction(_check(scan.lift, "lift-off") - null) * setup.factor
     lift_angle = math.degrees(math.atan(lift.imag / lift.real)) if lift.real else 90.0
-    # at the set-up, the notch was at `notch_angle` from the horizontal lift-off
-    was = setup.notch_angle
     now = math.degrees(cmath.phase(notch))
-    change = min(abs(now - was), abs(now - (180.0 - was)))
+    change = abs(math.remainder(now - setup.notch_angle, 360.0))
     height = notch.imag
     reasons = []
     if abs(height - TARGET) > GAIN_CHANGE / 100.0 * TARGET:
