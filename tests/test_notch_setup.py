@@ -143,3 +143,13 @@ def test_coating_from_lift_off() -> None:
     assert np.isnan(estimate_coating(setup, read([2e-3]), shims, read(shims))[0])
     with pytest.raises(InputError, match="both growing"):
         estimate_coating(setup, read(paint), shims[::-1], read(shims))
+
+
+def test_a_coating_thinner_than_the_thinnest_shim_is_read() -> None:
+    """Signals of 20 units per mm; the display was nulled on bare metal."""
+    setup = set_up(draw_visit(70.0))
+    shims = np.array([0.1, 0.2]) * 1e-3
+    found = estimate_coating(setup, 2e4 * np.array([0.0, 2e-5, 5e-5, 1.5e-4]), shims, 2e4 * shims)
+    assert found == pytest.approx([0.0, 2e-5, 5e-5, 1.5e-4], abs=1e-12)
+    with pytest.raises(InputError, match="both growing"):
+        estimate_coating(setup, np.zeros(1), np.array([0.0, 1e-4]), np.zeros(2))

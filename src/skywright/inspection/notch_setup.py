@@ -146,9 +146,9 @@ def estimate_coating(setup: NotchSetup, z: NDArray[Any], shims: Array, lifted: A
     """Return the thickness (n,) m of the coating under the probe from its lift-off.
 
     `shims` (k,) m and the signals `lifted` (k,) on them calibrate |signal - null|, which grows with
-    the distance. Signals beyond the thickest shim give NaN. An error of 2 % in the permeability
-    changes the result by 4 to 6 um. Raises InputError if there are fewer than two shims, or if
-    shims or signals do not increase.
+    the distance and is 0 on bare metal. Signals beyond the thickest shim give NaN. An error of 2 %
+    in the permeability changes the result by 4 to 6 um. Raises InputError if there are fewer than
+    two shims, or if shims or signals do not increase.
     """
     size = np.abs(np.asarray(lifted, np.complex128) - setup.null)
     if len(shims) < 2 or np.any(np.diff(shims) <= 0) or np.any(np.diff(size) <= 0):
@@ -156,9 +156,9 @@ def estimate_coating(setup: NotchSetup, z: NDArray[Any], shims: Array, lifted: A
             f"coating: shims of {np.round(1e3 * np.asarray(shims), 3).tolist()} mm with signals of "
             f"{np.round(size, 2).tolist()} units; valid: two or more, both growing"
         )
-    found = np.interp(np.abs(np.asarray(z) - setup.null), size, shims)
-    beyond = np.abs(np.asarray(z) - setup.null) > size[-1]
-    return np.where(beyond, np.nan, found)
+    # from the null, because a coating may be thinner than the thinnest shim
+    read = np.abs(np.asarray(z) - setup.null)
+    return np.interp(read, [0.0, *size], [0.0, *shims], right=np.nan)
 
 
 def _find_direction(lift: NDArray[np.complex128]) -> complex:
