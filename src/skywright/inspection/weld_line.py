@@ -20,7 +20,7 @@ import numpy as np
 
 from skywright.core.arrays import Array, Mask
 from skywright.description.world.spec import Weld
-from skywright.description.world.surface import build_weld_curve, wrap
+from skywright.description.world.surface import build_weld_curve, flatten, wrap
 
 LEAN_PRIOR = math.tan(math.radians(10.0))
 """Standard deviation of the lean."""
@@ -84,7 +84,7 @@ class WeldLine(NamedTuple):
         if self.is_seam:
             u, w = wrap(around, self.radius), np.zeros(np.shape(around))
         else:
-            u, w = _flatten(around, self.radius)
+            u, w = flatten(around, self.radius)
         return np.asarray((s - self.lean * w) * math.cos(self.angle) - u * math.sin(self.angle))
 
     def find_ways(self, s: Array, c: Array) -> Array:
@@ -99,16 +99,9 @@ class WeldLine(NamedTuple):
         around = way * math.cos(self.angle)
         if self.is_seam:
             return self.s + way * math.sin(self.angle), self.c + around
-        _, w = _flatten(around, self.radius)
+        _, w = flatten(around, self.radius)
         climb = way * math.sin(self.angle) * np.sinc(around / self.radius / math.pi)
         return self.s + climb + self.lean * w, self.c + around
-
-
-def _flatten(c: Array, radius: float) -> tuple[Array, Array]:
-    """Return u and w (m) for distances `c` (m) around the pipe; c and zero for a plane."""
-    if not math.isfinite(radius):
-        return np.asarray(c), np.zeros(np.shape(c))
-    return radius * np.sin(c / radius), radius * (1.0 - np.cos(c / radius))
 
 
 class _Points(NamedTuple):
@@ -133,7 +126,7 @@ class _Crossings(NamedTuple):
 
     def flatten(self, c0: float) -> _Points:
         """Return s over u, from `c0` (m)."""
-        u, bow = _flatten(self.c - c0, self.radius)
+        u, bow = flatten(self.c - c0, self.radius)
         v = self.v * np.stack([np.cos((self.c - c0) / self.radius), np.ones(len(u))], axis=1)
         return _Points(np.stack([u, self.s], axis=1), bow, v)
 
@@ -288,7 +281,7 @@ def _refer(fit: _Fit, way: Array, c0: float, radius: float) -> WeldLine:
     if math.isfinite(radius):
         turn = math.asin(min(max(float(point[0]) / radius, -1.0), 1.0))
     around = radius * turn if math.isfinite(radius) else float(point[0])
-    bow = float(_flatten(np.asarray(around), radius)[1])
+    bow = float(flatten(np.asarray(around), radius)[1])
     # slope and lean of s0 + A u + B w at that point
     climb = sin * math.cos(turn) + fit.lean * cos * math.sin(turn)
     angle = math.atan2(climb, cos)

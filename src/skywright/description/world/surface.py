@@ -83,6 +83,13 @@ def wrap(c: Array | float, radius: float, near: Array | float = 0.0) -> Array:
     return np.asarray(c - turn * np.round((c - near) / turn))
 
 
+def flatten(c: Array, radius: float) -> tuple[Array, Array]:
+    """Return u and w (m) for distances `c` (m) around the pipe; c and zero for a plane."""
+    if not math.isfinite(radius):
+        return np.asarray(c), np.zeros(np.shape(c))
+    return radius * np.sin(c / radius), radius * (1.0 - np.cos(c / radius))
+
+
 def find_middle(c: Array, radius: float) -> float:
     """Return the place (m) around a pipe opposite the largest gap between places `c` (n,) m.
 
