@@ -17,11 +17,11 @@ from hypothesis import strategies as st
 
 from skywright.cli import main
 from skywright.description.loader import load_description
-from skywright.description.world.surface import build_cylinder, roll_points, unroll_points
+from skywright.description.world.surface import build_cylinder, roll_points, unroll_points, wrap
 from skywright.errors import InputError
 from skywright.inspection.files.nde import EddyScan, read_nde
 from skywright.inspection.history.store import InspectionStore
-from skywright.inspection.indications import COIL_WIDTH, FlawFinder
+from skywright.inspection.indications import COIL_WIDTH, FlawFinder, _join
 from skywright.inspection.notch_setup import set_up
 from skywright.missions.crack_scan.again import LEAST_HOLE, build_passes
 from skywright.missions.crack_scan.cover import build_sector, compute_cover, list_gaps
@@ -118,6 +118,60 @@ def test_a_weld_is_wide_and_a_crack_beside_it_ambiguous() -> None:
     assert [x.nature for x in beside if x.height > 0] == ["ambiguous"]
 
 
+RADIUS = 0.2
+
+
+def scan_around(height, start: float) -> FlawFinder:
+    """One turn of 16 coils around a pipe, from c = `start`; c is given from -pi R to pi R.
+
+    `height` returns the display's % FSH at (s, c) m, c within half a turn of 0.
+    """
+    rng, step = np.random.default_rng(11), 2e-4
+    around = np.arange(start, start + 2 * math.pi * RADIUS, step)
+    s, c = np.broadcast_arrays(COILS, wrap(around[:, None], RADIUS))
+    up = height(s, c) + rng.normal(0.0, 0.5, s.shape)
+    noise = rng.normal(0.0, 3e-4, (2, len(around), 1))
+    finder = FlawFinder(radius_m=RADIUS)
+    finder.add(0.01 * np.arange(len(around)), 1j * up, s + noise[0], wrap(c + noise[1], RADIUS))
+    return finder
+
+
+@pytest.mark.parametrize("place", [0.0, math.pi * RADIUS, 0.002 - math.pi * RADIUS])
+def test_a_crack_on_the_cut_of_the_unrolled_pipe_is_one_crack(place: float) -> None:
+    """A crack 12 mm around the pipe."""
+
+    def height(s, c):
+        beyond = np.maximum(np.abs(wrap(c - place, RADIUS)) - 0.006, 0.0)
+        return 60.0 * np.exp(-0.5 * (np.hypot(s, beyond) / 0.0015) ** 2)
+
+    found = scan_around(height, place - 0.3).find()
+    assert [x.nature for x in found] == ["crack"]
+    assert abs(wrap(found[0].c - place, RADIUS)) < 5e-4
+    assert found[0].length == pytest.approx(0.017, abs=0.0015)
+    assert abs(found[0].angle) < 0.1
+
+
+def test_a_weld_beside_a_crack_may_lie_across_the_cut() -> None:
+    """The crack is at c = 5 mm - pi R, 11 mm from the middle of the seam at pi R - 6 mm."""
+
+    def height(s, c):
+        crack = np.hypot(s, wrap(c + math.pi * RADIUS - 0.005, RADIUS)) / 0.0015
+        seam = wrap(c - math.pi * RADIUS + 0.006, RADIUS) / 0.004
+        return 50.0 * np.exp(-0.5 * crack**2) - 50.0 * np.exp(-0.5 * seam**2)
+
+    found = scan_around(height, 0.0).find()
+    assert {x.nature for x in found if x.height < 0} == {"weld"}
+    assert [x.nature for x in found if x.height > 0] == ["ambiguous"]
+
+
+def test_an_indication_around_most_of_the_pipe_is_cut_in_its_gap() -> None:
+    """300 deg from -20 deg on, across the cut at 180 deg, most samples at the start."""
+    around = np.radians(np.concatenate([np.linspace(-20, 0, 500), np.linspace(1, 280, 280)]))
+    place = np.column_stack([np.zeros(780), wrap(RADIUS * around, RADIUS)])
+    np.testing.assert_allclose(_join(place, RADIUS)[:, 1], RADIUS * around, atol=1e-12)
+    np.testing.assert_array_equal(_join(place, math.inf), place)
+
+
 def test_what_separates_a_crack_from_a_weld_grows_with_the_coil() -> None:
     """A coil of twice the size sees a crack twice as wide; of half the size a weld is no crack."""
     large = Coil(0.002, 0.005, 0.006, recess=0.001)
@@ -184,6 +238,8 @@ def test_wrong_blocks_are_told() -> None:
     t, z, s, c = scan(None, np.random.default_rng(6))
     with pytest.raises(InputError, match="valid: above 0"):
         FlawFinder(threshold=0.0)
+    with pytest.raises(InputError, match="inf for a plane"):
+        FlawFinder(radius_m=math.nan)
     with pytest.raises(InputError, match=r"three times \(n, k\)"):
         FlawFinder().add(t[:5], z, s, c)
     finder = FlawFinder()

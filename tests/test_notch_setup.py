@@ -75,6 +75,28 @@ def test_a_drift_fails_the_check(db: float, deg: float, reason: str) -> None:
     assert soon.holds  # a tenth of it is within the limits
 
 
+def draw_visit(notch_deg: float, lift_deg: float = 0.0) -> BlockScan:
+    """Return a visit without noise; `notch_deg` and `lift_deg` are the directions (deg)."""
+    notch, lift = np.exp(1j * np.radians([notch_deg, lift_deg]))
+    return BlockScan(
+        np.zeros(50, complex), 5.0 * lift * np.linspace(0.0, 1.0, 50), np.full(50, notch), 1e-3
+    )
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("angle", [30.0, 70.0, 110.0])
+def test_a_notch_mirrored_about_the_vertical_has_turned(angle: float, side: float) -> None:
+    """Lift-off and height stay; `side` -1: the display is rotated with the lift-off to the left."""
+    setup = set_up(draw_visit(side * angle))
+    assert check_setup(setup, draw_visit(side * angle)).reasons == ()
+    later = check_setup(setup, draw_visit(side * (180.0 - angle)))
+    assert later.height == pytest.approx(TARGET) and later.lift_angle == pytest.approx(0.0)
+    assert later.phase_change == pytest.approx(abs(180.0 - 2.0 * angle))
+    assert [f"turned by {abs(180 - 2 * angle):.1f} deg" in x for x in later.reasons] == [True]
+    over = check_setup(setup, draw_visit(side * angle + 180.0, 180.0))
+    assert over.phase_change == pytest.approx(180.0)
+
+
 @settings(max_examples=40, deadline=None)
 @given(st.floats(-3, 3), st.floats(-20, 20))
 def test_the_check_tells_the_drift(db: float, deg: float) -> None:
@@ -121,3 +143,13 @@ def test_coating_from_lift_off() -> None:
     assert np.isnan(estimate_coating(setup, read([2e-3]), shims, read(shims))[0])
     with pytest.raises(InputError, match="both growing"):
         estimate_coating(setup, read(paint), shims[::-1], read(shims))
+
+
+def test_a_coating_thinner_than_the_thinnest_shim_is_read() -> None:
+    """Signals of 20 units per mm; the display was nulled on bare metal."""
+    setup = set_up(draw_visit(70.0))
+    shims = np.array([0.1, 0.2]) * 1e-3
+    found = estimate_coating(setup, 2e4 * np.array([0.0, 2e-5, 5e-5, 1.5e-4]), shims, 2e4 * shims)
+    assert found == pytest.approx([0.0, 2e-5, 5e-5, 1.5e-4], abs=1e-12)
+    with pytest.raises(InputError, match="both growing"):
+        estimate_coating(setup, np.zeros(1), np.array([0.0, 1e-4]), np.zeros(2))

@@ -10,7 +10,13 @@ import pytest
 
 from skywright.core.arrays import Array
 from skywright.description.world.spec import Weld
-from skywright.description.world.surface import Cylinder, build_weld_curve, roll_points
+from skywright.description.world.surface import (
+    Cylinder,
+    build_weld_curve,
+    find_middle,
+    roll_points,
+    wrap,
+)
 from skywright.inspection.calibration import Calibration
 from skywright.inspection.crossings import count_passes
 from skywright.inspection.weld import WeldResult, process_scan
@@ -23,7 +29,7 @@ ROWS = (-0.1, -0.05, 0.0, 0.05, 0.1)
 Path = list[tuple[float, float]]  # s (m) and phi (deg)
 
 
-def scan(path: Path, *welds: Weld, speed: float = 0.04) -> WeldResult:
+def scan(path: Path, *welds: Weld, speed: float = 0.04, noise: float = 2e-4) -> WeldResult:
     """Scan along straight lines between the points of a path; the signal is a ridge 8 mm wide."""
     rng, parts = np.random.default_rng(0), []
     for (s0, f0), (s1, f1) in pairwise(path):
@@ -31,9 +37,9 @@ def scan(path: Path, *welds: Weld, speed: float = 0.04) -> WeldResult:
         parts.append(np.column_stack([np.linspace(s0, s1, count), np.linspace(f0, f1, count)]))
     s, c = np.concatenate(parts).T * [[1.0], [R * math.pi / 180]]
     d = np.min([np.abs(build_weld_curve(w, R).measure_distance(s, c)) for w in welds], axis=0)
-    noise = rng.normal(size=s.size) + 1j * rng.normal(size=s.size)
-    signal = 8j * np.exp(-((d / 0.004) ** 2)) + 0.1 * noise
-    p = roll_points(PIPE, s, c)[0] + 2e-4 * rng.normal(size=(s.size, 3))
+    ec_noise = rng.normal(size=s.size) + 1j * rng.normal(size=s.size)
+    signal = 8j * np.exp(-((d / 0.004) ** 2)) + 0.1 * ec_noise
+    p = roll_points(PIPE, s, c)[0] + noise * rng.normal(size=(s.size, 3))
     return process_scan(0.01 * np.arange(s.size), signal, p, PIPE, CALIBRATION)
 
 
@@ -93,6 +99,47 @@ def test_each_weld_is_one_line(
         assert len(found.list_crossings(k)) == counts[welds.index(left.pop(nearest))]
         s, c = line.follow(np.linspace(-0.05, 0.05, 9))
         assert np.max(np.abs(line.measure_distance(s, c))) < 1e-12 or not line.is_seam
+
+
+@pytest.mark.parametrize("passes", [5, 9])
+@pytest.mark.parametrize("noise", [1e-4, 3e-4, 1e-3])
+def test_a_pass_on_the_cut_of_the_unrolled_pipe_is_one_pass(passes: int, noise: float) -> None:
+    """Passes along the pipe, the first one repeated after a turn; one is at 180 deg, on the cut."""
+    around = np.linspace(0.0, 360.0, passes).tolist()
+    path = [(s, f) for i, f in enumerate(around) for s in ((-0.1, 0.1), (0.1, -0.1))[i % 2]]
+    found = scan(path, GIRTH, noise=noise)
+    assert len(found.list_crossings(0)) == len(found.crossings) == passes
+    assert not any(x.one_sided for x in found.crossings) and not found.notes
+    # the cut is in the largest gap: the places of contact on the unrolled pipe have no other jump
+    c = np.sort(found.c[found.contact])
+    assert np.max(np.diff(c)) < R * math.radians(360.0 / (passes - 1)) + 0.01
+    assert np.ptp(c) < R * math.radians(361.0)
+    assert np.ptp([x.c for x in found.crossings]) < np.ptp(c)
+
+
+@pytest.mark.parametrize("phi", [-160.0, 120.0])
+def test_a_seam_is_crossed_once_wherever_the_pipe_is_cut(phi: float) -> None:
+    """Passes over 400 deg, whose mean is at 20 deg: a seam at 200 deg is opposite to it."""
+    path = [
+        (s, f)
+        for i, s in enumerate(np.linspace(-0.1, 0.1, 6).tolist())
+        for f in ((0.0, 400.0), (400.0, 0.0))[i % 2]
+    ]
+    found = scan(path, seam(phi))
+    assert len(found.list_crossings(0)) == len(found.crossings) == 6
+    assert not any(x.one_sided for x in found.crossings)
+    assert found.lines[0].std_offset < 5e-5
+    assert abs(compute_line_error(found.lines[0], seam(phi), R)[0]) < 1.5e-4
+
+
+@pytest.mark.parametrize("turns", [-3.0, 0.0, 2.0])
+def test_the_cut_lies_in_the_largest_gap(turns: float) -> None:
+    """Places from -100 to 200 deg, most of them at one end: their middle is not their mean."""
+    phi = np.radians([*np.linspace(-100.0, -90.0, 50), *np.linspace(-60.0, 200.0, 7)])
+    middle = find_middle(wrap(R * phi, R) + turns * 2.0 * math.pi * R, R)
+    assert middle == pytest.approx(R * math.radians(50.0))
+    assert np.argmin(wrap(R * phi, R, middle)) == 0
+    assert find_middle(R * phi, math.inf) == find_middle(phi[:0], R) == 0.0
 
 
 def measure_line(angle: float = 90.0) -> WeldLine:

@@ -5,7 +5,6 @@ the pipe then deviates from the lift-off curve, and the result is the negative o
 shows the error: the base metal is the majority of the readings, over an area wider than any weld.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -116,18 +115,6 @@ def centre_calibration(w: ComplexArray, s: Array, c: Array, cal: Calibration) ->
         f"{what} contact point (calibrated on the weld, or drift): these samples are taken "
         "as base metal",
     )
-
-
-def unwrap(c: Array, contact: Mask, radius: float) -> Array:
-    """Return `c` (n,) m, shifted by whole turns to within half a turn of the mean over `contact`.
-
-    A scan across the far side of the pipe is then continuous.
-    """
-    if not np.any(contact):
-        return c
-    middle = float(np.angle(np.mean(np.exp(1j * c[contact] / radius)))) * radius
-    turn = 2.0 * math.pi * radius
-    return np.asarray(c - turn * np.round((c - middle) / turn))
 
 
 def remove_drift(s: Array, c: Array, weld: Array, contact: Mask, threshold: float) -> Array:

@@ -25,6 +25,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from skywright.core.arrays import Array
+from skywright.description.world.surface import find_middle, flatten, wrap
 from skywright.errors import InputError
 from skywright.recordings.period import compute_period
 
@@ -70,12 +71,13 @@ class FlawFinder:
 
     def __init__(
         self, *, threshold: float = 15.0, window_m: float | None = None,
-        coil_width_m: float = COIL_WIDTH, track_std: float = 0.001,
+        coil_width_m: float = COIL_WIDTH, track_std: float = 0.001, radius_m: float = math.inf,
     ) -> None:  # fmt: skip
         """Set `threshold` (% FSH) and `window_m` (m of path), the window of the running median.
 
         `coil_width_m` is the coil's width at half height and `track_std` (m) the standard deviation
         of a position. `window_m` is by default WINDOW, scaled up for a coil wider than COIL_WIDTH.
+        `radius_m` is that of the pipe (a turn apart, places are the same), infinite for a plane.
         Raises InputError if one of them is not above 0.
         """
         if window_m is None:
@@ -84,8 +86,11 @@ class FlawFinder:
                             ("coil_width_m", coil_width_m), ("track_std", track_std)):  # fmt: skip
             if not (math.isfinite(value) and value > 0):
                 raise InputError(f"flaw scan: {name} {value}; valid: above 0")
+        if not radius_m > 0:
+            raise InputError(f"flaw scan: radius_m {radius_m}; valid: above 0, inf for a plane")
         self.threshold, self.window_m = threshold, window_m
         self.coil_width_m, self.track_std = coil_width_m, track_std
+        self.radius_m = radius_m
         self.scale = coil_width_m / COIL_WIDTH
         self._blocks: list[tuple[Array, NDArray[np.complex128], Array, Array]] = []
 
@@ -124,7 +129,7 @@ class FlawFinder:
             ok = np.flatnonzero(np.isfinite(z[:, k]) & np.isfinite(s[:, k]) & np.isfinite(c[:, k]))
             if ok.size < 3:
                 continue
-            mean = _measure_step(t[ok], s[ok, k], c[ok, k])
+            mean = _measure_step(t[ok], s[ok, k], c[ok, k], self.radius_m)
             size = ok.size if mean <= 0 else min(round(self.window_m / mean), ok.size)
             values, half = z[ok, k].imag, 0.5 * self.threshold
             slow = median_filter(values, size=max(size, 3) | 1, mode="nearest")
@@ -139,25 +144,27 @@ class FlawFinder:
         if not row.size:
             return []
         height, place = up[row, coil], np.column_stack([s[row, coil], c[row, coil]])
+        points = _roll(place, self.radius_m)
         labels = np.zeros(row.size, int)
         for sign in (1.0, -1.0):  # a weld's flank is not part of a crack
             mine = np.flatnonzero(np.sign(height) == sign)
-            labels[mine] = _link(place[mine], LINK * max(self.scale, 1.0)) + (
+            labels[mine] = _link(points[mine], LINK * max(self.scale, 1.0)) + (
                 0 if sign > 0 else row.size
             )
         parts = [np.flatnonzero(labels == k) for k in np.unique(labels)]
         found = [self._describe(t[row[mine]], height[mine], place[mine]) for mine in parts]
-        welds = [place[m] for x, m in zip(found, parts, strict=True) if x.nature == "weld"]
+        welds = [points[m] for x, m in zip(found, parts, strict=True) if x.nature == "weld"]
         weld, out = cKDTree(np.concatenate(welds)) if welds else None, []
         for x in found:
             if weld is not None and x.nature == "crack":
                 reach = BESIDE * self.scale + 0.5 * x.length
-                if weld.query([x.s, x.c])[0] < reach:
+                if weld.query(_roll(np.array([[x.s, x.c]]), self.radius_m)[0])[0] < reach:
                     x = x._replace(nature="ambiguous")
             out.append(x)
         return sorted(out, key=lambda x: -abs(x.height))
 
     def _describe(self, t: Array, height: Array, place: Array) -> Indication:
+        place = _join(place, self.radius_m)
         weight = np.abs(height)
         peak = int(np.argmax(weight))
         middle = weight @ place / weight.sum()
@@ -185,14 +192,15 @@ class FlawFinder:
         )  # fmt: skip
 
 
-def _measure_step(t: Array, s: Array, c: Array) -> float:
+def _measure_step(t: Array, s: Array, c: Array, radius: float) -> float:
     """Return the distance (m) from sample to sample along the path.
 
     It is measured over LAG, because between neighbours it is mostly the tracker's noise.
     """
     dt = compute_period(t)
     lag = min(max(round(LAG / dt), 1) if dt > 0 else 1, t.size - 1)
-    return float(np.median(np.hypot(s[lag:] - s[:-lag], c[lag:] - c[:-lag]))) / lag
+    around = wrap(c[lag:] - c[:-lag], radius)
+    return float(np.median(np.hypot(s[lag:] - s[:-lag], around))) / lag
 
 
 def _measure_sound(values: Array, size: int) -> Array:
@@ -205,9 +213,20 @@ def _measure_sound(values: Array, size: int) -> Array:
     return np.interp(np.arange(n), np.arange(0, n, step), coarse)
 
 
-def _link(place: Array, reach: float) -> NDArray[np.intp]:
-    """Label (n,) places (n, 2) m; places connected by steps up to `reach` (m) share a label."""
-    n = len(place)
-    pairs = cKDTree(place).query_pairs(reach, output_type="ndarray") if n else np.zeros((0, 2), int)
+def _roll(place: Array, radius: float) -> Array:
+    """Return points (n, 3) m in space of places (n, 2) m, which a pipe's cut does not separate."""
+    return np.column_stack([place[:, 0], *flatten(place[:, 1], radius)])
+
+
+def _join(place: Array, radius: float) -> Array:
+    """Return the places (n, 2) m of one indication without the pipe's cut, the first unchanged."""
+    c = wrap(place[:, 1], radius, find_middle(place[:, 1], radius))
+    return np.column_stack([place[:, 0], c + (place[0, 1] - c[0])])
+
+
+def _link(points: Array, reach: float) -> NDArray[np.intp]:
+    """Label (n,) points (n, 3) m; points connected by steps up to `reach` (m) share a label."""
+    n = len(points)
+    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
     graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
     return np.asarray(connected_components(graph, directed=False)[1], np.intp)

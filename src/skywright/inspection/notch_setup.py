@@ -42,7 +42,7 @@ class NotchSetup(NamedTuple):
     factor: complex  # % FSH per unit, rotation included
     noise: float  # % FSH, standard deviation across the lift-off, at rest
     notch_depth: float  # m, of the reference notch
-    notch_angle: float  # deg, of the notch from the lift-off, 0 to 180
+    notch_angle: float  # deg, of the notch on the display from the right, 0 to 180
     lift_off: float  # % FSH along the horizontal, at the end of the lift
 
     def show(self, z: NDArray[Any]) -> NDArray[np.complex128]:
@@ -104,9 +104,8 @@ def set_up(scan: BlockScan) -> NotchSetup:
     factor = turn * TARGET / (notch * turn).imag
     end = complex(np.median((scan.lift[-5:] - null).real), np.median((scan.lift[-5:] - null).imag))
     across = robust_std(((sound - null) * factor).imag)
-    return NotchSetup(
-        null, factor, across, scan.notch_depth, abs(angle), abs((end * factor).real)
-    )  # fmt: skip
+    shown = math.degrees(cmath.phase(notch * factor))
+    return NotchSetup(null, factor, across, scan.notch_depth, shown, abs((end * factor).real))
 
 
 def check_setup(setup: NotchSetup, scan: BlockScan) -> SetupCheck:
@@ -126,10 +125,8 @@ def check_setup(setup: NotchSetup, scan: BlockScan) -> SetupCheck:
     notch = _find_peak(_check(scan.notch, "notch") - null) * setup.factor
     lift = _find_direction(_check(scan.lift, "lift-off") - null) * setup.factor
     lift_angle = math.degrees(math.atan(lift.imag / lift.real)) if lift.real else 90.0
-    # at the set-up, the notch was at `notch_angle` from the horizontal lift-off
-    was = setup.notch_angle
     now = math.degrees(cmath.phase(notch))
-    change = min(abs(now - was), abs(now - (180.0 - was)))
+    change = abs(math.remainder(now - setup.notch_angle, 360.0))
     height = notch.imag
     reasons = []
     if abs(height - TARGET) > GAIN_CHANGE / 100.0 * TARGET:
@@ -149,9 +146,9 @@ def estimate_coating(setup: NotchSetup, z: NDArray[Any], shims: Array, lifted: A
     """Return the thickness (n,) m of the coating under the probe from its lift-off.
 
     `shims` (k,) m and the signals `lifted` (k,) on them calibrate |signal - null|, which grows with
-    the distance. Signals beyond the thickest shim give NaN. An error of 2 % in the permeability
-    changes the result by 4 to 6 um. Raises InputError if there are fewer than two shims, or if
-    shims or signals do not increase.
+    the distance and is 0 on bare metal. Signals beyond the thickest shim give NaN. An error of 2 %
+    in the permeability changes the result by 4 to 6 um. Raises InputError if there are fewer than
+    two shims, or if shims or signals do not increase.
     """
     size = np.abs(np.asarray(lifted, np.complex128) - setup.null)
     if len(shims) < 2 or np.any(np.diff(shims) <= 0) or np.any(np.diff(size) <= 0):
@@ -159,9 +156,9 @@ def estimate_coating(setup: NotchSetup, z: NDArray[Any], shims: Array, lifted: A
             f"coating: shims of {np.round(1e3 * np.asarray(shims), 3).tolist()} mm with signals of "
             f"{np.round(size, 2).tolist()} units; valid: two or more, both growing"
         )
-    found = np.interp(np.abs(np.asarray(z) - setup.null), size, shims)
-    beyond = np.abs(np.asarray(z) - setup.null) > size[-1]
-    return np.where(beyond, np.nan, found)
+    # from the null, because a coating may be thinner than the thinnest shim
+    read = np.abs(np.asarray(z) - setup.null)
+    return np.interp(read, [0.0, *size], [0.0, *shims], right=np.nan)
 
 
 def _find_direction(lift: NDArray[np.complex128]) -> complex:

@@ -8,9 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.arrays import Array, Mask
-from skywright.description.world.surface import Cylinder, roll_points, unroll_points
+from skywright.description.world.surface import (
+    Cylinder,
+    find_middle,
+    roll_points,
+    unroll_points,
+    wrap,
+)
 from skywright.errors import InputError
-from skywright.inspection.baseline import MAJORITY, centre_calibration, remove_drift, unwrap
+from skywright.inspection.baseline import MAJORITY, centre_calibration, remove_drift
 from skywright.inspection.calibration import (
     Calibration,
     compute_components,
@@ -290,6 +296,8 @@ def process_scan(
     valid &= ~spikes
     notes += [note] if note else []
     s, c, gap = unroll_points(surface, p)
+    # along the path, because with noise c jumps at every sample on the cut of the unrolled pipe
+    c[valid] = np.unwrap(c[valid], period=2.0 * math.pi * surface.radius)
 
     searched = valid.copy()
     if exclude is not None:
@@ -317,7 +325,6 @@ def process_scan(
             f"{share:.0%} of the contact samples read as weld: base metal must be the majority for "
             "a line; calibrate away from the weld"
         )
-    c = unwrap(c, contact & searched, surface.radius)
     weld = remove_drift(s, c, weld, contact & searched, calibration.weld_threshold)
     on_weld = contact & searched & (weld > calibration.weld_threshold) & sound
 
@@ -330,11 +337,15 @@ def process_scan(
     off_weld = contact & searched & ~on_weld
     data = (t[index], s[index], c[index], weld[index] - base, on_weld[index], noise, surface)
     path = (s[index], c[index], contact[index] & searched[index])
+    least = SIGNIFICANCE * noise
+    near = find_middle(c[contact & searched], surface.radius)
     lines: list[WeldLine] = []
     for _ in range(3):  # a line's normal refines its crossings, and these refine the line
         found, points = find_crossings(*data, off_weld[index], lines)
-        crossings = [x for x in found if x.peak >= SIGNIFICANCE * noise]
-        points = [x for x in points if x.peak >= SIGNIFICANCE * noise]
+        crossings, points = (
+            [x._replace(c=float(wrap(x.c, surface.radius, near))) for x in part if x.peak >= least]
+            for part in (found, points)
+        )
         lines = separate_lines(points, surface.radius, *path, lag_std)
         if not lines:
             break
@@ -372,25 +383,13 @@ def process_scan(
         notes.append("one crossing only: the line is not determined")
     elif crossings:
         notes.append("the crossings are too close together to determine the line")
-    level = max(calibration.weld_threshold - base, SIGNIFICANCE * noise)
+    level = max(calibration.weld_threshold - base, least)
     contrasts = measure_contrasts(crossings, len(lines), level)
     notes += tell_faint(contrasts, level)
-    count = int(valid.sum())
     return WeldResult(
-        t=t,
-        s=s,
-        c=c,
-        gap=gap,
-        lift_off=lift_off,
-        weld=weld,
-        contact=contact,
-        on_weld=on_weld,
-        contact_fraction=float(contact.sum()) / count if count else 0.0,
-        crossings=tuple(crossings),
-        lines=tuple(lines),
-        calibration=calibration,
-        surface=surface,
-        notes=tuple(notes),
-        level=level,
-        contrasts=tuple(contrasts),
-    )
+        t=t, s=s, c=wrap(c, surface.radius, near), gap=gap, lift_off=lift_off, weld=weld,
+        contact=contact, on_weld=on_weld,
+        contact_fraction=float(np.mean(contact[valid])) if valid.any() else 0.0,
+        crossings=tuple(crossings), lines=tuple(lines), calibration=calibration, surface=surface,
+        notes=tuple(notes), level=level, contrasts=tuple(contrasts),
+    )  # fmt: skip

@@ -20,7 +20,7 @@ import numpy as np
 
 from skywright.core.arrays import Array, Mask
 from skywright.description.world.spec import Weld
-from skywright.description.world.surface import build_weld_curve
+from skywright.description.world.surface import build_weld_curve, flatten, wrap
 
 LEAN_PRIOR = math.tan(math.radians(10.0))
 """Standard deviation of the lean."""
@@ -82,15 +82,15 @@ class WeldLine(NamedTuple):
         """
         around, s = np.asarray(c) - self.c, np.asarray(s) - self.s
         if self.is_seam:
-            u, w = _wrap(around, self.radius), np.zeros(np.shape(around))
+            u, w = wrap(around, self.radius), np.zeros(np.shape(around))
         else:
-            u, w = _flatten(around, self.radius)
+            u, w = flatten(around, self.radius)
         return np.asarray((s - self.lean * w) * math.cos(self.angle) - u * math.sin(self.angle))
 
     def find_ways(self, s: Array, c: Array) -> Array:
         """Return the distances (n,) m along the tangent of points (s, c), (n,) m each."""
         around = np.asarray(c) - self.c
-        around = _wrap(around, self.radius) if self.is_seam else around
+        around = wrap(around, self.radius) if self.is_seam else around
         along = (np.asarray(s) - self.s) * math.sin(self.angle)
         return np.asarray(along + around * math.cos(self.angle))
 
@@ -99,24 +99,9 @@ class WeldLine(NamedTuple):
         around = way * math.cos(self.angle)
         if self.is_seam:
             return self.s + way * math.sin(self.angle), self.c + around
-        _, w = _flatten(around, self.radius)
+        _, w = flatten(around, self.radius)
         climb = way * math.sin(self.angle) * np.sinc(around / self.radius / math.pi)
         return self.s + climb + self.lean * w, self.c + around
-
-
-def _flatten(c: Array, radius: float) -> tuple[Array, Array]:
-    """Return u and w (m) for distances `c` (m) around the pipe; c and zero for a plane."""
-    if not math.isfinite(radius):
-        return np.asarray(c), np.zeros(np.shape(c))
-    return radius * np.sin(c / radius), radius * (1.0 - np.cos(c / radius))
-
-
-def _wrap(c: Array | float, radius: float) -> Array:
-    """Return distances `c` (m) around the pipe to within half a turn; unchanged for a plane."""
-    if not math.isfinite(radius):
-        return np.asarray(c)
-    turn = 2.0 * math.pi * radius
-    return np.asarray(c - turn * np.round(c / turn))
 
 
 class _Points(NamedTuple):
@@ -136,12 +121,12 @@ class _Crossings(NamedTuple):
 
     def unroll(self, c0: float) -> _Points:
         """Return s over c, within half a turn of `c0` (m)."""
-        around = _wrap(self.c - c0, self.radius)
+        around = wrap(self.c - c0, self.radius)
         return _Points(np.stack([around, self.s], axis=1), np.zeros(len(self.s)), self.v)
 
     def flatten(self, c0: float) -> _Points:
         """Return s over u, from `c0` (m)."""
-        u, bow = _flatten(self.c - c0, self.radius)
+        u, bow = flatten(self.c - c0, self.radius)
         v = self.v * np.stack([np.cos((self.c - c0) / self.radius), np.ones(len(u))], axis=1)
         return _Points(np.stack([u, self.s], axis=1), bow, v)
 
@@ -201,7 +186,7 @@ def _consensus(x: _Crossings, c0: float, lag_std: float) -> tuple[Mask, float | 
             at = axial if is_seam else oblique
             d = at[pairs[:, 1]] - at[pairs[:, 0]]
             if is_seam:
-                d[:, 0] = _wrap(d[:, 0], x.radius)
+                d[:, 0] = wrap(d[:, 0], x.radius)
             length = np.hypot(d[:, 0], d[:, 1])
             use = (length >= 1e-3) & ((np.abs(d[:, 0]) < SEAM * length) == is_seam)
             for end in pairs.T:
@@ -212,7 +197,7 @@ def _consensus(x: _Crossings, c0: float, lag_std: float) -> tuple[Mask, float | 
                 (du, ds), span = d[part].T, length[part]
                 off = at - at[pairs[part, :1]]  # (pairs, crossings, 2)
                 if is_seam:
-                    off[..., 0] = _wrap(off[..., 0], x.radius)
+                    off[..., 0] = wrap(off[..., 0], x.radius)
                 r = np.abs(off[..., 1] * du[:, None] - off[..., 0] * ds[:, None])
                 r /= span[:, None] * limit
                 score = np.sum(1 - np.minimum(r, 1) ** 2, axis=1) + 1e-3 * (span - abs(lean))
@@ -296,7 +281,7 @@ def _refer(fit: _Fit, way: Array, c0: float, radius: float) -> WeldLine:
     if math.isfinite(radius):
         turn = math.asin(min(max(float(point[0]) / radius, -1.0), 1.0))
     around = radius * turn if math.isfinite(radius) else float(point[0])
-    bow = float(_flatten(np.asarray(around), radius)[1])
+    bow = float(flatten(np.asarray(around), radius)[1])
     # slope and lean of s0 + A u + B w at that point
     climb = sin * math.cos(turn) + fit.lean * cos * math.sin(turn)
     angle = math.atan2(climb, cos)

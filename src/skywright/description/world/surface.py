@@ -71,9 +71,38 @@ def unroll_points(cyl: Cylinder, p: Array, near: Array | float = 0.0) -> tuple[A
     """
     local = (np.asarray(p, float) - cyl.p_WP) @ cyl.R_WP
     c = cyl.radius * np.arctan2(local[:, 2], -local[:, 0])
-    turn = 2.0 * math.pi * cyl.radius
-    c = np.asarray(c - turn * np.round((c - near) / turn))
+    c = wrap(c, cyl.radius, near)
     return local[:, 1], c, np.hypot(local[:, 0], local[:, 2]) - cyl.radius
+
+
+def wrap(c: Array | float, radius: float, near: Array | float = 0.0) -> Array:
+    """Return places `c` (m) around a pipe within half a turn of `near`; unchanged for a plane."""
+    if not math.isfinite(radius):
+        return np.asarray(c)
+    turn = 2.0 * math.pi * radius
+    return np.asarray(c - turn * np.round((c - near) / turn))
+
+
+def flatten(c: Array, radius: float) -> tuple[Array, Array]:
+    """Return u and w (m) for distances `c` (m) around the pipe; c and zero for a plane."""
+    if not math.isfinite(radius):
+        return np.asarray(c), np.zeros(np.shape(c))
+    return radius * np.sin(c / radius), radius * (1.0 - np.cos(c / radius))
+
+
+def find_middle(c: Array, radius: float) -> float:
+    """Return the place (m) around a pipe opposite the largest gap between places `c` (n,) m.
+
+    Places within half a turn of it are cut in that gap, so neighbours are not separated. Returns 0
+    for a plane or no places.
+    """
+    if not c.size or not math.isfinite(radius):
+        return 0.0
+    turn = 2.0 * math.pi * radius
+    around = np.sort(wrap(c, radius))
+    gaps = np.diff(around, append=around[0] + turn)
+    k = int(np.argmax(gaps))
+    return float(wrap(around[k] + 0.5 * (gaps[k] + turn), radius))
 
 
 @helper

@@ -61,7 +61,7 @@ def find_search(run: Flown[CrackScan, CrackWay]) -> Search | None:
     display[~counts] = np.nan
     finder = FlawFinder(
         threshold=procedure.threshold_percent, coil_width_m=compute_coil_width(array),
-        track_std=procedure.track_std_m,
+        track_std=procedure.track_std_m, radius_m=known.radius,
     )  # fmt: skip
     finder.add(samples["t"], display, S, C)
     _, height, _, _ = finder.compute_heights()
