@@ -513,7 +513,7 @@ def test_command_refuses(args: tuple[str, ...], words: str, tmp_path, monkeypatc
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", ["platform", "tip", "rotor0", "slider", "free"])
+@pytest.mark.parametrize("name", ["world", "platform", "tip", "rotor0", "slider", "free"])
 def test_a_link_cannot_have_the_name_of_another_part(name: str, tmp_path) -> None:
     file = tmp_path / "robot.toml"
     link = f"[robot.arm.{name}]\njoint = 'fixed'\nlength_m = 0.1\nmass_kg = 0.1\n"

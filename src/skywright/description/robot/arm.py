@@ -231,7 +231,7 @@ class Hand(Spec):
 
 
 TAKEN = re.compile(
-    r"platform|gear|docking|pendulum|holder|slider|spring|free|tip|bar|map|(left_|right_)?contact|(hand|rotor|object)\s?\d*"
+    r"world|platform|gear|docking|pendulum|holder|slider|spring|free|tip|bar|map|(left_|right_)?contact|(hand|rotor|object)\s?\d*"
 )
 """Reserved names of parts and joints: links must have other names."""
 
