@@ -128,6 +128,9 @@ def test_robots_and_worlds_that_cannot_are_told() -> None:
         plan_mission(load_description("bridge-contact", robot="othex"))
     with pytest.raises(InputError, match="no structure"):
         plan_mission(load_description("bridge-contact", world="open"))
+    pillar = {"mission.task.spots": [{"x_m": 0.0, "y_m": 2.1}]}  # the pillar is 4 m high
+    with pytest.raises(InputError, match=r"structure, which reaches 2 m along y$"):
+        plan_mission(load_description("wall-contact", world="pillar", sets=pillar))
     with pytest.raises(InputError, match=r"0\.2 to 16 N"):
         load_description("bridge-contact", sets={"mission.task.forces_n": [0.0]})
 
