@@ -10,6 +10,7 @@ import pytest
 
 from exact_map import KNOWN
 from skywright.description.loader import load_description
+from skywright.description.robot.arm import Arm
 from skywright.description.robot.loader import load_robot
 from skywright.errors import InputError
 from skywright.missions.bridge_contact.sliding import find_way
@@ -128,6 +129,9 @@ def test_robots_and_worlds_that_cannot_are_told() -> None:
         plan_mission(load_description("bridge-contact", robot="othex"))
     with pytest.raises(InputError, match="no structure"):
         plan_mission(load_description("bridge-contact", world="open"))
+    pillar = {"mission.task.spots": [{"x_m": 0.0, "y_m": 2.1}]}  # the pillar is 4 m high
+    with pytest.raises(InputError, match=r"structure, which reaches 2 m along y$"):
+        plan_mission(load_description("wall-contact", world="pillar", sets=pillar))
     with pytest.raises(InputError, match=r"0\.2 to 16 N"):
         load_description("bridge-contact", sets={"mission.task.forces_n": [0.0]})
 
@@ -315,3 +319,16 @@ def test_a_press_whose_arm_meets_its_stop_is_given_up() -> None:
     after = result.samples[result.samples["phase"] > at]
     assert float(np.max(np.linalg.norm(after["f_contact"], axis=1))) == 0.0
     assert names[at + 1 :] == ["free leave", "return", "land"]
+
+
+def test_a_rigid_stick_has_one_posture() -> None:
+    robot = load_robot("f550-bridge")[0]
+    stick = {"joint": "fixed", "length_m": 0.35, "mass_kg": 0.12}
+    arm = Arm.model_validate({"links": {"stick": stick}, "servos": {}})
+    rigid = robot.model_copy(update={"arm": arm})
+    assert rigid.probe is not None
+    stance = find_free_stance(rigid, "side")
+    assert stance.q.shape == (0,) and stance.lean == pytest.approx(0.0, abs=1e-9)
+    assert stance.tip == pytest.approx([0.35 + rigid.probe.length_m, 0.0, 0.0])
+    with pytest.raises(InputError, match="cannot point its probe up"):
+        find_free_stance(rigid, "down")

@@ -13,6 +13,7 @@ from skywright.core.rotations import rot_x, rot_y, rot_z
 from skywright.description.loader import load_description
 from skywright.description.map_error import displace_world
 from skywright.description.world.datum import find_datum, locate_datum
+from skywright.description.world.loader import load_world
 from skywright.description.world.spec import Pipe
 from skywright.description.world.structure import Structure, build_surface, find_place, locate_point
 from skywright.description.world.surface import (
@@ -168,6 +169,16 @@ def test_a_mark_beside_its_surface_is_refused(keys: dict[str, float], message: s
     world = world.model_copy(update={"things": {"mark": Datum(**keys)}})
     with pytest.raises(InputError, match=message):
         find_datum(world)
+
+
+def test_a_mark_on_an_upright_pillar_is_between_its_ends() -> None:
+    """It is `width_m` = 4 m high; `length_m` = 6 m does not shape it."""
+    world = load_world("pillar")[0]
+    mark = Datum(x_m=0.0, y_m=1.9)
+    assert find_datum(world.model_copy(update={"things": {"mark": mark}})) == mark
+    above = world.model_copy(update={"things": {"mark": Datum(x_m=0.0, y_m=2.1)}})
+    with pytest.raises(InputError, match=r"mark.y_m = 2.1 lies beside .*valid: -2 to 2"):
+        find_datum(above)
 
 
 def test_far_from_the_mark_the_pipes_direction_counts() -> None:

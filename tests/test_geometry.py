@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from skywright.core.rotations import exp_so3, quat_from_rot, rot_z
 from skywright.description.loader import load_description
 from skywright.description.world.surface import build_cylinder
+from skywright.models.drawing import build_drawing, is_propeller
 from skywright.models.geometry import (
     FAR,
     ClearanceQuery,
@@ -22,6 +23,7 @@ from skywright.models.geometry import (
     compute_self_clearance,
     query_clearance,
 )
+from skywright.models.rigid_body import posture
 from skywright.models.scene import build_scene, set_pose
 from skywright.models.things.box import Box
 
@@ -170,3 +172,21 @@ def test_arm_folded_into_a_leg_is_seen(case) -> None:
     folded = compute_self_clearance(q, np.array([0.0, math.radians(165)]))
     assert folded.distance > 0.02
     assert {q.names[folded.robot_geom].split()[0]} <= {"link1", "link2", "holder", "tip", "pen"}
+
+
+def test_a_link_with_a_name_like_a_part_of_the_platform_is_a_link() -> None:
+    """Its pair with the ground stays, and no link is paired with itself."""
+    d = load_description("pipe-weld-scan")
+    arm = d.robot.arm
+    assert arm is not None
+    names = ["propeller_arm", "leg1", "foot_link", "boom2"][: len(arm.links)]
+    links = dict(zip(names, arm.links.values(), strict=True))
+    robot = d.robot.model_copy(update={"arm": arm.model_copy(update={"links": links})})
+    plain = build_clearance(build_scene(d.robot, d.world))
+    named = build_clearance(build_scene(robot, d.world))
+    assert named.core.pairs.tolist() == plain.core.pairs.tolist()
+    q = posture(robot, "working")
+    assert compute_self_clearance(named, q) == compute_self_clearance(plain, q)
+    drawn = build_drawing(robot, d.world).parts
+    propellers = {x.name for part in drawn for x in part.shapes if is_propeller(part, x)}
+    assert propellers == {f"propeller{i}" for i in range(len(robot.rotors.spin))}

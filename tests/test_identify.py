@@ -173,6 +173,8 @@ def test_the_identified_file_extends_the_robot_that_flew(
         file.write_text(build_overrides(find(exact, changed), base))
         monkeypatch.chdir("/")
         assert load_robot(file)[0].rotors.radius_m == rotors.radius_m
+    away = changed.model_copy(update={"extends": "elsewhere.toml"})  # not beside the new file
+    assert choose_base(find(exact, away), None, file) == (base, whole)
 
 
 def test_rotors_without_inertia_have_none_within_the_interval(exact: Fit, tmp_path: Path) -> None:

@@ -34,7 +34,11 @@ from skywright.models.rigid_body import (
 )
 from skywright.planning import problem, scan
 from skywright.planning.checks import Trace, check_dynamics
-from skywright.planning.configurations import compute_manipulability, find_configurations
+from skywright.planning.configurations import (
+    compute_manipulability,
+    find_configurations,
+    halton,
+)
 from skywright.planning.excitation import Excitation, _build_rows, _from_angles, share_lines
 from skywright.planning.inverse_dynamics import Loads, build_loads, compute_thrusts
 from skywright.planning.inverse_kinematics import (
@@ -467,3 +471,8 @@ def test_an_averaged_motion_moves_as_its_rates_say() -> None:
         slope = np.gradient(place, timed.t, axis=0)
         np.testing.assert_allclose(slope[2:-2], rate[2:-2], atol=0.02)
     np.testing.assert_allclose(timed.c[[0, -1]], rows, atol=1e-9)
+
+
+def test_halton_has_a_prime_for_every_joint() -> None:
+    """Van der Corput's sequence in base 23, the ninth prime, begins k / 23."""
+    np.testing.assert_allclose(halton(5, MAX_JOINTS)[:, -1], np.arange(1, 6) / 23.0, atol=1e-15)

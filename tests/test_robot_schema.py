@@ -119,6 +119,7 @@ def test_arms_that_differ_stand_as_they_are_written() -> None:
         ),
         ({"com_m": 0.1, "com_x_m": 0.1}, "not both"),
         ({"joint_min_m": 0.0, "joint_max_m": 0.1}, "of a slide"),
+        ({"joint": "slide"}, "joint = 'slide' needs joint_min_m and joint_max_m"),
         ({"joint": "slide", "joint_min_m": 0.0}, "both joint_min_m and joint_max_m"),
         ({"joint": "slide", "joint_min_m": 0.1, "joint_max_m": 0.0}, "must exceed"),
         ({"joint": "slide", "joint_min_m": 0.1, "joint_max_m": 0.2}, "folded_m lies outside"),
@@ -130,6 +131,15 @@ def test_wrong_links_are_refused(change: dict[str, Any], says: str) -> None:
     link = {"length_m": 0.3, "mass_kg": 0.2} | change
     with pytest.raises(ValidationError, match=says):
         build({"links": {"one": link}, "servos": {"m": SERVO}})
+
+
+@pytest.mark.parametrize("joint", ["fixed", "slide"])
+def test_a_pendulum_is_a_hinge(joint: str) -> None:
+    tree = load_robot("ars-lrm")[0].model_dump()
+    limits = {"joint_min_m": 0.0, "joint_max_m": 0.1} if joint == "slide" else {}
+    tree["pendulum"] = {"joint": joint, "length_m": 0.8, "mass_kg": 0.5} | limits
+    with pytest.raises(ValidationError, match=f"joint is '{joint}'; valid: 'hinge'"):
+        Robot.model_validate(tree)
 
 
 def test_wrong_platforms_and_rotors_are_refused() -> None:

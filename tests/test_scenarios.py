@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from skywright.description.robot.loader import load_robot
 from skywright.description.world.loader import load_world
 from skywright.description.world.scenario import GOAL_X, draw_structures, get_structures
+from skywright.description.world.spec import Passage
 from skywright.errors import InputError
 from skywright.models.scene import build_scene
 from skywright.planning.motion.passages import list_passages
@@ -71,6 +72,14 @@ def test_the_upper_gap_is_closed_to_the_bar_alone() -> None:
     assert widths["upper gap"].ratio > 1.0  # the platform does
 
 
+@pytest.mark.parametrize("ends", [["ground", "ceiling"], ["ceiling", "ground"]])
+def test_a_passage_from_the_ground_to_the_ceiling_is_as_high_as_the_area(ends: list[str]) -> None:
+    hall = Passage(between=ends, needs="robot")
+    world = WORLD.model_copy(update={"passages": {"hall": hall}})
+    (width,) = list_passages(world, build_transport(ROBOT, WORLD).space, 2.0, 0.2)
+    assert world.area is not None and width.opening == world.area.z_max_m
+
+
 def test_the_scene_holds_the_tubes_of_the_draw() -> None:
     world = build_scenario(WORLD, 3)
     model = build_scene(ROBOT, world).model
@@ -93,4 +102,6 @@ def test_bad_structures_are_refused(tmp_path: Path) -> None:
         '[world.passages.p]\nbetween = ["a", "b"]\nneeds = "bar"\n'
     )
     assert "'b'" in said and "ground" in said
+    said = refusal('[world.passages.p]\nbetween = ["ground", "ground"]\nneeds = "robot"\n')
+    assert "passages.p.between names 'ground' twice; valid: two different ends" in said
     assert "below" in refusal("[world.area]\nx_min_m = 2.0\nx_max_m = 1.0\n")

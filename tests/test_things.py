@@ -126,6 +126,8 @@ WRONG = [
     ({"b": {"kind": "box", "size_x_m": 1.0, "size_y_m": 1.0, "size_z_m": 1.0}}, "lacks x_m"),
     ({str(i): PLUG for i in range(5)}, "at most 4 movable things"),
     ({"b": {"kind": "bench", "z_m": -1.0}}, "z_m"),
+    ({"b": {"kind": "bench", "yaw_deg": 30.0}}, "yaw_deg is 30; valid: 0"),
+    ({"b": {"kind": "bench", "on": "c"}, "c": BOX}, "on is 'c'; valid for a bench: a position"),
     ({"b": {**BOX, "moves": True}}, "requires mass_kg"),
     ({"b": {**BOX, "z_m": math.nan}}, "finite"),
     ({"b": {**BOX, "mas_kg": 1.0}}, "unknown key world.things.b.mas_kg; valid: .*mass_kg"),
@@ -175,6 +177,23 @@ def test_a_thing_stands_where_what_it_is_on_stands() -> None:
     np.testing.assert_allclose(inside.p, [-0.06, 0.0, 0.0], atol=1e-12)
     assert find_carrier(world.things, "marker") == "crate"
     assert list(world.drop_things("crate").things) == ["table"]
+
+
+@pytest.mark.parametrize(("pitch", "bottle", "box"), [
+    (0.0, 0.15, 0.15), (90.0, 0.03, 0.05), (-90.0, 0.03, 0.05), (180.0, 0.15, 0.15),
+    (30.0, 0.15 * math.cos(math.pi / 6) + 0.015, 0.15 * math.cos(math.pi / 6) + 0.025),
+])  # fmt: skip
+def test_what_is_pitched_touches_its_support(pitch: float, bottle: float, box: float) -> None:
+    """Bottle and box of 0.3 m, 0.06 m and 0.1 m wide: half the height over the table's top."""
+    on = {"on": "table", "pitch_deg": pitch, "yaw_deg": 20.0, "moves": True, "mass_kg": 0.1}
+    things = {
+        "table": {**BOX, "z_m": 0.75},
+        "bottle": {"kind": "cylinder", "diameter_m": 0.06, "length_m": 0.3, **on},
+        "box": {**BOX, "z_m": 0.0, "size_z_m": 0.3, **on},
+    }
+    world = load_description("waypoints", sets={"world.things": things}).world
+    heights = [locate_thing(world.things, name).p[2] - 0.8 for name in ("bottle", "box")]
+    np.testing.assert_allclose(heights, [bottle, box], atol=1e-12)
 
 
 def test_motion_capture_surveys_what_is_tracked() -> None:

@@ -173,6 +173,25 @@ def _hold_record_equal(robot: Robot, own, p: Pin, s: State) -> None:
         np.testing.assert_allclose(J[:3, p.order], jacobian[:, :n], atol=1e-10)
 
 
+def test_a_bar_in_the_hands_is_a_link() -> None:
+    """On the left hand, as in the scene. (The record gives each hand half of it.)"""
+    bar = (("robot.arm.bar.mass_kg", 0.5), ("robot.arm.bar.length_m", 1.2))
+    bare, robot = load_robot("ars-lrm")[0], load_robot("ars-lrm", bar)[0]
+    names = joint_names(robot)
+    p, scene = read(build_urdf(robot), names), build_scene(robot, WORLD)
+    without = read(build_urdf(bare), names).model
+    more = pin.computeTotalMass(p.model) - pin.computeTotalMass(without)
+    assert more == pytest.approx(0.5)
+    data, rng = mujoco.MjData(scene.model), np.random.default_rng(5)
+    for _ in range(10):
+        s = random_state(rng, len(names))
+        set_pose(scene, data, s.p, s.quat, s.q)
+        data.qvel[:] = s.v
+        full, bias = compute_mujoco(scene.model, data)
+        np.testing.assert_allclose(full, p.mass_matrix(s), atol=1e-8, rtol=1e-9)
+        np.testing.assert_allclose(bias, p.bias(s), atol=1e-8, rtol=1e-9)
+
+
 @pytest.mark.parametrize("name", ROBOTS)
 def test_pinocchio_scene_and_record_agree(name: str) -> None:
     hold_equal(load_robot(name)[0], seed=11, states=30)
@@ -513,7 +532,7 @@ def test_command_refuses(args: tuple[str, ...], words: str, tmp_path, monkeypatc
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", ["platform", "tip", "rotor0", "slider", "free"])
+@pytest.mark.parametrize("name", ["world", "platform", "tip", "rotor0", "slider", "free"])
 def test_a_link_cannot_have_the_name_of_another_part(name: str, tmp_path) -> None:
     file = tmp_path / "robot.toml"
     link = f"[robot.arm.{name}]\njoint = 'fixed'\nlength_m = 0.1\nmass_kg = 0.1\n"

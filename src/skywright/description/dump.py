@@ -71,8 +71,10 @@ def dump_description(description: Description, kept: Mapping[Path, str] | None =
 
 
 def dump_robot(robot: Robot) -> str:
-    """Write a robot as a robot file, with all values and no sources."""
-    return tomli_w.dumps({"robot": _dump(robot, "robot", {})})
+    """Write a robot as a robot file that needs no other: all values, no sources, no `extends`."""
+    table = _dump(robot, "robot", {})
+    table.pop("extends", None)
+    return tomli_w.dumps({"robot": table})
 
 
 def _rename(value: Any, kept: Mapping[Path, str]) -> Any:

@@ -146,7 +146,7 @@ def _add_link_joints(
     joint = body.add_joint(name=name, axis=axis, type=SLIDE if slide else HINGE)
     if not plant:
         return
-    if (not slide or link.joint_min_m is not None) and not _is_soft(link):
+    if not _is_soft(link):
         joint.limited, joint.range = LIMITED, _stops(link)
     if link.passive:
         _set_coefficient(joint, "damping", link.damping_nms_per_rad)

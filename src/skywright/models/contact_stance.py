@@ -84,6 +84,8 @@ def find_free_stance(robot: Robot, facing: str) -> ContactStance:
     low, high = model[0]["q_min"][:n] + margin, model[0]["q_max"][:n] - margin
     if n > 3:
         postures = np.random.default_rng(0).uniform(low, high, (SAMPLES, n))
+    elif n == 0:  # a rigid stick has one posture
+        postures = np.zeros((1, 0))
     else:
         grids = [np.linspace(a, b, GRID) for a, b in zip(low, high, strict=True)]
         postures = np.array(np.meshgrid(*grids)).reshape(n, -1).T

@@ -84,13 +84,18 @@ def build_drawing(
     return Drawing(_collect_shapes(model, 0), parts)
 
 
+def is_propeller(part: Part, shape: Shape) -> bool:
+    """Whether a part's shape is a propeller, `propeller<i>`: a link's name may begin likewise."""
+    return part.motion == "free" and shape.name.startswith("propeller")
+
+
 def _dress(part: Part, robot: Robot) -> tuple[Shape, ...]:
     """Return the shapes that represent a part: its meshes and propellers, or its shapes without
     meshes."""
     mine = {name: mesh for name, mesh in robot.meshes.items() if mesh.on == part.name}
     if not mine:
         return part.shapes
-    kept = [shape for shape in part.shapes if shape.name.startswith("propeller")]
+    kept = [shape for shape in part.shapes if is_propeller(part, shape)]
     zero, one = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
     for name, mesh in mine.items():
         rgba = np.array([*mesh.rgb, 1.0])

@@ -22,6 +22,7 @@ from skywright.core.arrays import Array, Ints
 from skywright.core.compiled import helper
 from skywright.core.rotations import rot_to_quat
 from skywright.core.user_code import njit
+from skywright.models.airframe import pick_airframe_geoms
 from skywright.models.scene import Scene
 
 PLANE = int(mujoco.mjtGeom.mjGEOM_PLANE)
@@ -31,8 +32,6 @@ CYLINDER = int(mujoco.mjtGeom.mjGEOM_CYLINDER)
 
 FAR = 2.0
 """m; beyond this a distance is reported as this value."""
-
-_SELF_PARTS = ("propeller", "leg", "foot")
 
 
 def _library_path() -> Path:
@@ -113,16 +112,15 @@ def build_clearance(
             world.append((r, w))
     robot = index.robot_geoms.tolist()
     moving = [r for r in robot if _joints_between(model, r, index.platform_body) > 0]
-    parts = [r for r in robot if names[r].startswith(_SELF_PARTS)]
-    own = [(r, other) for r in moving for other in parts]
+    propellers = pick_airframe_geoms(model, "propeller")
+    own = [(r, other) for r in moving for other in sorted({*propellers, *feet})]
     if folded is not None:
         data.qpos[index.joint_qpos] = folded
         mujoco.mj_kinematics(model, data)
         own = [
             (r, other)
             for r, other in own
-            if names[other].startswith("propeller")
-            or mujoco.mj_geomDistance(model, data, r, other, 0.1, None) > 0.0
+            if other in propellers or mujoco.mj_geomDistance(model, data, r, other, 0.1, None) > 0.0
         ]
     pairs = world + own
     core = ClearanceCore(

@@ -15,10 +15,11 @@ import numpy as np
 from skywright.core.arrays import Array, Ints, Mask
 from skywright.core.rotations import rot_z
 from skywright.core.user_code import njit
-from skywright.description.robot.limbs import list_joints
+from skywright.description.robot.limbs import list_joints, list_limbs
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.description.world.surface import build_cylinder, level_axes
+from skywright.models.bar_body import BAR
 from skywright.models.compliant_arms import find_hands, find_swing
 from skywright.models.geometry import (
     FAR,
@@ -34,8 +35,8 @@ from skywright.models.scene import build_scene
 POSTURES = 320  # approximate number of sampled postures
 PLATFORM_MARGIN = 0.1  # m, kept between platform and world
 ARM_MARGIN = 0.02  # m, kept by the links that carry the hand
-PLATFORM = ("hub", "propeller", "boom", "leg", "foot", "docking")
-"""Name prefixes of the platform's geoms."""
+PLATFORM = ("platform", "gear", "docking")
+"""Bodies of the platform."""
 
 
 class ReachMap(NamedTuple):
@@ -149,22 +150,16 @@ def split_query(robot: Robot, query: ClearanceQuery) -> tuple[Any, Any, Any]:
 
     Hands may touch and are in no query.
     """
-    ends = ("tip", "pen", "holder", "hand")
     last = {
-        [f"{x.name} shell" for x in list_joints(robot) if x.side == side][-1]
+        [x.name for x in list_joints(robot) if x.side == side][-1]
         for side in range(robot.arm.sides if robot.arm is not None else 0)
     }
-    kind = np.array([_classify(query.names[a], last, ends) for a, _ in query.core.pairs])
+    kinds = dict.fromkeys(PLATFORM, 0) | {x.name: 1 for x in list_limbs(robot)}
+    kinds |= {BAR: 1} | dict.fromkeys(last, 2)
+    bodies = query.model.geom_bodyid[query.core.pairs[:, 0]]
+    kind = np.array([kinds.get(query.model.body(b).name, 3) for b in bodies])
     used = np.arange(len(kind)) < query.core.n_world
     return tuple(_pick(query.core, used & (kind == k)) for k in range(3))  # type: ignore[return-value]
-
-
-def _classify(name: str, last: set[str], ends: tuple[str, ...]) -> int:
-    if name.startswith(PLATFORM):
-        return 0
-    if name.startswith(ends):
-        return 3
-    return 2 if name in last else 1
 
 
 def _pick(core: ClearanceCore, keep: Mask) -> ClearanceCore:

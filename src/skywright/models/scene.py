@@ -24,6 +24,7 @@ from skywright.description.world.surface import Cylinder, build_cylinder
 from skywright.description.world.thing import Fixture
 from skywright.description.world.things import find_first
 from skywright.errors import InputError
+from skywright.models.airframe import pick_airframe_geoms
 from skywright.models.arm_body import FEET, OWN, PEN, ROBOT, WORLD, Deviation, add_arm
 from skywright.models.bar_body import BAR, add_bar
 from skywright.models.docking_body import NOSLIP_ITERATIONS, add_docking, set_foot_stiffness
@@ -338,7 +339,6 @@ def _build_index(model: mujoco.MjModel, robot: Robot, plant: bool) -> SceneIndex
     robot_geoms = np.flatnonzero(root == platform)
     fixed = np.flatnonzero(root != platform)
     probe = [i for i in robot_geoms if geom_names[i] in ("tip", "pen", "holder shell")]
-    feet = [i for i in robot_geoms if geom_names[i].startswith(("foot", "leg"))]
     objects = [n for i in range(model.njnt) if (n := model.joint(i).name).startswith(OBJECT)]
     sites = {model.site(i).name for i in range(model.nsite)}
     hands = [f"hand{side}" for side in range(MAX_HANDS) if f"hand{side}" in sites]
@@ -353,7 +353,7 @@ def _build_index(model: mujoco.MjModel, robot: Robot, plant: bool) -> SceneIndex
         robot_geoms=robot_geoms.astype(np.int64),
         world_geoms=fixed.astype(np.int64),
         probe_geoms=np.array(probe, dtype=np.int64),
-        feet_geoms=np.array(feet, dtype=np.int64),
+        feet_geoms=np.array(pick_airframe_geoms(model, "leg", "foot"), dtype=np.int64),
         object_qpos=np.array([qpos(n) for n in objects], dtype=np.int64),
         hand_sites=np.array([model.site(name).id for name in hands], dtype=np.int64),
         hand_bodies=np.array(

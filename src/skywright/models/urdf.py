@@ -25,6 +25,8 @@ from skywright.description.robot.limbs import (
 )
 from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
+from skywright.models.bar import compute_bar_inertia
+from skywright.models.bar_body import BAR
 from skywright.models.drawing import Shape, build_drawing
 from skywright.models.part_masses import (
     SLIDER_INERTIA,
@@ -51,7 +53,8 @@ def build_urdf(robot: Robot) -> str:
 
     Links: `platform` (B), `rotor0`... (massless, z along the thrust), `docking`, the links of the
     arms by name, `holder` and `slider` of the probe, `hand` or `left_hand` and `right_hand` (frames
-    H), `tip` (frame T, massless). Each joint has the name and the zero of the link that it moves.
+    H), `bar` (in both hands, fixed to the left one), `tip` (frame T, massless). Each joint has the
+    name and the zero of the link that it moves.
     """
     limbs = list_limbs(robot)
     out = _Writer(robot)
@@ -105,6 +108,10 @@ def _add_ends(out: _Writer, robot: Robot, limbs: list[Limb]) -> None:
             out.fill_link(name, hand.mass_kg, np.zeros(3), inertia, shapes, turn.T)
         if i == tip:
             out.add_fixed("tip", name, np.zeros(3), np.eye(3))
+        if side == 0 and robot.arm.bar is not None:  # on the left hand, as in the scene
+            inertia = compute_bar_inertia(robot.arm.bar)
+            out.add_fixed(BAR, name, np.array([0.0, -0.5 * robot.arm.separation_m, 0.0]), np.eye(3))
+            out.fill_link(BAR, robot.arm.bar.mass_kg, np.zeros(3), inertia, out.shapes[BAR])
     if robot.probe is None:
         return
     probe, parts = robot.probe, build_probe_parts(robot.probe)

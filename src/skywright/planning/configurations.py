@@ -171,7 +171,7 @@ def rate_configurations(
 
 def halton(count: int, dimensions: int) -> Array:
     """Return (count, dimensions) points of the Halton sequence in [0, 1)."""
-    primes = [2, 3, 5, 7, 11, 13, 17, 19]
+    primes = [2, 3, 5, 7, 11, 13, 17, 19, 23]  # MAX_JOINTS
     out = np.zeros((count, dimensions))
     for d in range(dimensions):
         base = primes[d]

@@ -22,6 +22,7 @@ from skywright.models.drawing import (
     build_drawing,
     compute_part_poses,
     get_opening,
+    is_propeller,
     list_object_poses,
     multiply_quaternions,
     rotate_vectors,
@@ -108,7 +109,7 @@ class Scene3d:
             colours: dict[tuple[Colour, float], list[Shape]] = {}
             for shape in part.shapes:
                 colour, opacity = _colour(shape)
-                if shape.name.startswith("propeller"):
+                if is_propeller(part, shape):
                     colour = CCW if spin[int(shape.name[9:])] == "ccw" else CW
                     opacity = 0.45
                 colours.setdefault((colour, opacity), []).append(shape)

@@ -15,6 +15,7 @@ from skywright.models.drawing import (
     build_drawing,
     compute_part_poses,
     get_opening,
+    is_propeller,
     list_object_poses,
     multiply_quaternions,
     rotate_vectors,
@@ -98,7 +99,7 @@ def _build_items(result: RunResult, row: Any) -> list[Item]:
             n = len(mesh.vertices)
             vertices = rotate_vectors(np.repeat(q, n, axis=0), mesh.vertices) + p
             opacity, colour = float(shape.rgba[3]), tuple(shape.rgba[:3])
-            if shape.name.startswith("propeller"):
+            if is_propeller(part, shape):
                 spin = d.robot.rotors.spin[int(shape.name[9:])]
                 opacity, colour = 0.42, CCW if spin == "ccw" else CW
             items.append(_paint(Mesh(vertices, mesh.faces), colour, opacity))

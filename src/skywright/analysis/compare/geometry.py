@@ -11,6 +11,7 @@ from skywright.description.loader import Description
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
 from skywright.missions.sensor_install.plan import InstallPlan, list_legs
+from skywright.models.airframe import pick_airframe_geoms
 from skywright.models.extents import compute_extents, compute_swing_period
 from skywright.models.geometry import ClearanceCore, build_clearance, query_clearance
 from skywright.models.rigid_body import build_body_model, compute_body, posture
@@ -33,8 +34,9 @@ class PipeDistance:
 
     def _pick(self, *starts: str) -> ClearanceCore:
         core, names = self._query.core, self._query.names
+        picked = pick_airframe_geoms(self._query.model, *starts)
         keep = [i for i, (a, b) in enumerate(core.pairs[: core.n_world])
-                if names[a].startswith(starts) and names[b] == "pipe"]  # fmt: skip
+                if a in picked and names[b] == "pipe"]  # fmt: skip
         pairs = np.ascontiguousarray(core.pairs[keep])
         return core._replace(pairs=pairs, n_world=len(pairs), probe=np.zeros(len(pairs)))
 

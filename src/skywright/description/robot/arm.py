@@ -24,7 +24,7 @@ class Link(Spec):
     The joint is at (`x_m`, `y_m`, `z_m`) in the parent's frame; by default at the end of the parent
     link (its `length_m` along x), or at the mount for the first link. At zero the link's frame is
     the parent's, rotated by Rz(yaw) Ry(pitch) Rx(roll), the convention of URDF; by default both
-    have the same axes. A slide has its values in `_m` keys.
+    have the same axes. A slide has its limits and postures in `_m` keys, and needs the limits.
     """
 
     parent: str | None = None  # link name, or "platform"; default: the link before it
@@ -95,6 +95,8 @@ class Link(Spec):
         if (low is None) != (high is None):
             raise ValueError("give both joint_min_m and joint_max_m, or neither")
         if low is None or high is None:
+            if self.joint == "slide":
+                raise ValueError("joint = 'slide' needs joint_min_m and joint_max_m")
             if self.folded_m or self.working_m:
                 raise ValueError("folded_m and working_m need joint_min_m and joint_max_m")
             return self
@@ -231,7 +233,7 @@ class Hand(Spec):
 
 
 TAKEN = re.compile(
-    r"platform|gear|docking|pendulum|holder|slider|spring|free|tip|bar|map|(left_|right_)?contact|(hand|rotor|object)\s?\d*"
+    r"world|platform|gear|docking|pendulum|holder|slider|spring|free|tip|bar|map|(left_|right_)?contact|(hand|rotor|object)\s?\d*"
 )
 """Reserved names of parts and joints: links must have other names."""
 
@@ -247,6 +249,7 @@ class Arm(Spec):
 
     inline_tables: ClassVar[tuple[str, ...]] = ("links", "servos")
 
+    # origin of the first joint; with a pendulum the end of its link replaces x and z
     mount_x_m: Offset = 0.0
     mount_y_m: Offset = 0.0
     mount_z_m: Offset = 0.0

@@ -128,11 +128,8 @@ def _mirror(link: Link) -> Link:
         for name in ("roll_deg", "yaw_deg", "com_y_m", "inertia_xy_kgm2", "inertia_yz_kgm2")
         if getattr(link, name)
     }
-    if link.joint == "slide":
-        if link.axis == "y":
-            update |= _flip(link, "m" if link.joint_min_m is not None else "deg")
-    elif link.axis != "y":
-        update |= _flip(link, "deg")
+    if (link.joint == "slide") == (link.axis == "y"):
+        update |= _flip(link, "m" if link.joint == "slide" else "deg")
     return link.model_copy(update=update) if update else link
 
 

@@ -265,6 +265,8 @@ class Robot(Spec):
     def _pendulum_hangs(cls, link: Link | None) -> Link | None:
         if link is None:
             return None
+        if link.joint != "hinge":
+            raise ValueError(f"joint is {link.joint!r}; valid: 'hinge', since a pendulum swings")
         if link.parent is not None:
             raise ValueError("a pendulum hangs from the platform and cannot have a parent")
         if link.flex_stiffness_nm_per_rad is not None:

@@ -90,12 +90,9 @@ def _check_extent(world: World, name: str, datum: DatumThing) -> None:
         assert world.pipe is not None
         within = [("s_m", u, 0.5 * world.pipe.length_m)]
     else:
-        s = world.structure
-        assert s is not None
-        upright = s.shape == "cylinder" and s.facing == "side"
-        within = [("y_m", v, 0.5 * s.length_m) if upright else ("x_m", u, 0.5 * s.length_m)]
-        if s.shape == "plane":
-            within.append(("y_m", v, 0.5 * s.width_m))
+        assert world.structure is not None
+        place = {"x_m": u, "y_m": v}
+        within = [(key, place[key], most) for key, most in world.structure.half_extents.items()]
     for key, value, most in within:
         if abs(value) > most:
             what = "pipe" if datum.on_pipe else "structure"

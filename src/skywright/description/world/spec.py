@@ -256,6 +256,11 @@ class World(Spec):
                             f"passages.{name}.between names {end!r}; valid: ground, ceiling, "
                             f"{', '.join(self.tubes)}"
                         )
+                if passage.between[0] == passage.between[1]:
+                    raise ValueError(
+                        f"passages.{name}.between names {passage.between[0]!r} twice; valid: two "
+                        "different ends"
+                    )
                 if "ceiling" in passage.between and self.area is None:
                     raise ValueError(
                         f"passages.{name} ends at the ceiling: this requires [world.area]"

@@ -53,6 +53,19 @@ class Structure(Spec):
             raise ValueError(f"shape = {self.shape!r} {needs}")
         return self
 
+    @property
+    def is_upright(self) -> bool:
+        """Whether it is a vertical pillar: its axis is along y_S."""
+        return self.shape == "cylinder" and self.facing == "side"
+
+    @property
+    def half_extents(self) -> dict[str, float]:
+        """Half its extent (m) along x_S (`x_m`) and y_S (`y_m`); if curved, along its axis only."""
+        half = {"x_m": 0.5 * self.length_m, "y_m": 0.5 * self.width_m}
+        if self.shape != "plane":
+            half.pop("x_m" if self.is_upright else "y_m")
+        return half
+
 
 class Surface(NamedTuple):
     """A structure's surface as numbers."""
@@ -82,10 +95,8 @@ def build_surface(s: Structure) -> Surface:
         z = rot_z(math.radians(s.yaw_deg)) @ np.array([-math.cos(lean), 0.0, -math.sin(lean)])
         x = rot_z(math.radians(s.yaw_deg)) @ np.array([0.0, -1.0, 0.0])
     R = np.ascontiguousarray(np.column_stack([x, np.cross(z, x), z]))
-    upright = s.shape == "cylinder" and s.facing == "side"
-    return Surface(
-        np.array([s.x_m, s.y_m, s.z_m]), R, SHAPES[s.shape], s.radius_m or 0.0, 1 if upright else 0
-    )
+    place, along = np.array([s.x_m, s.y_m, s.z_m]), int(s.is_upright)
+    return Surface(place, R, SHAPES[s.shape], s.radius_m or 0.0, along)
 
 
 def locate_point(surface: Surface, place: Array) -> tuple[Array, Array]:

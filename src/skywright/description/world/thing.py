@@ -197,5 +197,11 @@ class Fixture(Placed):
         """Attitude of the platform (wxyz)."""
         raise NotImplementedError
 
+    @model_validator(mode="after")
+    def _is_placed_in_the_world(self) -> Fixture:
+        if self.on is not None:  # the platform starts at its position in W
+            raise ValueError(f"on is {self.on!r}; valid for a {self.kind}: a position in the world")
+        return self
+
 
 Things = Mapping[str, Thing]

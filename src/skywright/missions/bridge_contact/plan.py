@@ -165,13 +165,12 @@ def _check(d: Description, task: BridgeContact) -> Structure:
             "add a [robot.docking] table"
         )
     for i, spot in enumerate(task.spots):
-        if abs(spot.x_m) > 0.5 * structure.length_m or (
-            structure.shape == "plane" and abs(spot.y_m) > 0.5 * structure.width_m
-        ):
+        half = structure.half_extents
+        if any(abs(getattr(spot, key)) > most for key, most in half.items()):
+            reaches = " and ".join(f"{most:g} m along {key[0]}" for key, most in half.items())
             raise InputError(
                 f"mission.task.spots[{i}] = ({spot.x_m:g}, {spot.y_m:g}) m lies beside the "
-                f"structure, which reaches {0.5 * structure.length_m:g} m along x and "
-                f"{0.5 * structure.width_m:g} m along y"
+                f"structure, which reaches {reaches}"
             )
     check_slide_ends(task, structure)
     return structure

@@ -1,21 +1,29 @@
 """A bench: a fixture that clamps the platform while the arms are free; a trial can move it."""
 
+from __future__ import annotations
+
 import math
 from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from skywright.description.world.thing import Fixture
 
 
 class Bench(Fixture):
-    """A fixture that clamps the platform; O is the clamped origin of the platform."""
+    """A fixture that clamps the platform, which heads +x; O is the platform's origin."""
 
     kind: str = "bench"
     anywhere: ClassVar[bool] = True
     z_m: float = Field(default=1.2, gt=0, le=100)
     pitch_deg: float = Field(default=0.0, ge=-90, le=90)  # about y; at 90, z of B points along x
+
+    @model_validator(mode="after")
+    def _heads_along_x(self) -> Bench:
+        if self.yaw_deg:
+            raise ValueError(f"yaw_deg is {self.yaw_deg:g}; valid: 0, since a bench heads +x")
+        return self
 
     @property
     def q_WB(self) -> tuple[float, float, float, float]:

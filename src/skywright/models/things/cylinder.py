@@ -1,5 +1,7 @@
 """A cylinder along its z: a bottle, a post, or with `pitch_deg = 90` a roller."""
 
+import math
+
 from skywright.core.spec import Positive
 from skywright.description.world.thing import Frame, Part, Solid, build_frame
 from skywright.models.things._block import Block
@@ -14,8 +16,10 @@ class Cylinder(Block):
 
     @property
     def foot_m(self) -> float:
-        """Half its length."""
-        return 0.5 * self.length_m
+        """Half its height, as it is pitched."""
+        pitch = math.radians(self.pitch_deg)
+        upright, lying = abs(math.cos(pitch)), abs(math.sin(pitch))
+        return 0.5 * (upright * self.length_m + lying * self.diameter_m)
 
     def list_parts(self) -> list[Part]:
         """One solid."""

@@ -95,6 +95,9 @@ def _platform_width(space: Space) -> float:
 
 def _opening(structures: Structures, a: str, b: str) -> float:
     tubes = structures.tubes
+    if {a, b} == {"ground", "ceiling"}:
+        assert structures.area is not None
+        return structures.area.z_max_m
     if "ground" in (a, b):
         tube = tubes[b if a == "ground" else a]
         return min(tube.z_m, tube.to_z_m) - tube.diameter_m / 2
