@@ -14,8 +14,9 @@ import skywright
 from skywright.description.mission.safety import Checklist, Fence
 from skywright.description.world.origin import Origin
 from skywright.errors import InputError
+from skywright.vehicle.bus import Body
 from skywright.vehicle.commands import NEEDS, TABLE, Command, ControlMode, Need, State
-from skywright.vehicle.drives import TILT_RATE, TURN_MAX
+from skywright.vehicle.drives import TILT_RATE, TURN_MAX, tilt_heading
 from skywright.vehicle.geodesy import Geodetic, to_geodetic, to_local
 from skywright.vehicle.motions import Arrival
 from skywright.vehicle.preflight import run_checklist
@@ -168,18 +169,39 @@ def test_a_velocity_with_a_tilt_comes_up_slowly_and_goes_stale(uav):
 def test_a_stick_tilts_and_accelerates_by_g_tan_of_it(uav, axis, stick, sign):
     b = uav.backend
     uav.take_over()
-    v0 = float(b.estimate["v_WB"][axis])
-    for _ in range(30):
+    v = []
+    for _ in range(50):  # within 0.4 s the platform has tilted
         uav.stick(**stick)
         uav.tick()
-    v1 = float(b.estimate["v_WB"][axis])
-    gained = sign * (v1 - v0)
-    assert gained == pytest.approx(9.81 * math.tan(0.08) * 0.6, rel=0.25)
+        v.append(float(b.estimate["v_WB"][axis]))
+    gained = sign * (v[49] - v[19])
+    assert gained == pytest.approx(9.81 * math.tan(0.08) * 0.6, rel=0.1)
     assert uav.go_to((0.0, 0.0, 1.0)).result.reason.startswith("go_to refused: the state is flying")
     back = uav.recover_from_manual(wait=True)
     assert back and uav.state == State.FLYING_AUTO
     uav.wait(1.0)
     assert np.linalg.norm(b.estimate["v_WB"]) < 0.15
+
+
+@pytest.mark.parametrize("streams_attitude", [False, True])
+def test_without_position_loops_the_reference_is_at_the_estimate(uav, streams_attitude):
+    """Else the loops pull towards a reference that runs on, and tilt by more than commanded."""
+    b, off, tilt = uav.backend, 0.0, 0.0
+    R = np.array(tilt_heading(0.0, 0.0, 0.1))
+    f = [0.0, 0.0, b.look(Body).mass * 9.81 / math.cos(0.1)]
+    if not streams_attitude:
+        uav.take_over()
+    for k in range(70):
+        if streams_attitude:
+            uav.set_attitude(R if k < 40 else np.eye(3), f)
+        else:
+            uav.stick(pitch=0.1 if k < 40 else 0.0)
+        uav.tick()
+        ref, est = b.reference, b.estimate
+        off = max(off, float(np.linalg.norm((ref["p_WB"] - est["p_WB"])[:2])))
+        tilt = max(tilt, math.acos(min(float(est["R_WB"][2, 2]), 1.0)))
+    assert est["v_WB"][0] > 0.4 and off < 0.01  # m; 0.1 before
+    assert tilt < 0.12  # rad; 0.17 before
 
 
 def test_a_pilot_takes_off_and_lands(landed):

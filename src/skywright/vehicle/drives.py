@@ -113,8 +113,8 @@ class Drive:
 
     def step(self) -> Table:
         """Return the references now and at the end of the tick, (2,) REFERENCE rows."""
+        a, turn = self.lead(), self.turn()  # first: `lead` may set p and v to the estimate
         p, v, yaw = self.p.copy(), self.v.copy(), self.yaw
-        a, turn = self.lead(), self.turn()
         change = float(
             np.clip(turn - self.rate, -TURN_ACCELERATION * TICK, TURN_ACCELERATION * TICK)
         )
@@ -133,7 +133,7 @@ class Drive:
         return self._build(p, v, a, yaw)
 
     def lead(self) -> Array:
-        """Return the acceleration (3,) m/s^2 of this tick."""
+        """Return the acceleration (3,) m/s^2 of this tick; p and v may be set first."""
         raise NotImplementedError
 
     def turn(self) -> float:
