@@ -180,6 +180,13 @@ def test_arming_runs_the_checklist(talk: Talk) -> None:
     assert not talk.last("SYS_STATUS").onboard_control_sensors_health & 0x10000000
 
 
+def test_a_takeoff_at_once_after_arming_does_not_skip_the_spin_check(talk: Talk) -> None:
+    v = talk.vehicle
+    v._fly.checklist = v.checklist.model_copy(update={"spin": True})
+    fly(talk)
+    assert v.checked[-1].name == "spin" and v.checked[-1].passed
+
+
 def test_it_disarms_when_nobody_takes_off(talk: Talk) -> None:
     assert talk.command(400, 1.0) == ACCEPTED
     talk.tick(9.5)

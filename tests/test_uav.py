@@ -20,6 +20,7 @@ from skywright.vehicle.drives import TILT_RATE, TURN_MAX, tilt_heading
 from skywright.vehicle.geodesy import Geodetic, to_geodetic, to_local
 from skywright.vehicle.motions import Arrival
 from skywright.vehicle.preflight import run_checklist
+from skywright.vehicle.results import Result
 from skywright.vehicle.uav import Uav
 
 QUICK = Arrival(tolerance_m=0.3, dwell_s=0.1, yaw_rad=0.3)
@@ -259,6 +260,42 @@ def test_a_flat_battery_and_a_dead_rotor_stay_on_the_ground():
     assert "spin check: rotor 1 turns at 0 rad/s" in up.result.reason
     assert uav.state == State.LANDED_DISARMED and not uav.is_turning
     assert all(c.passed for c in run_checklist(Checklist(), vehicle, None))
+
+
+def test_no_command_skips_the_spin_check(landed):
+    """`disarm` and `stop_motors` end it; `take_off` replaces that of `arm` by its own."""
+    uav = Uav(landed, checklist=Checklist(spin=True))
+    first = uav.arm()
+    uav.wait(0.06)
+    says = uav.arm().result.reason
+    assert says.startswith("arm refused: arm is still starting the motors") and not first.done
+    up = uav.take_off(1.0)
+    assert first.result.reason == "interrupted by take_off"
+    uav.wait(0.06)
+    for command in (uav.hold, uav.land):
+        assert "refused: take_off is still starting the motors" in command().result.reason
+    assert "spin" not in {c.name for c in uav.checked} and not up.done
+    while landed.estimate["p_WB"][2] < 0.5:
+        uav.tick()
+    assert uav.checked[-1].name == "spin" and uav.checked[-1].passed
+    assert uav.hold()  # it may be interrupted from the climb on
+    assert uav.stop_motors(confirm=True) and not uav.is_turning
+
+
+def test_a_start_that_fails_before_the_spin_check_stops_the_motors(landed, monkeypatch):
+    uav = Uav(landed, checklist=Checklist(spin=True))
+    uav.arm()
+    uav.wait(0.06)
+    assert uav.is_turning
+
+    def fail(fly):
+        yield
+        return Result(False, "the arms do not fold: stuck")
+
+    monkeypatch.setattr(uav._fly, "rest_then", fail)
+    up = uav.take_off(1.0, wait=True)
+    assert up.result.reason == "the arms do not fold: stuck"
+    assert uav.state == State.LANDED_DISARMED and not uav.is_turning
 
 
 def test_a_geodetic_goal_is_the_place_that_the_library_says(uav):
