@@ -11,6 +11,7 @@ import pytest
 from pymap3d import geodetic2enu
 
 import skywright
+from skywright.core.rotations import log_so3
 from skywright.description.mission.safety import Checklist, Fence
 from skywright.description.world.origin import Origin
 from skywright.errors import InputError
@@ -162,6 +163,49 @@ def test_a_velocity_with_a_tilt_comes_up_slowly_and_goes_stale(uav):
     assert max(lean) == pytest.approx(tilt, abs=0.002)
     assert max(np.diff(lean)) <= math.sqrt(2.0) * TILT_RATE * 0.02 + 1e-3
     assert lean[-1] < 0.01  # no news for 0.5 s: level again
+
+
+@pytest.fixture(scope="module")
+def leaning():
+    """A robot with lateral thrust that hovers with a tilt, and its saved state."""
+    vehicle = skywright.build_vehicle(skywright.load("waypoints", robot="othex"))
+    uav = Uav(vehicle, arrival=QUICK)
+    uav.wait(1.1)
+    assert uav.take_off(1.2, wait=True).result
+    for _ in range(60):
+        uav.set_velocity((0.0, 0.0, 0.0), roll=0.2)
+        uav.tick()
+    assert vehicle.reference["R_WB"][2, 2] == pytest.approx(math.cos(0.2), abs=1e-6)
+    return vehicle, vehicle.save()
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        lambda u: u.hold(),
+        lambda u: u.land(),
+        lambda u: u.go_to((0.5, 0.0, 1.2), 0.5),
+        lambda u: u.set_pose((0.0, 0.0, 1.2), 0.5),
+    ],
+    ids=["hold", "land", "go_to", "set_pose"],
+)
+def test_a_tilt_in_place_ends_slowly_with_its_rate_as_reference(leaning, command):
+    vehicle, state = leaning
+    vehicle.restore(state)
+    uav, turned, fastest, off = Uav(vehicle, arrival=QUICK), np.empty(3), 0.0, 0.0
+    before = vehicle.reference
+    command(uav)
+    for _ in range(60):
+        uav.tick()
+        row = vehicle.reference
+        log_so3(before["R_WB"].T @ row["R_WB"], turned)
+        fastest = max(fastest, math.hypot(*turned[:2]) / 0.02)
+        mean = 0.5 * (before["w_WB_B"] + row["w_WB_B"])
+        off = max(off, float(np.linalg.norm(turned / 0.02 - mean)))
+        before = row
+    assert fastest == pytest.approx(TILT_RATE, rel=0.05)  # 10 rad/s before
+    assert off < 0.2  # rad/s; half of the tilt's rate in the first and the last tick
+    assert row["R_WB"][2, 2] > 1.0 - 1e-9
 
 
 @pytest.mark.parametrize(
