@@ -14,11 +14,14 @@ from skywright.description.template import write_template
 from skywright.errors import InputError
 from skywright.recordings.columns import Column, Topic, build_dtype
 from skywright.recordings.sample_rows import build_rows
+from skywright.run.backends import build_vehicle
 from skywright.run.check import check_file
 from skywright.vehicle.follower import Follower
+from skywright.vehicle.moves import Moves
 from skywright.vehicle.readings import Fix, Odometry
 from skywright.vehicle.sensors.ultrasonic import Ultrasonic
 from skywright.vehicle.simulated import SimulatedVehicle
+from skywright.vehicle.ticker import StepFailed
 
 
 def tick(vehicle: SimulatedVehicle, n: int) -> bytes:
@@ -93,6 +96,49 @@ def test_noise_of_all_sensors_follows_the_seed() -> None:
     assert read() == same and read(2) == two and read(1) == one
     for k, sensor in enumerate(("total station", "tracking camera", "range finder")):
         assert len({same[k], one[k], two[k]}) == 3, sensor
+
+
+def test_a_stopped_law_runs_again_after_a_restore(vehicle: SimulatedVehicle) -> None:
+    """The watchdog leaves the rows of a law out at once, and for good after a second failure."""
+    before = vehicle.save()
+    Moves(vehicle).motors(True)
+    state = vehicle.save()
+    after = tick(vehicle, 60)
+    for times in (1, 2):
+        vehicle.restore(state)
+        restarts = [vehicle.stop_computer(StepFailed("it hangs")) for _ in range(times)]
+        assert restarts == [True, False][:times]
+        memory = next(iter(vehicle.watchdog.memories.values()))
+        memory.view(np.float64)[:] += 1.0  # as tune_law sets gains
+        vehicle.order = "abort"
+        vehicle.tick()
+        vehicle.restore(state)
+        assert tick(vehicle, 60) == after
+        assert vehicle.order == ""
+        assert not vehicle.watchdog.is_pending
+    assert vehicle.stop_computer(StepFailed("it hangs"))  # a restart is still available
+    stopped = vehicle.save()
+    restarted = tick(vehicle, 60)
+    vehicle.restore(stopped)
+    assert tick(vehicle, 60) == restarted
+    vehicle.restore(before)
+
+
+def test_a_clamp_is_closed_again_after_a_restore() -> None:
+    """The kinematic platform follows its reference only while the clamp is open."""
+    vehicle: Any = build_vehicle(skywright.load("arm-test-bench"), backend="kinematic")
+    tick(vehicle, 2)
+    place = vehicle.estimate["p_WB"]
+    row = np.array(vehicle.reference)
+    row["p_WB"] = place + [0.0, 0.0, 0.5]
+    vehicle.track(row[None])
+    lifted = vehicle.save()
+    vehicle.release()
+    tick(vehicle, 2)
+    assert vehicle.estimate["p_WB"][2] == pytest.approx(place[2] + 0.5)
+    vehicle.restore(lifted)
+    tick(vehicle, 2)
+    np.testing.assert_allclose(vehicle.estimate["p_WB"], place)
 
 
 def test_noise_of_ascans_follows_the_seed() -> None:

@@ -11,14 +11,17 @@ import pytest
 from pymap3d import geodetic2enu
 
 import skywright
+from skywright.core.rotations import log_so3
 from skywright.description.mission.safety import Checklist, Fence
 from skywright.description.world.origin import Origin
 from skywright.errors import InputError
+from skywright.vehicle.bus import Body
 from skywright.vehicle.commands import NEEDS, TABLE, Command, ControlMode, Need, State
-from skywright.vehicle.drives import TILT_RATE, TURN_MAX
+from skywright.vehicle.drives import TILT_RATE, TURN_MAX, tilt_heading
 from skywright.vehicle.geodesy import Geodetic, to_geodetic, to_local
 from skywright.vehicle.motions import Arrival
 from skywright.vehicle.preflight import run_checklist
+from skywright.vehicle.results import Result
 from skywright.vehicle.uav import Uav
 
 QUICK = Arrival(tolerance_m=0.3, dwell_s=0.1, yaw_rad=0.3)
@@ -162,24 +165,88 @@ def test_a_velocity_with_a_tilt_comes_up_slowly_and_goes_stale(uav):
     assert lean[-1] < 0.01  # no news for 0.5 s: level again
 
 
+@pytest.fixture(scope="module")
+def leaning():
+    """A robot with lateral thrust that hovers with a tilt, and its saved state."""
+    vehicle = skywright.build_vehicle(skywright.load("waypoints", robot="othex"))
+    uav = Uav(vehicle, arrival=QUICK)
+    uav.wait(1.1)
+    assert uav.take_off(1.2, wait=True).result
+    for _ in range(60):
+        uav.set_velocity((0.0, 0.0, 0.0), roll=0.2)
+        uav.tick()
+    assert vehicle.reference["R_WB"][2, 2] == pytest.approx(math.cos(0.2), abs=1e-6)
+    return vehicle, vehicle.save()
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        lambda u: u.hold(),
+        lambda u: u.land(),
+        lambda u: u.go_to((0.5, 0.0, 1.2), 0.5),
+        lambda u: u.set_pose((0.0, 0.0, 1.2), 0.5),
+    ],
+    ids=["hold", "land", "go_to", "set_pose"],
+)
+def test_a_tilt_in_place_ends_slowly_with_its_rate_as_reference(leaning, command):
+    vehicle, state = leaning
+    vehicle.restore(state)
+    uav, turned, fastest, off = Uav(vehicle, arrival=QUICK), np.empty(3), 0.0, 0.0
+    before = vehicle.reference
+    command(uav)
+    for _ in range(60):
+        uav.tick()
+        row = vehicle.reference
+        log_so3(before["R_WB"].T @ row["R_WB"], turned)
+        fastest = max(fastest, math.hypot(*turned[:2]) / 0.02)
+        mean = 0.5 * (before["w_WB_B"] + row["w_WB_B"])
+        off = max(off, float(np.linalg.norm(turned / 0.02 - mean)))
+        before = row
+    assert fastest == pytest.approx(TILT_RATE, rel=0.05)  # 10 rad/s before
+    assert off < 0.2  # rad/s; half of the tilt's rate in the first and the last tick
+    assert row["R_WB"][2, 2] > 1.0 - 1e-9
+
+
 @pytest.mark.parametrize(
     ("axis", "stick", "sign"), [(0, {"pitch": 0.08}, 1.0), (1, {"roll": 0.08}, -1.0)]
 )
 def test_a_stick_tilts_and_accelerates_by_g_tan_of_it(uav, axis, stick, sign):
     b = uav.backend
     uav.take_over()
-    v0 = float(b.estimate["v_WB"][axis])
-    for _ in range(30):
+    v = []
+    for _ in range(50):  # within 0.4 s the platform has tilted
         uav.stick(**stick)
         uav.tick()
-    v1 = float(b.estimate["v_WB"][axis])
-    gained = sign * (v1 - v0)
-    assert gained == pytest.approx(9.81 * math.tan(0.08) * 0.6, rel=0.25)
+        v.append(float(b.estimate["v_WB"][axis]))
+    gained = sign * (v[49] - v[19])
+    assert gained == pytest.approx(9.81 * math.tan(0.08) * 0.6, rel=0.1)
     assert uav.go_to((0.0, 0.0, 1.0)).result.reason.startswith("go_to refused: the state is flying")
     back = uav.recover_from_manual(wait=True)
     assert back and uav.state == State.FLYING_AUTO
     uav.wait(1.0)
     assert np.linalg.norm(b.estimate["v_WB"]) < 0.15
+
+
+@pytest.mark.parametrize("streams_attitude", [False, True])
+def test_without_position_loops_the_reference_is_at_the_estimate(uav, streams_attitude):
+    """Else the loops pull towards a reference that runs on, and tilt by more than commanded."""
+    b, off, tilt = uav.backend, 0.0, 0.0
+    R = np.array(tilt_heading(0.0, 0.0, 0.1))
+    f = [0.0, 0.0, b.look(Body).mass * 9.81 / math.cos(0.1)]
+    if not streams_attitude:
+        uav.take_over()
+    for k in range(70):
+        if streams_attitude:
+            uav.set_attitude(R if k < 40 else np.eye(3), f)
+        else:
+            uav.stick(pitch=0.1 if k < 40 else 0.0)
+        uav.tick()
+        ref, est = b.reference, b.estimate
+        off = max(off, float(np.linalg.norm((ref["p_WB"] - est["p_WB"])[:2])))
+        tilt = max(tilt, math.acos(min(float(est["R_WB"][2, 2]), 1.0)))
+    assert est["v_WB"][0] > 0.4 and off < 0.01  # m; 0.1 before
+    assert tilt < 0.12  # rad; 0.17 before
 
 
 def test_a_pilot_takes_off_and_lands(landed):
@@ -237,6 +304,42 @@ def test_a_flat_battery_and_a_dead_rotor_stay_on_the_ground():
     assert "spin check: rotor 1 turns at 0 rad/s" in up.result.reason
     assert uav.state == State.LANDED_DISARMED and not uav.is_turning
     assert all(c.passed for c in run_checklist(Checklist(), vehicle, None))
+
+
+def test_no_command_skips_the_spin_check(landed):
+    """`disarm` and `stop_motors` end it; `take_off` replaces that of `arm` by its own."""
+    uav = Uav(landed, checklist=Checklist(spin=True))
+    first = uav.arm()
+    uav.wait(0.06)
+    says = uav.arm().result.reason
+    assert says.startswith("arm refused: arm is still starting the motors") and not first.done
+    up = uav.take_off(1.0)
+    assert first.result.reason == "interrupted by take_off"
+    uav.wait(0.06)
+    for command in (uav.hold, uav.land):
+        assert "refused: take_off is still starting the motors" in command().result.reason
+    assert "spin" not in {c.name for c in uav.checked} and not up.done
+    while landed.estimate["p_WB"][2] < 0.5:
+        uav.tick()
+    assert uav.checked[-1].name == "spin" and uav.checked[-1].passed
+    assert uav.hold()  # it may be interrupted from the climb on
+    assert uav.stop_motors(confirm=True) and not uav.is_turning
+
+
+def test_a_start_that_fails_before_the_spin_check_stops_the_motors(landed, monkeypatch):
+    uav = Uav(landed, checklist=Checklist(spin=True))
+    uav.arm()
+    uav.wait(0.06)
+    assert uav.is_turning
+
+    def fail(fly):
+        yield
+        return Result(False, "the arms do not fold: stuck")
+
+    monkeypatch.setattr(uav._fly, "rest_then", fail)
+    up = uav.take_off(1.0, wait=True)
+    assert up.result.reason == "the arms do not fold: stuck"
+    assert uav.state == State.LANDED_DISARMED and not uav.is_turning
 
 
 def test_a_geodetic_goal_is_the_place_that_the_library_says(uav):

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from skywright.core.rotations import rot_z
 from skywright.errors import InputError
 from skywright.vehicle.bus import Body
 from skywright.vehicle.drives import ASKED, DOWN_S, LIGHT, TICK, Drive
@@ -65,6 +66,6 @@ class AttitudeDrive(Drive):
         self._stands = self._stands + TICK if light else 0.0
         return np.asarray(a)
 
-    def tilt(self, yaw: float) -> Array:
+    def attitude(self) -> Array:
         """Return the commanded attitude; if stale, level."""
-        return super().tilt(yaw) if self.is_stale else self._R
+        return rot_z(self.yaw) if self.is_stale else self._R

@@ -175,6 +175,8 @@ class Commanded:
         for need in get_entry(command).needs:
             if need == Need.CHECKLIST:
                 says = self._check()
+            elif need == Need.STARTED:
+                says = self._find_start()
             else:
                 says = find_lack(need, self.backend, self.fence, goal, hand)
             if says:
@@ -187,6 +189,18 @@ class Commanded:
             return ""
         self._fly.checked = run_checklist(self.checklist, self.backend, self.fence)
         return "; ".join(c.says for c in self.checked if not c.passed)
+
+    def _find_start(self) -> str:
+        """Return which command under way has not yet started the motors, "" if none.
+
+        Without this, `hold` would end the spin check of a take-off, and then fly.
+        """
+        under_way = None if self._handle is None else self._handle.command
+        if under_way not in (Command.ARM, Command.TAKE_OFF):
+            return ""
+        if self.is_turning and self._fly.spun:
+            return ""
+        return f"{under_way} is still starting the motors; `stop_motors(confirm=True)` ends it"
 
     def _refuse(self, command: Command | ArmCommand, need: Need) -> Handle:
         says = self.find_refusal(command) or f"{command} refused: it requires that {NEEDS[need]}"
@@ -252,6 +266,8 @@ class Commanded:
         if result.ok:
             self._enter(after)
         elif self._state == State.TAKING_OFF:
+            if not self._fly.spun:  # it ended the check of `arm`, and the arms do not fold
+                self._fly.moves.motors(False)
             self._enter(self._find_state())
         elif self._state == State.LANDING:
             self._enter(State.FLYING_AUTO)

@@ -63,6 +63,7 @@ class Need(StrEnum):
     """Conditions of a command other than the state."""
 
     CHECKLIST = "checklist"  # the pre-flight checks pass
+    STARTED = "started"  # no `arm` or `take_off` is under way before its motors may lift the robot
     FENCE = "fence"  # the goal lies within the geofence
     ORIGIN = "origin"  # the world has a geodetic origin
     HOME = "home"  # a home is set
@@ -80,6 +81,7 @@ class Need(StrEnum):
 
 NEEDS: dict[Need, str] = {
     Need.CHECKLIST: "every check of the pre-flight checklist passes",
+    Need.STARTED: "no `arm` or `take_off` is still folding the arms or checking the motors",
     Need.FENCE: "the goal lies within the geofence",
     Need.ORIGIN: "the world has `[world.origin]`",
     Need.HOME: "a home is set (the place of the first take-off, or `set_home`)",
@@ -116,13 +118,14 @@ IN_AIR = (S.TAKING_OFF, S.FLYING_AUTO, S.FLYING_MANUAL, S.LANDING)
 TABLE: dict[Command, Entry] = {
     C.ARM: Entry(
         (S.LANDED_DISARMED,), S.LANDED_DISARMED, S.LANDED_ARMED, False,
-        (Need.ESTIMATE, Need.CHECKLIST), "start the motors; the robot stays on the ground",
+        (Need.ESTIMATE, Need.STARTED, Need.CHECKLIST),
+        "start the motors; the robot stays on the ground",
     ),
     C.DISARM: Entry(
         (S.LANDED_ARMED, S.LANDED_DISARMED), None, S.LANDED_DISARMED, True, (), "motors off",
     ),
     C.TAKE_OFF: Entry(
-        LANDED, S.TAKING_OFF, S.FLYING_AUTO, False,
+        LANDED, S.TAKING_OFF, S.FLYING_AUTO, True,
         (Need.ESTIMATE, Need.CHECKLIST, Need.FENCE),
         "climb to a height; a disarmed vehicle is armed first",
     ),
@@ -159,10 +162,10 @@ TABLE: dict[Command, Entry] = {
     ),
     C.HOLD: Entry(
         (S.TAKING_OFF, S.FLYING_AUTO, S.LANDING), S.FLYING_AUTO, S.FLYING_AUTO, True,
-        (Need.FREE_LINK,), "brake and hold the position",
+        (Need.FREE_LINK, Need.STARTED), "brake and hold the position",
     ),
     C.LAND: Entry(
-        (S.TAKING_OFF, S.FLYING_AUTO), S.LANDING, S.LANDED_DISARMED, True, (),
+        (S.TAKING_OFF, S.FLYING_AUTO), S.LANDING, S.LANDED_DISARMED, True, (Need.STARTED,),
         "descend to the ground and stop the motors",
     ),
     C.SET_HOME: Entry(

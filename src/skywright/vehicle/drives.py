@@ -13,19 +13,24 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.rotations import exp_so3, rot_z
+from skywright.core.rotations import exp_so3, log_so3, rot_z
 from skywright.core.types import TASK_JOINTS
 from skywright.vehicle.arms_interface import find_led_joints
 from skywright.vehicle.hand_stream import HandStream, Told
 from skywright.vehicle.interface import Backend, Table, fill_tips
-from skywright.vehicle.moves import TURN_ACCELERATION, level
+from skywright.vehicle.moves import (
+    TILT_RATE,
+    TURN_ACCELERATION,
+    find_heading_rate,
+    find_tilt,
+    level,
+)
 
 Array = NDArray[np.float64]
 
 TICK = 0.02  # s, of a mission tick
 LEASH = 0.3  # m, largest distance of a reference from a robot that cannot follow
 TURN_MAX = 0.8  # rad/s
-TILT_RATE = 0.3  # rad/s, of a tilt in place
 APPROACH = 2.0  # 1/s, speed towards a pose per distance
 CLIMB_ACCELERATION = 2.0  # m/s^2
 DOWN_M, DOWN_S = 0.08, 0.3  # height above the reference (m) and time (s) of a touch-down
@@ -48,7 +53,10 @@ LET_GO = Stick()
 
 
 class Drive:
-    """Base class: a reference that starts at the present one and is updated each tick."""
+    """Base class: a reference that starts at the present one and is updated each tick.
+
+    A tilt of the present one changes to that of `lean` at TILT_RATE.
+    """
 
     stale_s = 0.5
 
@@ -57,7 +65,8 @@ class Drive:
         row = backend.reference
         self.p, self.v = np.array(row["p_WB"]), np.array(row["v_WB"])
         self.yaw = math.atan2(row["R_WB"][1, 0], row["R_WB"][0, 0])
-        self.rate = float(row["w_WB_B"][2])
+        self.rate = find_heading_rate(row)
+        self._tilt = find_tilt(row["R_WB"])
         self.heard = backend.t  # s, time of the last command
         self._held_up = 0.0  # s
         self._q: Array | None = None  # rad, reference of a stream of joint angles
@@ -113,13 +122,14 @@ class Drive:
 
     def step(self) -> Table:
         """Return the references now and at the end of the tick, (2,) REFERENCE rows."""
-        p, v, yaw = self.p.copy(), self.v.copy(), self.yaw
-        a, turn = self.lead(), self.turn()
+        a, turn = self.lead(), self.turn()  # first: `lead` may set p and v to the estimate
+        p, v, R = self.p.copy(), self.v.copy(), self.attitude()
         change = float(
             np.clip(turn - self.rate, -TURN_ACCELERATION * TICK, TURN_ACCELERATION * TICK)
         )
         self.rate += change
         self.yaw += self.rate * TICK
+        self._tilt += np.clip(self.lean() - self._tilt, -TILT_RATE * TICK, TILT_RATE * TICK)
         self.p = p + TICK * v + 0.5 * TICK**2 * a
         self.v = v + TICK * a
         est = self.backend.estimate
@@ -130,19 +140,23 @@ class Drive:
         sinks = self.v[2] < -ASKED and est["v_WB"][2] > 0.3 * self.v[2]
         above = float(est["p_WB"][2] - self.p[2])
         self._held_up = self._held_up + TICK if sinks and above > DOWN_M else 0.0
-        return self._build(p, v, a, yaw)
+        return self._build(p, v, a, R)
 
     def lead(self) -> Array:
-        """Return the acceleration (3,) m/s^2 of this tick."""
+        """Return the acceleration (3,) m/s^2 of this tick; p and v may be set first."""
         raise NotImplementedError
 
     def turn(self) -> float:
         """Return the commanded rate of the heading (rad/s)."""
         return 0.0
 
-    def tilt(self, yaw: float) -> Array:
-        """Return the attitude (3, 3) of the reference at a heading (rad)."""
-        return rot_z(yaw)
+    def lean(self) -> Array:
+        """Return the commanded tilt (3,) rad, a rotation vector in B; level by default."""
+        return np.zeros(3)
+
+    def attitude(self) -> Array:
+        """Return the present attitude (3, 3) of the reference."""
+        return tilt_heading(self.yaw, *self._tilt)
 
     def _cut(self, v: Array) -> Array:
         """Return the velocity v (3,) m/s, no faster than the limit of the vehicle."""
@@ -155,7 +169,9 @@ class Drive:
         size, limit = float(np.linalg.norm(a)), self.backend.limits.acceleration
         return a if size <= limit else a * (limit / size)
 
-    def _build(self, p: Array, v: Array, a: Array, yaw: float) -> Table:
+    def _build(self, p: Array, v: Array, a: Array, R: Array) -> Table:
+        R_end, turned = self.attitude(), np.empty(3)
+        log_so3(R.T @ R_end, turned)
         row = np.array(self.backend.reference)
         for name in ("t", "qd", "w_WB_B", "wd_WB_B", "track_tip", "dead_zone"):
             row[name] = 0.0
@@ -163,8 +179,8 @@ class Drive:
         table = np.repeat(row[None], 2)
         table["t"][1] = TICK
         table["p_WB"], table["v_WB"] = [p, self.p], [v, self.v]
-        table["a_WB"], table["w_WB_B"][:, 2] = a, self.rate
-        table["R_WB"] = [self.tilt(yaw), self.tilt(self.yaw)]
+        table["a_WB"], table["w_WB_B"] = a, turned / TICK
+        table["R_WB"] = [R, R_end]
         self._step_joints(table)
         fill_tips(self.backend, table)
         return table
@@ -179,12 +195,12 @@ class VelocityDrive(Drive):
     def __init__(self, backend: Backend) -> None:
         super().__init__(backend)
         self._v, self._rate = np.zeros(3), 0.0
-        self._tilt, self._tilt_to = np.zeros(2), np.zeros(2)  # rad, about x and y of B
+        self._tilt_to = np.zeros(3)  # rad
 
     def tell(self, v: Array, yaw_rate: float, roll: float = 0.0, pitch: float = 0.0) -> None:
         """Set a new reference, clipped to the limits of the vehicle."""
         self._v, self.heard = self._cut(v), self.backend.t
-        self._tilt_to = np.array([roll, pitch])
+        self._tilt_to = np.array([roll, pitch, 0.0])
         self._rate = float(np.clip(yaw_rate, -TURN_MAX, TURN_MAX))
 
     def lead(self) -> Array:
@@ -195,15 +211,9 @@ class VelocityDrive(Drive):
         """Return the commanded rate; zero if stale."""
         return 0.0 if self.is_stale else self._rate
 
-    def step(self) -> Table:
-        """As in Drive; the tilt follows the command, or returns to level if stale."""
-        way = (np.zeros(2) if self.is_stale else self._tilt_to) - self._tilt
-        self._tilt = self._tilt + np.clip(way, -TILT_RATE * TICK, TILT_RATE * TICK)
-        return super().step()
-
-    def tilt(self, yaw: float) -> Array:
-        """Return the heading, then tilted by roll and pitch."""
-        return tilt_heading(yaw, *self._tilt)
+    def lean(self) -> Array:
+        """Return the commanded tilt; level if stale."""
+        return np.zeros(3) if self.is_stale else self._tilt_to
 
 
 class PoseDrive(Drive):
@@ -278,7 +288,7 @@ class StickDrive(Drive):
         low = stick.thrust is not None and stick.thrust < LIGHT and abs(est["v_WB"][2]) < ASKED
         self._stands = self._stands + TICK if low else 0.0
         self.p[:2], self.v[:2] = est["p_WB"][:2], est["v_WB"][:2]
-        z = self.tilt(self.yaw)[:, 2]
+        z = self.attitude()[:, 2]
         a = self._gravity * z / z[2]
         if stick.thrust is None:
             change = (stick.climb - self.v[2]) / TICK
@@ -292,16 +302,16 @@ class StickDrive(Drive):
         """Return the rate of the stick; zero if stale."""
         return 0.0 if self.is_stale else float(np.clip(self.stick.yaw_rate, -TURN_MAX, TURN_MAX))
 
-    def tilt(self, yaw: float) -> Array:
+    def attitude(self) -> Array:
         """Return the heading, then tilted by the stick; level if stale."""
         stick = LET_GO if self.is_stale else self.stick
-        return tilt_heading(yaw, stick.roll, stick.pitch)
+        return tilt_heading(self.yaw, stick.roll, stick.pitch)
 
 
-def tilt_heading(yaw: float, roll: float, pitch: float) -> Array:
-    """Return the attitude (3, 3) of a heading, then tilted about (roll, pitch, 0) (rad)."""
+def tilt_heading(yaw: float, roll: float, pitch: float, twist: float = 0.0) -> Array:
+    """Return the attitude (3, 3) of a heading, then turned about (roll, pitch, twist) (rad)."""
     R = np.empty((3, 3))
-    exp_so3(np.array([roll, pitch, 0.0]), R)
+    exp_so3(np.array([roll, pitch, twist]), R)
     return np.asarray(rot_z(yaw) @ R)
 
 

@@ -4,17 +4,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skywright.errors import SimulationError
-from skywright.vehicle.assembly import Assembly
+from skywright.vehicle.assembly import Assembly, Key
 from skywright.vehicle.bus import Allocated, RotorDrive, ServoDrive, ShaftCommand, WrenchCommand
 from skywright.vehicle.component import ArmsLaw, Component, Law
 from skywright.vehicle.ticker import StepFailed
 
 RESTART_S = 0.06
 """s, until a watchdog has restarted a control law: three of its periods of 20 ms."""
+
+
+class WatchdogState(NamedTuple):
+    """A saved watchdog; see Watchdog.save."""
+
+    due_at: NDArray[Any]  # of the schedule's rows
+    due: float
+    used: bool
+    memories: dict[Key, NDArray[Any]]
 
 
 class Watchdog:
@@ -57,6 +68,19 @@ class Watchdog:
             asked, held = records[ShaftCommand, ""]["theta"], records[ServoDrive, ""]["motor"]
             np.copyto(asked, held, where=~np.isfinite(asked))
         return again
+
+    def save(self) -> WatchdogState:
+        """Return its state, with the steps that it leaves out; gains of `memories` may change."""
+        due_at = self.assembly.rows[["every", "phase"]].copy()
+        memories = {key: rows.copy() for key, rows in self.memories.items()}
+        return WatchdogState(due_at, self._due, self._used, memories)
+
+    def restore(self, saved: WatchdogState) -> None:
+        """Restore the state that `save` returned."""
+        self.assembly.rows[["every", "phase"]] = saved.due_at
+        self._due, self._used = saved.due, saved.used
+        for key, rows in saved.memories.items():
+            self.memories[key][:] = rows
 
     @property
     def is_pending(self) -> bool:

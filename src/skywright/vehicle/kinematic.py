@@ -68,7 +68,8 @@ class KinematicVehicle(SimulatedVehicle):
         if (Telemetry, "") in a.records:
             self._gauge = a.get(Telemetry)
             self._gauge["charge"] = self._gauge["speed"] = math.nan  # no rotors, no power
-        self._bench = find_first(self.world.things, Fixture)
+        clamped = find_first(self.world.things, Fixture) is not None
+        self._clamp = self.scene.model.equality(Fixture.CLAMP).id if clamped else None
         self._floor = self.robot.platform.gear_height_m
         self._posture, self._tip = b"", (np.zeros(3), np.eye(3))  # joints, and the tip in B at them
 
@@ -91,11 +92,6 @@ class KinematicVehicle(SimulatedVehicle):
     def devices(self) -> Devices:
         """No devices."""
         return Devices(self, frozenset())
-
-    def release(self) -> None:
-        """Open the clamp, so that the platform follows its reference."""
-        super().release()
-        self._bench = None
 
     @property
     def saturated(self) -> bool:
@@ -135,7 +131,8 @@ class KinematicVehicle(SimulatedVehicle):
     def _move(self) -> None:
         """Move to the pose of the reference, on or above the ground."""
         ref, q, qd = self._ref, self._qpos, self._qvel
-        if self._bench is not None:
+        # read from the physics, whose state `restore` sets
+        if self._clamp is not None and self.sim.data.eq_active[self._clamp]:
             self._show(q[:3].copy(), qd[:3].copy(), ref["R_WB"], qd[3:6].copy(), False)
             return
         p, v = ref["p_WB"].copy(), ref["v_WB"].copy()

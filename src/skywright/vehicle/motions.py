@@ -49,6 +49,8 @@ class Motions:
         self.moves = Moves(backend, blend=True)
         self.checked: list[Checked] = []
         self.home: Array | None = None
+        self.spun = self.is_turning
+        """Whether the motors, if they turn, have passed the spin check, or need none."""
 
     @property
     def is_turning(self) -> bool:
@@ -65,8 +67,10 @@ class Motions:
 
     def _spin(self) -> Generator[None, None, str]:
         """Run the motors with the reference slightly below the ground; returns the reason of a
-        failure, or ""."""
-        if self.checklist is None or not self.checklist.spin or self.is_turning:
+        failure, or "". The check of motors that turn is not repeated if it has passed."""
+        wanted = self.checklist is not None and self.checklist.spin
+        self.spun = not wanted or (self.spun and self.is_turning)
+        if self.checklist is None or self.spun:
             return ""
         row = build_row_here(self.backend)
         row["p_WB"][2] -= PRESSED
@@ -74,7 +78,7 @@ class Motions:
         self.backend.track(row[None])
         yield from self._pause(SPIN_S)
         found = check_rotors(self.checklist, self.backend)
-        self.checked = [*self.checked, found]
+        self.checked, self.spun = [*self.checked, found], found.passed
         if found.passed:
             return ""
         self.moves.motors(False)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.rotations import rot_z
+from skywright.core.rotations import exp_so3, log_so3, rot_z
 from skywright.errors import InputError
 from skywright.vehicle.interface import Backend, fill_tips
 from skywright.vehicle.link_arc import LinkArc, plan_landing, plan_take_off
@@ -22,18 +22,24 @@ Array = NDArray[np.float64]
 
 TURN_ACCELERATION = 1.0
 """rad/s^2, of the heading."""
+TILT_RATE = 0.3
+"""rad/s, of a tilt in place."""
+LEVEL_S = 1.0
+"""s, longest time in which a motion ends a tilt, which the rotors might not hold."""
 
 
 class Brake:
-    """Braking of an interrupted motion: its velocity decreases to zero during the new one."""
+    """Braking of an interrupted motion: velocity and tilt decrease to zero during the new one."""
 
     def __init__(self, start: Any, acceleration: float) -> None:
         """`start` is the present REFERENCE row; `acceleration` in m/s^2."""
-        self.v, self.rate = np.array(start["v_WB"]), float(start["w_WB_B"][2])
+        self.v, self.rate = np.array(start["v_WB"]), find_heading_rate(start)
+        self.tilt = find_tilt(start["R_WB"])
         self.t = float(np.linalg.norm(self.v)) / acceleration  # s
         self.t_turn = abs(self.rate) / TURN_ACCELERATION
         self.way, self.turn = 0.5 * self.v * self.t, 0.5 * self.rate * self.t_turn  # m, rad
-        self.seconds = max(self.t, self.t_turn)
+        self.t_tilt = min(float(np.linalg.norm(self.tilt)) / TILT_RATE, LEVEL_S)
+        self.seconds = max(self.t, self.t_turn, self.t_tilt)
 
     def add(self, table: NDArray[Any]) -> None:
         """Add the braking to the rows of the following motion, which begins at rest."""
@@ -46,6 +52,18 @@ class Brake:
             row["R_WB"] = rot_z(float(turned)) @ row["R_WB"]
         table["w_WB_B"][:, 2] += rate * self.rate
         table["wd_WB_B"][:, 2] += change * self.rate
+        if self.t_tilt > 1e-6:
+            self._add_tilt(table)
+
+    def _add_tilt(self, table: NDArray[Any]) -> None:
+        E = np.empty((3, 3))
+        for row, left in zip(table, np.maximum(1.0 - table["t"] / self.t_tilt, 0.0), strict=True):
+            exp_so3(left * self.tilt, E)
+            row["R_WB"] = row["R_WB"] @ E
+            for name in ("w_WB_B", "wd_WB_B"):  # given along the vertical
+                row[name] = E.T @ row[name]
+            if left > 0.0:
+                row["w_WB_B"] -= self.tilt / self.t_tilt
 
 
 def _slow_down(t: Array, total: float) -> tuple[Array, Array, Array]:
@@ -59,6 +77,18 @@ def _slow_down(t: Array, total: float) -> tuple[Array, Array, Array]:
 def level(R: Array) -> Array:
     """Return the level attitude (3, 3) with the heading of R."""
     return rot_z(math.atan2(R[1, 0], R[0, 0]))
+
+
+def find_tilt(R: Array) -> Array:
+    """Return the rotation vector (3,) rad from the level attitude to R; it is nearly horizontal."""
+    tilt = np.empty(3)
+    log_so3(level(R).T @ R, tilt)
+    return tilt
+
+
+def find_heading_rate(row: Any) -> float:
+    """Return the rate (rad/s) about the vertical of a REFERENCE row, which may be tilted."""
+    return float((row["R_WB"] @ row["w_WB_B"])[2])
 
 
 class Moves:

@@ -27,7 +27,7 @@ from skywright.models.scene import TIMESTEP, build_scene, home_pose
 from skywright.models.spring_bench import find_springs
 from skywright.recordings.columns import Column, Stream, Topic
 from skywright.vehicle.allocation import RotorAllocation
-from skywright.vehicle.assembly import Assembly, State
+from skywright.vehicle.assembly import Assembly
 from skywright.vehicle.bus import Allocated, Body, Clock, Estimate
 from skywright.vehicle.component import Component, Estimator, Law, PlantContext
 from skywright.vehicle.devices import DEVICES, Devices, find_bench
@@ -44,6 +44,7 @@ from skywright.vehicle.pilot_switch import NoPilotSwitch
 from skywright.vehicle.plant import MISSION_TICK
 from skywright.vehicle.ports import list_steps, overrides
 from skywright.vehicle.recorder import Recorder
+from skywright.vehicle.saved import Saved
 from skywright.vehicle.set_up import build_home_row, check_rate, fill_bus, list_offers
 from skywright.vehicle.setpoints import Actuators
 from skywright.vehicle.simulation import Simulation
@@ -61,16 +62,6 @@ class Recorded(NamedTuple):
     columns: tuple[Column, ...]
     topics: tuple[Topic, ...]
     streams: tuple[Stream, ...] = ()
-
-
-class Saved(NamedTuple):
-    """A saved vehicle; see SimulatedVehicle.save."""
-
-    assembly: State
-    physics: Any
-    table: Table
-    table_start: float
-    parts: dict[str, Any]  # by name of a component
 
 
 class SimulatedVehicle(NoPilotSwitch):
@@ -271,7 +262,10 @@ class SimulatedVehicle(NoPilotSwitch):
     def save(self) -> Saved:
         """Return the state on which the next tick depends; see restore."""
         parts = {c.name: c.save() for c in self.assembly.components}
-        return Saved(self.assembly.save(), self.sim.save(), self._table, self._table_start, parts)
+        return Saved(
+            self.assembly.save(), self.sim.save(), self._table, self._table_start, parts,
+            self.watchdog.save(), self.order,
+        )  # fmt: skip
 
     def restore(self, saved: Saved, seed: int | None = None) -> None:
         """Restore a state that this vehicle saved: the same ticks follow bit for bit.
@@ -288,6 +282,8 @@ class SimulatedVehicle(NoPilotSwitch):
             c.restore(saved.parts[c.name])
             if seed is not None:
                 c.reseed(seed)
+        self.watchdog.restore(saved.watchdog)
+        self.order = saved.order
         self._table, self._table_start = saved.table, saved.table_start
         self._table_end = float(self._table[-1]["t"])
         self._recorder.take()

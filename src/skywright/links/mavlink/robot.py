@@ -87,8 +87,10 @@ class Robot:
     @property
     def ready(self) -> str:
         """Return why it cannot be armed now, or ""; this runs the checklist."""
+        if self.armed:
+            return ""
         if self.vehicle.state != State.LANDED_DISARMED:
-            return "" if self.armed else f"the state is {self.vehicle.state}"
+            return f"the state is {self.vehicle.state}"
         from skywright.vehicle.commands import Command
 
         return self.vehicle.find_refusal(Command.ARM)
