@@ -326,7 +326,7 @@ def _evaluate(run: Flown[T, P], flight: Flight, outcome: str, directory: Path) -
     try:
         if len(run.samples):
             metrics = compute_common_metrics(
-                run.samples, run.phases, hanging=arm is not None and arm.sides == 2
+                run.samples, run.phases, arm is not None and arm.sides == 2, flight.acted
             )
             with blame(type(kind), "metrics"):
                 metrics.update(kind.metrics(run))
