@@ -137,6 +137,18 @@ def test_tracking_of_a_path() -> None:
     assert m["platform.tilt_max_deg"] == pytest.approx(12.0)
 
 
+def test_the_final_error_is_that_of_the_last_hold_and_includes_oscillation() -> None:
+    off = np.zeros((300, 3))
+    off[:200, 2] = 0.4
+    off[200:, 0] = np.tile([0.1, -0.1], 50)
+    spans = [("hold 1", 1.0), ("waypoint 2", 1.0), ("hold 2", 1.0)]
+    s, phases = build_samples(spans, p_WB=off, ref_p_WB=np.zeros(3), q_WB=LEVEL, ref_q_WB=LEVEL)
+    run = build_flown("waypoints", s, phases, segments={"waypoint 2": None})
+    assert compute_tracking(run)["position.final_error_m"] == pytest.approx(0.1)
+    run.phases[:] = [p._replace(name="waypoint 2") for p in phases]  # nothing is held
+    assert "position.final_error_m" not in compute_tracking(run)
+
+
 SCANNED: dict[str, Any] = {
     "gap_max": 0.0, "tilt": 0.0, "f_normal": 1.0, "ref_normal_W": (0.0, -1.0, 0.0),
     "p_WT": np.zeros(3), "ref_p_WT": np.zeros(3), "q_WB": LEVEL, "ref_q_WB": LEVEL,

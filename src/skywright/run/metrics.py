@@ -140,24 +140,22 @@ def compute_tracking(run: Flown[Any, Any]) -> dict[str, float]:
     holds = HELD.find(phases)
     out: dict[str, float] = {}
     held = [np.isin(samples["phase"], whole) for whole in _join_holds(phases, holds)]
-    last = held[-1] if held else moving
+    judged = [_judge_hold(samples, h) for h in held if np.any(h)]
     passed = list[tuple[float, float]]()
     for i, phase in enumerate(phases[:-1]):  # a segment without a hold is passed
         whole = not phase.is_interrupted
         if phase.name in run.plan.segments and whole and not phases[i + 1].name.startswith("hold"):
             passed.append(_judge_passage(samples, np.flatnonzero(samples["phase"] == i)))
-    passed += [_judge_hold(samples, h) for h in held if np.any(h)]
-    if passed:
-        far, off = np.max(passed, axis=0)
+    if passed or judged:
+        far, off = np.max(passed + judged, axis=0)
         out |= {"position.hold_error_m": float(far)}
         out["heading.hold_error_deg"] = math.degrees(off)
     if np.any(moving):
         out["position.rms_m"] = float(np.sqrt(np.mean(error[moving] ** 2)))
         out["position.max_m"] = float(np.max(error[moving]))
         out["platform.tilt_max_deg"] = math.degrees(float(np.max(tilt[moving])))
-    if np.any(last):
-        mean = np.mean((samples["p_WB"] - samples["ref_p_WB"])[last], axis=0)
-        out["position.final_error_m"] = float(np.linalg.norm(mean))
+    if judged:
+        out["position.final_error_m"] = judged[-1][0]
     return out
 
 
