@@ -512,6 +512,23 @@ def test_a_tool_on_pipe_and_bench() -> None:
     assert m["operator.retrieval_force_max_n"] == pytest.approx(3.5)  # the 8 N came after it
 
 
+def test_a_tool_that_was_never_taken_is_not_returned() -> None:
+    """A robot that cannot grasp it withdraws and flies home, in the same phase."""
+    run0 = build_flown("tool-install", *build_samples([("x", 1.0)]))
+    i = list_movers(run0.setup.true.world.things).index(run0.task.tool)
+    bench, _ = find_places(run0.setup.true.world, run0.task)
+    p = np.tile(bench.p_WO, (300, 1))
+    s, phases = build_samples(
+        [("lift", 1.0), ("return", 1.0), ("lift arms", 1.0)],
+        **{f"object{i}_p_WO": p, f"object{i}_q_WO": about("z", math.degrees(bench.yaw))},
+    )
+    m = judge_tool(build_flown("tool-install", s, phases))
+    assert m["tool.returned"] == 0.0 and "tool.return_error_mm" not in m
+    s[f"object{i}_p_WO"][:100, 2] += 0.2  # lifted, and put down again
+    m = judge_tool(build_flown("tool-install", s, phases))
+    assert m["tool.returned"] == 1.0 and m["tool.return_error_mm"] == pytest.approx(0.0)
+
+
 def test_time_under_operator_control_excludes_the_phases_between_its_stretches() -> None:
     s, _ = build_samples(
         [("press", 2.0), ("retract", 30.0), ("press", 3.0)], operator_stick=np.full(4, 0.5)
