@@ -32,7 +32,8 @@ class Row(NamedTuple):
     """succeeded, failed, aborted, diverged; infeasible (no plan), refused (inconsistent values),
     crashed (the process died or the program failed)."""
     requirement: str
-    """First requirement that failed; the outcome if the mission was not completed; else ""."""
+    """First requirement that failed, "evaluation" if that failed instead; the outcome if the
+    mission was not completed; else ""."""
     failed: tuple[str, ...]
     """Every requirement that failed."""
     reason: str
