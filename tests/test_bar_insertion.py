@@ -39,6 +39,7 @@ from skywright.models.bimanual import Bar, compute_bar, compute_bar_hands
 from skywright.models.compliant_arms import find_hands
 from skywright.models.deviation import build_socket_error
 from skywright.models.drawing import build_drawing
+from skywright.models.geometry import Clearance
 from skywright.models.rigid_body import build_body_model
 from skywright.models.scene import Scene, build_scene
 from skywright.models.things.peg import Peg
@@ -247,6 +248,23 @@ def test_a_socket_behind_a_wall_is_out_of_reach() -> None:
             "size_z_m": 2.0}  # fmt: skip
     found = plan(Setup(load_description("bar-insertion", sets={"world.things.wall": wall})))
     assert not found.feasible and "wall come within" in str(found.blocked_by)
+
+
+def test_the_checked_path_turns_the_shorter_way_as_the_flown_one() -> None:
+    """Rack and socket are turned by 170 and -170 deg: 20 deg apart, over 180 deg."""
+    headings = []
+
+    def measure(query: object, p: Array, R: Array, q: Array) -> Clearance:
+        headings.append(math.atan2(R[1, 0], R[0, 0]))
+        return Clearance(math.inf, -1, -1)
+
+    sets = ["world.things.rack.yaw_deg=170", "world.things.socket.yaw_deg=-170"]
+    sets.append("mission.start_yaw_deg=180")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("skywright.missions.bar_insertion.plan.compute_clearance", measure)
+        assert plan(Setup(load_description("bar-insertion", sets=sets))).feasible
+    assert len(headings) > 50
+    assert min(abs(h) for h in headings) > math.radians(169.9)
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,8 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from threadpoolctl import threadpool_limits
@@ -20,6 +22,7 @@ from threadpoolctl import threadpool_limits
 import skywright
 from exact_map import EXACT
 from skywright.analysis.campaign import campaign as campaign_module
+from skywright.analysis.campaign import runner
 from skywright.analysis.campaign.campaign import choose_folder, run_campaign
 from skywright.analysis.campaign.local import choose_workers, count_cores
 from skywright.analysis.campaign.runner import TIMING_METRICS, Task, fly_row
@@ -455,6 +458,21 @@ def test_a_run_that_cannot_be_recorded_is_no_row(
     with pytest.raises(InputError, match=r"run 0 could not be recorded.*same command continues"):
         run_campaign(campaign, 1, out=Path("c"), record="all", workers=1)
     assert Path("c/runs.jsonl").read_bytes() == b""
+
+
+def test_a_run_whose_evaluation_fails_is_a_failed_row(
+    hop: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also if no requirement failed."""
+    campaign = build()
+    says = "evaluation: describe of Mine is not plain JSON: Out of range float values"
+    judged: Any = SimpleNamespace(
+        outcome="failed", reason=says, requirements=[], metrics={}, timing={}, inspected=None
+    )
+    monkeypatch.setattr(runner, "fly_and_evaluate", lambda description: judged)
+    draw = draw_run(campaign, 0)
+    row = fly_row(Task(draw, load_run(campaign, draw), "", "none", "runs"))
+    assert (row.outcome, row.requirement, row.reason) == ("failed", "evaluation", says)
 
 
 def test_another_law_behind_the_same_name_is_another_campaign(hop: Path) -> None:

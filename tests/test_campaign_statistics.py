@@ -151,6 +151,28 @@ def test_refused_runs_count_as_not_succeeded_and_are_told_apart() -> None:
     assert found.flown_interval == pytest.approx(tuple(compute_interval(30, 30)))
 
 
+def test_runs_that_ended_on_the_ground_did_not_take_off() -> None:
+    on_ground = {"outcome": "aborted", "reason": "no take-off: battery 12 V (mission.checklist)"}
+    aloft = {"outcome": "aborted", "reason": "wind 9 m/s, limit 8 m/s in hold 1 at t = 8.0 s"}
+    rows = build_rows(40)
+    rows = [r._replace(**(on_ground if r.run < 10 else aloft if r.run < 15 else {})) for r in rows]
+    found = build_verdict(rows, KEYS, REQUIREMENTS, 0.9)
+    assert (found.runs, found.succeeded, found.flown) == (40, 25, 30)
+
+
+@pytest.mark.parametrize(
+    ("target", "says"),
+    [
+        (0.9, "lies between 96.3% and 100.0%, above the required 90%."),
+        (0.995, "lies between 96.3% and 100.0%, which is inconclusive for the required 99.5%"),
+        (0.9995, "between 96.30% and 100.00%, which is inconclusive for the required 99.95%"),
+        (0.57, "above the required 57%."),
+    ],
+)
+def test_a_target_is_stated_as_it_was_given(target: float, says: str) -> None:
+    assert says in build_verdict(build_rows(100), KEYS, REQUIREMENTS, target).headline
+
+
 # -- failures, room, sensitivities ----------------------------------------------------------------
 
 

@@ -31,6 +31,7 @@ from skywright.missions.impact.metrics import compute_metrics as judge_impact
 from skywright.missions.impact.metrics import compute_pitch_torque
 from skywright.missions.scan.coverage import SCAN
 from skywright.missions.sensor_install.metrics import compute_metrics as judge_install
+from skywright.missions.skills.operated import measure_operated
 from skywright.missions.skills.survey import Touch
 from skywright.missions.skills.surveyed import Ball, Surveyed, judge_survey
 from skywright.missions.skills.tool_handling import LOW
@@ -504,11 +505,37 @@ def test_a_tool_on_pipe_and_bench() -> None:
     assert m["tool.seat_angle_deg"] == pytest.approx(2.0)
     assert m["tool.return_error_mm"] == pytest.approx(20.0) and m["tool.returned"] == 1.0
     assert m["tool.retries"] == 1.0
-    assert m["operator.time_s"] == pytest.approx(1.99)
+    assert m["operator.time_s"] == pytest.approx(2.0)
     assert m["operator.hand_error_mm"] == pytest.approx(3.0)
     assert m["operator.force_max_n"] == pytest.approx(5.0)  # the 9 N were felt before it
-    assert m["operator.retrieval_time_s"] == pytest.approx(1.29)
+    assert m["operator.retrieval_time_s"] == pytest.approx(1.3)
     assert m["operator.retrieval_force_max_n"] == pytest.approx(3.5)  # the 8 N came after it
+
+
+def test_a_tool_that_was_never_taken_is_not_returned() -> None:
+    """A robot that cannot grasp it withdraws and flies home, in the same phase."""
+    run0 = build_flown("tool-install", *build_samples([("x", 1.0)]))
+    i = list_movers(run0.setup.true.world.things).index(run0.task.tool)
+    bench, _ = find_places(run0.setup.true.world, run0.task)
+    p = np.tile(bench.p_WO, (300, 1))
+    s, phases = build_samples(
+        [("lift", 1.0), ("return", 1.0), ("lift arms", 1.0)],
+        **{f"object{i}_p_WO": p, f"object{i}_q_WO": about("z", math.degrees(bench.yaw))},
+    )
+    m = judge_tool(build_flown("tool-install", s, phases))
+    assert m["tool.returned"] == 0.0 and "tool.return_error_mm" not in m
+    s[f"object{i}_p_WO"][:100, 2] += 0.2  # lifted, and put down again
+    m = judge_tool(build_flown("tool-install", s, phases))
+    assert m["tool.returned"] == 1.0 and m["tool.return_error_mm"] == pytest.approx(0.0)
+
+
+def test_time_under_operator_control_excludes_the_phases_between_its_stretches() -> None:
+    s, _ = build_samples(
+        [("press", 2.0), ("retract", 30.0), ("press", 3.0)], operator_stick=np.full(4, 0.5)
+    )
+    pressed = s[s["phase"] != 1]
+    m = measure_operated(pressed, np.zeros(len(pressed)))
+    assert m["operator.time_s"] == pytest.approx(5.0)
 
 
 def test_hands_that_hover_before_a_tool() -> None:

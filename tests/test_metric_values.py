@@ -23,6 +23,7 @@ from skywright.missions.flight_modes.metrics import compute_metrics as judge_mod
 from skywright.missions.scan import metrics as scan_metrics
 from skywright.missions.scan.coverage import compute_scan_coverage, judge_coverage
 from skywright.missions.scan.welds import judge_welds
+from skywright.run.faults._rule import Acted
 from skywright.run.metrics import compute_common_metrics, compute_tracking
 
 FLYING: dict[str, Any] = {
@@ -60,22 +61,23 @@ def test_how_a_robot_comes_down_after_a_rule_acted() -> None:
         [("hold 1", 2.0), ("land here", 3.0), ("let go", 1.0)],
         **FLYING | {"p_WB": off, "ref_p_WB": np.zeros(3)},
     )
+    phases[0] = phases[0]._replace(outcome="failed")  # as missions and pilots end phases too
     assert "response.landed" not in compute_common_metrics(s, phases)
-    phases[0] = phases[0]._replace(outcome="failed")
-    m = compute_common_metrics(s, phases)
+    acted = [Acted("gust", 1.99, 9.0, 8.0, "m/s", "land_here", "wind 9 m/s, limit 8 m/s")]
+    m = compute_common_metrics(s, phases, acted=acted)
     assert m["response.landed"] == 0.0
     assert m["response.deviation_max_m"] == pytest.approx(0.5)
     s = s[n < 500]
     s["p_WB"][300] = 0.0
     s["p_WB"][450] = [0.0, 0.1, 2.0]
-    m = compute_common_metrics(s, phases[:2])
+    m = compute_common_metrics(s, phases[:2], acted=acted)
     assert m["response.landed"] == 1.0
     assert m["response.deviation_max_m"] == pytest.approx(0.1)
     failed = [phases[0], phases[1]._replace(outcome="failed")]
-    assert compute_common_metrics(s, failed)["response.landed"] == 0.0
+    assert compute_common_metrics(s, failed, acted=acted)["response.landed"] == 0.0
     s["rotor_thrust"][200:] = 0.0  # the motors stopped before the response began
     fell = [phases[0], phases[1]._replace(name="let go")]
-    assert compute_common_metrics(s, fell)["response.landed"] == 0.0
+    assert compute_common_metrics(s, fell, acted=acted)["response.landed"] == 0.0
 
 
 def test_a_servo_at_its_stall_torque_is_counted() -> None:
@@ -133,6 +135,18 @@ def test_tracking_of_a_path() -> None:
     assert m["position.rms_m"] == pytest.approx(math.sqrt((100 * 0.03**2 + 0.05**2) / 300))
     assert m["position.final_error_m"] == pytest.approx(0.05 / 200)
     assert m["platform.tilt_max_deg"] == pytest.approx(12.0)
+
+
+def test_the_final_error_is_that_of_the_last_hold_and_includes_oscillation() -> None:
+    off = np.zeros((300, 3))
+    off[:200, 2] = 0.4
+    off[200:, 0] = np.tile([0.1, -0.1], 50)
+    spans = [("hold 1", 1.0), ("waypoint 2", 1.0), ("hold 2", 1.0)]
+    s, phases = build_samples(spans, p_WB=off, ref_p_WB=np.zeros(3), q_WB=LEVEL, ref_q_WB=LEVEL)
+    run = build_flown("waypoints", s, phases, segments={"waypoint 2": None})
+    assert compute_tracking(run)["position.final_error_m"] == pytest.approx(0.1)
+    run.phases[:] = [p._replace(name="waypoint 2") for p in phases]  # nothing is held
+    assert "position.final_error_m" not in compute_tracking(run)
 
 
 SCANNED: dict[str, Any] = {

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import skywright
+from constructed import build_flown, build_samples
 from exact_map import EXACT
 from short_mission import HOP
 from skywright.core import interrupt
@@ -24,10 +26,12 @@ from skywright.recordings.writer import RecordingWriter
 from skywright.reports import explain
 from skywright.reports.terminal import print_result
 from skywright.run.directory import _phases_of, load_run
+from skywright.run.flight import Flight
 from skywright.run.flight_recording import Pace
+from skywright.run.inspected import Inspected, InspectedFlaw
 from skywright.run.kind import load_kind
 from skywright.run.requirements import Verdict, describe_outcome
-from skywright.run.run import Observer, fly_and_evaluate, run_mission
+from skywright.run.run import Observer, _evaluate, fly_and_evaluate, run_mission
 from waiting import wait_for
 
 SETS = [*EXACT, "mission.task.passes=1", "mission.task.pass_length_m=0.03"]
@@ -134,6 +138,23 @@ def test_a_report_that_cannot_be_written_leaves_the_run_partial(tmp_path):
     assert skywright.evaluate(tmp_path / "r.partial").outcome == "interrupted"
 
 
+def test_a_disk_that_is_full_after_the_flight_leaves_the_run_partial(tmp_path, monkeypatch):
+    write, texts = Path.write_text, []
+
+    def fill_up(path, text, **options):
+        if path.name == "metrics.json.new":
+            texts.append(text)
+            if len(texts) > 1:  # the first one marks the run as unfinished
+                raise OSError(28, "No space left on device")
+        return write(path, text, **options)
+
+    monkeypatch.setattr(Path, "write_text", fill_up)
+    result = run_mission(load_description("waypoints", sets=HOP), out=tmp_path / "r")
+    assert result.outcome == "interrupted" and "No space left" in result.reason
+    assert not (tmp_path / "r").exists()
+    assert load_run(tmp_path / "r.partial").outcome == "interrupted"
+
+
 def test_who_flies_without_a_directory_is_interrupted_too():
     """Comparisons and claims fly many times: half a flight is no number of theirs."""
 
@@ -204,6 +225,58 @@ def test_a_defect_of_the_evaluation_leaves_a_judged_run_behind(tmp_path, monkeyp
     assert "of test_run_directory.py" in written["reason"]
     assert written["metrics"]["flight.duration_s"] > 1.0
     assert len(load_run(tmp_path / "r").samples) == len(result.samples)
+
+
+def evaluate_described(monkeypatch, **parts):
+    """Evaluate 1 s of a hold, as a kind whose methods return these values; written and read."""
+    for name, value in {"metrics": {}, **parts}.items():
+        monkeypatch.setattr(type(load_kind("waypoints")), name, lambda *_, value=value: value)
+    s, phases = build_samples(
+        [("hold 1", 1.0)], rotor_thrust=np.full(6, 5.0), power=0.0, saturated=0.0,
+        f_collision=0.0, p_WB=np.zeros(3), est_p_WB=np.zeros(3),
+    )  # fmt: skip
+    result = _evaluate(build_flown("waypoints", s, phases), Flight(True, ""), "", Path())
+    return json.loads(json.dumps(result.to_json(), allow_nan=False))
+
+
+def test_numbers_of_numpy_are_written_as_those_of_python(monkeypatch):
+    s = np.array([True, False, True])
+    written = evaluate_described(
+        monkeypatch, metrics={"x.count": np.sum(s), "x.mean_m": np.float32(0.5), "x.min": np.nan},
+        describe={"all": s.all(), "spots": s, "at": (np.int32(2), {"x_m": np.float32(0.25)})},
+        inspected=Inspected((InspectedFlaw("a", {"depth_mm": np.float32(2.0)}, s.any(), s[1]),)),
+        requirements={},
+    )  # fmt: skip
+    assert written["outcome"] == "succeeded" and written["reason"] == ""
+    m = written["metrics"]
+    assert (m["x.count"], m["x.mean_m"], m["x.min"]) == (2.0, 0.5, None)
+    assert written["result"] == {
+        "all": False, "spots": [True, False, True], "at": [2, {"x_m": 0.25}]
+    }  # fmt: skip
+    (flaw,) = written["inspected"]["flaws"]
+    assert flaw["hit"] is True and flaw["contact"] is False and flaw["sizes"] == {"depth_mm": 2.0}
+
+
+@pytest.mark.parametrize(
+    ("parts", "says"),
+    [
+        ({"metrics": {"x.all": np.zeros(2)}}, "TypeError"),
+        (
+            {"describe": {"x_m": np.nan}},
+            "describe of WaypointsKind is not plain JSON: Out of",
+        ),
+        ({"describe": {"x": {1, 2}}}, "plain JSON: an object of type set"),
+        (
+            {"inspected": Inspected((InspectedFlaw("a", {}, True, True, np.inf),))},
+            "inspected of WaypointsKind is not plain JSON: Out of range",
+        ),
+    ],
+)
+def test_what_json_cannot_represent_is_told_and_the_run_is_kept(monkeypatch, parts, says):
+    written = evaluate_described(monkeypatch, requirements={}, **parts)
+    assert written["outcome"] == "failed"
+    assert written["reason"].startswith("evaluation: ") and says in written["reason"]
+    assert written["metrics"]["flight.duration_s"] == 0.99
 
 
 def test_a_cut_recording_keeps_how_its_phases_ended():

@@ -187,6 +187,7 @@ def test_metrics_of_readings_whose_answer_is_known(flown) -> None:
         (["mission.task.procedure.block_thin_m=0.0126"], "above 0, growing"),
         (["mission.task.procedure.block_thin_m=0.001"], "step of 1 mm shows|another|us longer"),
         (["mission.task.slide_m=0.1"], "valid: 0"),
+        (["mission.task.without_gear=true"], "either docked or in flight"),
         (
             ["mission.task.procedure.velocity_m_per_s=3240"],
             "a block of 3240 m/s for a wall of 5920",

@@ -10,6 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 from numpy.typing import NDArray
 
 from skywright.core.bounded import LARGEST_TABLE, parse_json, read_text
@@ -95,15 +96,36 @@ def _find_free(base: Path) -> Path:
 
 
 def write_json(path: Path, value: dict[str, Any]) -> None:
-    """Write a JSON object; if the disk is full, the existing file remains unchanged."""
+    """Write a JSON object; if it cannot be written, the existing file remains unchanged.
+
+    Raises InputError if the disk is full.
+    """
     text = json.dumps(value, indent=2, allow_nan=False)
     fresh = path.with_name(path.name + ".new")
     try:
         fresh.write_text(text + "\n", encoding="utf-8")
         fresh.replace(path)
-    except OSError:
+    except OSError as error:
         with suppress(OSError):
             fresh.unlink()
+        raise InputError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def to_plain(value: Any, what: str) -> Any:
+    """Return `value` as plain JSON, with NumPy's numbers and arrays as those of Python.
+
+    Raises InputError, with `what` it is, for other objects and for numbers that are not finite.
+    """
+
+    def convert(part: object) -> object:
+        if isinstance(part, np.generic | np.ndarray):
+            return part.tolist()
+        raise TypeError(f"an object of type {type(part).__name__}")
+
+    try:
+        return json.loads(json.dumps(value, default=convert, allow_nan=False))
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{what} is not plain JSON: {error}") from error
 
 
 def write_sources(folder: Path, files: Sequence[Path]) -> dict[Path, str]:
@@ -131,9 +153,13 @@ def write_sources(folder: Path, files: Sequence[Path]) -> dict[Path, str]:
 def write_unfinished(
     partial: Path, outcome: str = "interrupted", reason: str = "killed before it ended"
 ) -> None:
-    """Mark a run as unfinished: the mark remains if the process is killed."""
+    """Mark a run as unfinished: the mark remains if the process is killed.
+
+    A full disk is reported by what is written next.
+    """
     value = {"outcome": outcome, "reason": reason, "phases": []}
-    write_json(partial / "metrics.json", {**value, "timing": {}})
+    with suppress(InputError):
+        write_json(partial / "metrics.json", {**value, "timing": {}})
 
 
 class _Requirement(Stored):

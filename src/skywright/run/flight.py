@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 Samples = NDArray[Any]
 R = TypeVar("R")
 
+NO_TAKE_OFF = "no take-off: "
+"""Beginning of the reason of a flight that ended on the ground, before it took off."""
+
 
 class PhaseRecord(NamedTuple):
     """One phase as it was flown."""

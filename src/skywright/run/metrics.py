@@ -7,13 +7,14 @@ data that a real flight would record (instrument and motion capture).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skywright.recordings.columns import has_columns
-from skywright.run.faults._rule import LET_GO
+from skywright.run.faults._rule import LET_GO, Acted
 from skywright.run.flight import Flown, PhaseRecord
 from skywright.run.where import ALOFT, HELD, TRACKED
 
@@ -43,9 +44,12 @@ def quat_angle(a: Array, b: Array) -> Array:
 
 
 def compute_common_metrics(
-    samples: Samples, phases: list[PhaseRecord], hanging: bool = False
+    samples: Samples,
+    phases: list[PhaseRecord],
+    hanging: bool = False,
+    acted: Sequence[Acted] = (),
 ) -> dict[str, float]:
-    """Compute the metrics that every run has.
+    """Compute the metrics that every run has; `acted` are the rules that ended the mission.
 
     Two arms hang below the landing gear (`hanging`) and touch the ground during take-off and
     landing: contacts in these phases do not count as collisions. While the arms carry part of the
@@ -76,19 +80,21 @@ def compute_common_metrics(
         out["estimate.position_rms_mm"] = 1e3 * float(np.sqrt(np.mean(error**2)))
         out["estimate.position_max_mm"] = 1e3 * float(np.max(error))
         out.update(_judge_localisation(samples[flying], error, dt[flying]))
-    return out | _judge_response(samples[flying], phases)
+    return out | _judge_response(samples[flying], phases, acted)
 
 
-def _judge_response(s: Samples, phases: list[PhaseRecord]) -> dict[str, float]:
-    """Evaluate the descent after a rule acted; the phase before it has the outcome "failed".
+def _judge_response(
+    s: Samples, phases: list[PhaseRecord], acted: Sequence[Acted]
+) -> dict[str, float]:
+    """Evaluate the descent after the first rule acted.
 
+    Failed phases do not show this: missions and pilots end phases so as well.
     On the ground the robot stays above its descending reference: this does not count as deviation.
     """
-    acted = next((i for i, p in enumerate(phases[:-1]) if p.outcome == "failed"), None)
     fell = any(p.name == LET_GO for p in phases)
-    if acted is None or not has_columns(s, "ref_p_WB"):
+    if not acted or not has_columns(s, "ref_p_WB"):
         return {}
-    after = s[s["phase"] > acted]
+    after = s[s["t"] > acted[0].t_s]
     if not len(after):  # the motors had stopped before the response began
         return {"response.landed": 0.0} if fell else {}
     off = after["p_WB"] - after["ref_p_WB"]
@@ -134,24 +140,22 @@ def compute_tracking(run: Flown[Any, Any]) -> dict[str, float]:
     holds = HELD.find(phases)
     out: dict[str, float] = {}
     held = [np.isin(samples["phase"], whole) for whole in _join_holds(phases, holds)]
-    last = held[-1] if held else moving
+    judged = [_judge_hold(samples, h) for h in held if np.any(h)]
     passed = list[tuple[float, float]]()
     for i, phase in enumerate(phases[:-1]):  # a segment without a hold is passed
         whole = not phase.is_interrupted
         if phase.name in run.plan.segments and whole and not phases[i + 1].name.startswith("hold"):
             passed.append(_judge_passage(samples, np.flatnonzero(samples["phase"] == i)))
-    passed += [_judge_hold(samples, h) for h in held if np.any(h)]
-    if passed:
-        far, off = np.max(passed, axis=0)
+    if passed or judged:
+        far, off = np.max(passed + judged, axis=0)
         out |= {"position.hold_error_m": float(far)}
         out["heading.hold_error_deg"] = math.degrees(off)
     if np.any(moving):
         out["position.rms_m"] = float(np.sqrt(np.mean(error[moving] ** 2)))
         out["position.max_m"] = float(np.max(error[moving]))
         out["platform.tilt_max_deg"] = math.degrees(float(np.max(tilt[moving])))
-    if np.any(last):
-        mean = np.mean((samples["p_WB"] - samples["ref_p_WB"])[last], axis=0)
-        out["position.final_error_m"] = float(np.linalg.norm(mean))
+    if judged:
+        out["position.final_error_m"] = judged[-1][0]
     return out
 
 

@@ -9,7 +9,10 @@ from skywright.core.find import list_kinds
 from skywright.run.kind import Measures, load_kind
 
 COMMON: Measures = {
-    "flight.duration_s": ("s", "time from the start of the motors to their stop"),
+    "flight.duration_s": (
+        "s",
+        "duration of the recording: it begins before the motors start and ends after they stop",
+    ),
     "flight.energy_wh": ("Wh", "electrical energy used"),
     "flight.saturated_s": (
         "s",
@@ -85,7 +88,7 @@ COMMON: Measures = {
         "deg",
         "mean heading error while a way-point is held; worst way-point",
     ),
-    "position.final_error_m": ("m", "mean distance from the last way-point while it is held"),
+    "position.final_error_m": ("m", "mean distance from the last way-point that is held"),
     "response.landed": (
         "",
         "1 if the robot came down with running motors after a fault rule acted, 0 if it fell",

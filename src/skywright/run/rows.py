@@ -11,6 +11,7 @@ import scipy  # loads scipy.stats (1 s) at its first use
 from numpy.typing import NDArray
 
 from skywright.description.mission.spec import Requirement
+from skywright.run.flight import NO_TAKE_OFF
 
 Value = float | int | str | bool
 Array = NDArray[np.float64]
@@ -31,7 +32,8 @@ class Row(NamedTuple):
     """succeeded, failed, aborted, diverged; infeasible (no plan), refused (inconsistent values),
     crashed (the process died or the program failed)."""
     requirement: str
-    """First requirement that failed; the outcome if the mission was not completed; else ""."""
+    """First requirement that failed, "evaluation" if that failed instead; the outcome if the
+    mission was not completed; else ""."""
     failed: tuple[str, ...]
     """Every requirement that failed."""
     reason: str
@@ -48,6 +50,12 @@ class Row(NamedTuple):
     def succeeded(self) -> bool:
         """Whether every requirement was met."""
         return self.outcome == "succeeded"
+
+    @property
+    def took_off(self) -> bool:
+        """Whether it was flown: there was a plan, and no check on the ground ended it."""
+        refused = self.outcome in ("infeasible", "refused")
+        return not refused and not self.reason.startswith(NO_TAKE_OFF)
 
     @property
     def completed(self) -> bool:

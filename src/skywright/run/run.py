@@ -11,6 +11,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -31,13 +32,14 @@ from skywright.run.directory import (
     UNFINISHED,
     load_run,
     open_directory,
+    to_plain,
     write_json,
     write_unfinished,
 )
 from skywright.run.faults._rule import Acted, Rule
 from skywright.run.flight import Flight, Flown, PhaseRecord
 from skywright.run.flight_recording import FlightRecording, Pace
-from skywright.run.inspected import Inspected
+from skywright.run.inspected import Inspected, read_inspected
 from skywright.run.kind import P, load_kind
 from skywright.run.metrics import compute_common_metrics
 from skywright.run.operated import check_operator, keep_operator, write_mission
@@ -133,16 +135,17 @@ def run_mission(
     result = _evaluate(flown, flight, outcome, partial)
     result = result._replace(command=command, backend=backend)
     _add_timing(result, start)
-    write_json(partial / "metrics.json", result.to_json())
-    if outcome in UNFINISHED:
-        return result
     try:
-        if write_report is not None:
+        write_json(partial / "metrics.json", result.to_json())
+        if write_report is not None and outcome not in UNFINISHED:
             write_report(result)
     except (KeyboardInterrupt, Exception) as error:
-        reason = f"the report was not finished: {_describe(error)}"
-        result = result._replace(outcome="interrupted", reason=reason)
-        write_json(partial / "metrics.json", result.to_json())
+        if outcome not in UNFINISHED:  # otherwise the reason for this outcome is the first one
+            reason = f"the run's directory was not finished: {_describe(error)}"
+            result = result._replace(outcome="interrupted", reason=reason)
+            with suppress(InputError):  # on a full disk only the directory's name states it
+                write_json(partial / "metrics.json", result.to_json())
+    if result.outcome in UNFINISHED:
         return result
     partial.rename(final)
     if store is not None:
@@ -326,11 +329,12 @@ def _evaluate(run: Flown[T, P], flight: Flight, outcome: str, directory: Path) -
     try:
         if len(run.samples):
             metrics = compute_common_metrics(
-                run.samples, run.phases, hanging=arm is not None and arm.sides == 2
+                run.samples, run.phases, arm is not None and arm.sides == 2, flight.acted
             )
             with blame(type(kind), "metrics"):
-                metrics.update(kind.metrics(run))
-                details, found = kind.result(run), kind.describe(run)
+                metrics.update({name: float(x) for name, x in kind.metrics(run).items()})
+                details, described = kind.result(run), kind.describe(run)
+            found = to_plain(described, f"describe of {type(kind).__qualname__}")
     except Exception as error:  # e.g. no approach to calibrate on after an abort
         broken = f"{BROKEN}{_describe(error)}"
     metrics["plan.wall_s"] = plan.plan_s
@@ -344,7 +348,10 @@ def _evaluate(run: Flown[T, P], flight: Flight, outcome: str, directory: Path) -
     try:
         if len(run.samples):
             with blame(type(kind), "inspected"):
-                inspected = kind.inspected(run)
+                seen = kind.inspected(run)
+            if seen is not None:
+                what = f"inspected of {type(kind).__qualname__}"
+                inspected = read_inspected(to_plain(seen.to_json(), what))
     except Exception as error:
         broken = broken or f"{BROKEN}{_describe(error)}"
     reason = reason or broken

@@ -18,7 +18,7 @@ from skywright.run.faults._rule import Acted, Response, Rule
 from skywright.run.faults._senses import Senses
 from skywright.run.faults._trail import Trail
 from skywright.run.faults._watch import RuleActed, Watch
-from skywright.run.flight import Flight, PhaseRecord
+from skywright.run.flight import NO_TAKE_OFF, Flight, PhaseRecord
 from skywright.run.kind import load_kind
 from skywright.run.operator import Operator, Stick
 from skywright.run.orders import Orders
@@ -211,7 +211,7 @@ class Supervisor(Generic[T]):
         failed = [c.says for c in self.check_before_flight() if not c.passed]
         if failed:
             self.end("failed")
-            return Flight(False, f"no take-off: {'; '.join(failed)} (mission.checklist)")
+            return Flight(False, f"{NO_TAKE_OFF}{'; '.join(failed)} (mission.checklist)")
         self.uav.motors(True)
         self.faults.begin(airborne=False)
         if kind.held:
@@ -276,7 +276,7 @@ class Supervisor(Generic[T]):
         while not self.vehicle.localised:
             if self.vehicle.t > START_MAX:
                 raise NoEstimate(
-                    f"no take-off: the localisation gave no position within {START_MAX:g} "
+                    f"{NO_TAKE_OFF}the localisation gave no position within {START_MAX:g} "
                     "s on the ground (check world.localisation and its sensors)"
                 )
             self.wait(0.1)

@@ -51,7 +51,7 @@ class Verdict(NamedTuple):
     """Further runs after which the answer is GO or NO-GO at the present rate; 0 if it is decided,
     if the rate equals the target, or if more than MOST_MORE runs are needed."""
     flown: int
-    """Runs that took off; the others were refused before take-off."""
+    """Runs that took off; the others were refused, or a check on the ground failed."""
     flown_interval: tuple[float, float]
     """Interval of the success rate among those."""
     outcomes: dict[str, int]
@@ -85,15 +85,18 @@ def build_verdict(
     outcomes: dict[str, int] = {}
     for row in rows:
         outcomes[row.outcome] = outcomes.get(row.outcome, 0) + 1
-    flown = n - outcomes.get("infeasible", 0) - outcomes.get("refused", 0)
+    flown = sum(row.took_off for row in rows)
     flown_low, flown_high = (float(x) for x in compute_interval(k, flown)) if flown else (0.0, 1.0)
+    asked = f"{100.0 * target:.10g}"
+    digits = max(1, len(asked.partition(".")[2]))  # those of the target, to compare them
     headline = (
-        f"{k} of {n} simulated runs met every requirement ({k / n:.1%}); with "
-        f"{CONFIDENCE:.0%} confidence the true rate lies between {low:.1%} and {high:.1%}, "
+        f"{k} of {n} simulated runs met every requirement ({k / n:.{digits}%}); with "
+        f"{CONFIDENCE:.0%} confidence the true rate lies between {low:.{digits}%} and "
+        f"{high:.{digits}%}, "
         + {
-            GO: f"above the required {target:.0%}.",
-            NO_GO: f"below the required {target:.0%}.",
-            NOT_YET: f"which is inconclusive for the required {target:.0%}: "
+            GO: f"above the required {asked}%.",
+            NO_GO: f"below the required {asked}%.",
+            NOT_YET: f"which is inconclusive for the required {asked}%: "
             + _describe_more_runs(k, n, target, more),
         }[answer]
     )

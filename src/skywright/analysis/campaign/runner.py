@@ -124,11 +124,9 @@ def _record(description: Description, folder: Path) -> RunResult:
 def _build_row(task: Task, result: RunResult) -> Row:
     d = task.draw
     failed = tuple(v.name for v in result.requirements if not v.passed)
-    requirement = ""
+    requirement = "" if result.outcome == "succeeded" else result.outcome
     if result.outcome == "failed":
-        requirement = failed[0]
-    elif result.outcome != "succeeded":
-        requirement = result.outcome
+        requirement = failed[0] if failed else "evaluation"
     metrics = {
         k: float(v) if math.isfinite(v) else math.nan
         for k, v in result.metrics.items()

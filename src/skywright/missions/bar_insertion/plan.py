@@ -172,8 +172,9 @@ def _find_blocked_way(
     ]
     least = math.inf
     for name, a, yaw_a, b, yaw_b, q in legs:
+        turn = math.remainder(yaw_b - yaw_a, 2.0 * math.pi)  # as `move_platform` turns
         for u in np.linspace(0.0, 1.0, max(math.ceil(float(np.linalg.norm(b - a)) / STEP), 1) + 1):
-            found = compute_clearance(query, a + u * (b - a), rot_z(yaw_a + u * (yaw_b - yaw_a)), q)
+            found = compute_clearance(query, a + u * (b - a), rot_z(yaw_a + u * turn), q)
             least = min(least, found.distance)
             if found.distance < keeps:
                 pair = f"{query.names[found.robot_geom]} and {query.names[found.other_geom]}"

@@ -14,6 +14,7 @@ from skywright.description.mission.spec import Task
 from skywright.errors import InputError
 from skywright.missions.skills.assistance import Level
 from skywright.recordings.columns import has_columns
+from skywright.recordings.period import compute_period
 from skywright.run.operator import Operator, Recording, Sight, Stick, find_recording, load_recording
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.plant import MISSION_TICK
@@ -123,12 +124,13 @@ def compute_velocity(axes: Array, v_max: float, goal: Array, fence: Array) -> Ar
 def measure_operated(samples: Samples, force: Array) -> dict[str, float]:
     """Return the duration of `samples` under operator control and the largest `force` (n,) N.
 
+    The phases of `samples` need not be contiguous: other phases between them do not count.
     Returns {} if the stick did not move.
     """
     if not has_columns(samples, "operator_stick") or not np.any(samples["operator_stick"]):
         return {}
     return {
-        "operator.time_s": float(samples["t"][-1] - samples["t"][0]),
+        "operator.time_s": compute_period(samples["t"]) * len(samples),
         "operator.force_max_n": float(np.max(force)),
     }
 

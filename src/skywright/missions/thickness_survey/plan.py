@@ -35,6 +35,11 @@ def plan(setup: Setup[ThicknessSurvey]) -> MissionPlan[ThicknessWay]:
     build_gauge(task.procedure, gauge)
     if task.slide_m:
         raise InputError("mission.task.slide_m: a thickness survey measures at spots; valid: 0")
+    if task.without_gear:
+        raise InputError(
+            "mission.task.without_gear: a thickness survey measures each spot either docked or in "
+            "flight (mission.task.dock = false); valid: false"
+        )
     if len(task.forces_n) != 1:
         raise InputError(
             f"mission.task.forces_n has {len(task.forces_n)} forces: a thickness survey presses "

@@ -17,7 +17,7 @@ class ThicknessSurvey(Contact):
     """
 
     dock: bool = False  # measure while docked; the surface must face down
-    without_gear: bool = False  # after docking, measure in flight as well
+    without_gear: bool = False  # only false: spots are measured either docked or in flight
     forces_n: PressForces = [3.0]  # force of the probe on the wall
     settle_s: NonNegative = 0.5  # wait before the first reading: the couplant thins
     hold_s: float = Field(default=4.0, ge=0.2, le=600)  # longest time for a reading

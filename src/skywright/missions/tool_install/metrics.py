@@ -34,7 +34,8 @@ MEASURES: Measures = {
     ),
     "tool.returned": (
         "",
-        "1 if the returned tool stands upright within 5 cm of its initial position, otherwise 0",
+        "1 if the tool was taken away and then stands upright within 5 cm of its initial position, "
+        "otherwise 0",
     ),
     "tool.retries": ("", "grasps that missed"),
     **OPERATED_MEASURES,
@@ -102,7 +103,8 @@ def compute_metrics(run: Flown[ToolInstall, ToolPlan]) -> dict[str, float]:
         out["tool.seat_angle_deg"] = math.degrees(stance.angle)
     back = np.flatnonzero(RETURN.select(samples, phases))
     out["tool.returned"] = 0.0
-    if len(back):
+    away = np.linalg.norm(samples[f"object{i}_p_WO"] - bench.p_WO, axis=1)
+    if len(back) and np.max(away) > RETURNED_M:  # after a failed grasp it never left
         stance = compute_stance(samples, int(back[-1]), i, bench.p_WO, rot_z(bench.yaw))
         out["tool.return_error_mm"] = 1e3 * float(np.linalg.norm(stance.error))
         near = float(np.linalg.norm(stance.error)) < RETURNED_M and stance.angle < RETURNED_ANGLE

@@ -149,7 +149,7 @@ class Watch:
         says = f"{says} in {phase or 'the flight'} at t = {t:.1f} s"
         if rule.shows_control and (noise := self.senses.explain_noise()):
             says = f"{says}: {noise}"
-        acted = Acted(rule.name, t, value, table.limit, rule.unit, table.response, says)
+        acted = Acted(rule.name, t, float(value), table.limit, rule.unit, table.response, says)
         self.acted.append(acted)
         raise RuleActed(rule, acted)
 
