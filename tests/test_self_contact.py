@@ -6,7 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from side_arm import build_side_arm
 from skywright.description.loader import load_description
+from skywright.description.world.loader import load_world
 from skywright.models.deviation import Deviation
 from skywright.models.geometry import build_clearance, compute_self_clearance
 from skywright.models.rigid_body import posture
@@ -59,6 +61,29 @@ def test_an_arm_meets_propellers_and_gear_where_the_planner_sees_it() -> None:
             met += 1
             assert {query.names[seen.robot_geom], query.names[seen.other_geom]} <= parts
     assert met > 20 and free > 20
+
+
+@pytest.mark.parametrize("deviation", [None, Deviation()])
+def test_a_first_link_meets_propellers(deviation: Deviation | None) -> None:
+    robot, world = build_side_arm(), load_world("open")[0]
+    query, q = build_clearance(build_scene(robot, world)), np.radians([-25.0])
+    seen = compute_self_clearance(query, q)
+    assert (query.names[seen.robot_geom], seen.distance) == (
+        "link1 shell", pytest.approx(-0.069, abs=1e-3)
+    )  # fmt: skip
+    scene = build_scene(robot, world, deviation)
+    met = {frozenset(pair) for pair in list_own_contacts(scene, q)}
+    assert frozenset(("propeller0", "link1 shell")) in met
+    assert not list_own_contacts(scene, np.radians([90.0]))
+
+
+def test_a_first_link_folded_through_a_propeller_is_its_neighbour() -> None:
+    """The plant has no contact with this propeller, but with the others."""
+    world = load_world("open")[0]
+    scene = build_scene(build_side_arm(folded_deg=-25.0), world, Deviation())
+    assert not list_own_contacts(scene, np.radians([-25.0]))
+    met = {name for pair in list_own_contacts(scene, np.radians([-150.0])) for name in pair}
+    assert "propeller2" in met
 
 
 def test_two_arms_meet_each_other() -> None:
