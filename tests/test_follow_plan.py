@@ -208,7 +208,7 @@ def test_the_check_of_a_level_plan_takes_few_queries(
     plan = PlanFile("hexarotor", "open", 1, (), t, pose, zeros, zeros, none, none, {})
     setup = Setup(load_description("waypoints", sets={"world.scenario_seed": seed} if seed else {}))
     assert setup.planning_scene and setup.clearance  # built before the calls are counted
-    calls = {"compute_clearance": 0, "get_structures": 0}
+    calls = {"compute_clearance": 0, "get_limits": 0}
 
     def count(name: str) -> None:
         real = getattr(plan_flight, name)
@@ -222,7 +222,7 @@ def test_the_check_of_a_level_plan_takes_few_queries(
     for name in calls:
         count(name)
     distance, _ = find_closest(plan, setup)
-    assert calls["get_structures"] == 1
+    assert calls["get_limits"] == 1
     if seed is None:
         foot = compute_clearance(setup.clearance, pose[0, :3], np.eye(3), none[0]).distance
         assert distance == pytest.approx(foot) and foot > 0.5

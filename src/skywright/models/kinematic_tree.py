@@ -65,11 +65,12 @@ class PlanningScene(NamedTuple):
     q_min: Array  # (nj,) rad
     q_max: Array
     with_ground: bool  # the plane z = 0
+    area: Array | None  # (3, 2) m, limits of every shape's surface in W
     contacts: SelfContacts  # of the robot's parts, with their exact shapes
 
 
-def build_planning_scene(scene: Scene, robot: Robot) -> PlanningScene:
-    """Read tree and shapes from the nominal scene of `robot`."""
+def build_planning_scene(scene: Scene, robot: Robot, area: Array | None = None) -> PlanningScene:
+    """Read tree and shapes from the nominal scene of `robot`; `area` (3, 2) m limits its paths."""
     model = scene.model
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -102,7 +103,7 @@ def build_planning_scene(scene: Scene, robot: Robot) -> PlanningScene:
     return PlanningScene(
         tree, robot_shapes, world_shapes, names, world_names,
         tuple(model.body(b).name for b in bodies), joints,
-        reach[:, 0], reach[:, 1], True, build_self_contacts(model, robot),
+        reach[:, 0], reach[:, 1], True, area, build_self_contacts(model, robot),
     )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from skywright.core.rotations import rot_z
 from skywright.description.loader import Description, Sets, load_description, split_assignments
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
-from skywright.description.world.scenario import get_structures
+from skywright.description.world.scenario import get_limits
 from skywright.errors import InputError
 from skywright.models.geometry import compute_area_clearance, compute_clearance
 from skywright.models.rigid_body import build_body_model, joint_names
@@ -164,7 +164,7 @@ def find_closest(plan: PlanFile, setup: Setup[Any]) -> tuple[float, str]:
     robot that touch count as a distance of 0.
     """
     scene, query = setup.planning_scene, setup.clearance
-    limits = _list_limits(setup)
+    limits = get_limits(setup.world)
     reach = float(np.max(compute_reach(scene.tree, scene.robot)[0] + scene.robot.radius))
     rows = np.column_stack([plan.pose, plan.q])
     best = (math.inf, "")
@@ -219,13 +219,3 @@ def _find_own_contact(plan: PlanFile, setup: Setup[Any]) -> str:
         return ""
     first = next(i for i, row in enumerate(q) if find_self_contact(contacts, row[None]))
     return f"{touch} at t = {np.interp(at[first], turned, plan.t):.2f} s"
-
-
-def _list_limits(setup: Setup[Any]) -> Array | None:
-    """Return the limits (3, 2) m of the world's area in W; None without an area."""
-    area = get_structures(setup.world).area
-    if area is None:
-        return None
-    return np.array([
-        [area.x_min_m, area.x_max_m], [area.y_min_m, area.y_max_m], [-math.inf, area.z_max_m],
-    ])  # fmt: skip

@@ -228,8 +228,9 @@ def _excuse_ends(
     checks the path of such parts.
     """
     space = build_space(
-        scene, coordinates, fixed, margin=margin, margin_self=margin_self, passive=passive
-    )
+        scene, coordinates, fixed, margin=margin, margin_self=margin_self, passive=passive,
+        area=scene.area,
+    )  # fmt: skip
     for end in ends:
         _lower_margins(space, build_scratch(space), end)
     return space, ends
