@@ -121,7 +121,7 @@ def test_a_path_stays_in_the_area_of_the_world() -> None:
     sphere = [Sphere((2.0, 0.3, 2.6), 0.5)]
     way = plan_between(robot, world, (0, 0, 3, 0), (4, 0, 3, 0), sphere, 0.1, 1)
     assert way.p_WB[:, 2].max() < 3.1 and way.p_WB[:, 1].min() > -0.05
-    with pytest.raises(InfeasibleError, match="goal: .* and the area's limit in z .* 0.1 m"):
+    with pytest.raises(InfeasibleError, match=r"goal: .* and the area's limit in z .* 0.1 m"):
         plan_between(robot, world, (0, 0, 3, 0), (4, 0, 3.2, 0), sphere, 0.1, 1)
 
 

@@ -75,7 +75,8 @@ def build_planning_scene(scene: Scene, robot: Robot, area: Array | None = None) 
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     joints = tuple(joint_names(robot))
-    bodies = [b for b in range(1, model.nbody)]
+    # movable things of the world are bodies too, but no parts of the robot
+    bodies = np.flatnonzero(model.body_rootid == scene.places.platform_body).tolist()
     index = {b: i for i, b in enumerate(bodies)}
     n = len(bodies)
     tree = Tree(
@@ -90,9 +91,10 @@ def build_planning_scene(scene: Scene, robot: Robot, area: Array | None = None) 
     )
     for j in range(model.njnt):
         kind = model.jnt_type[j]
-        i, name = index[int(model.jnt_bodyid[j])], model.joint(j).name
+        name = model.joint(j).name
         if kind == mujoco.mjtJoint.mjJNT_FREE or name not in joints:
             continue  # the platform; the probe's spring, released
+        i = index[int(model.jnt_bodyid[j])]
         assert not np.any(model.jnt_pos[j]), "joints sit at their body's origin"
         tree.kind[i] = HINGE if kind == mujoco.mjtJoint.mjJNT_HINGE else SLIDE
         tree.joint[i] = joints.index(name)
