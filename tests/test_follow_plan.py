@@ -25,6 +25,7 @@ from skywright.missions.skills.plan_flight import (
 from skywright.missions.skills.plan_table import LEAD_S, build_plan_table
 from skywright.models.geometry import compute_clearance
 from skywright.models.rigid_body import build_body_model, joint_names
+from skywright.models.self_contact import find_self_contact
 from skywright.planning.motion.plan_file import PlanFile, write_plan_file
 from skywright.run.planning import plan_mission
 from skywright.run.run import fly_and_evaluate
@@ -161,6 +162,25 @@ def test_a_plan_in_few_rows_is_checked_between_them(tmp_path: Path) -> None:
     assert not found.feasible and "tube rack" in str(found.blocked_by)
 
 
+def test_a_plan_in_which_parts_of_the_robot_touch_is_refused(tmp_path: Path) -> None:
+    """Both ends are free; between them an elbow goes through a propeller."""
+    setup = Setup(load_description("follow-plan", "tilthex-arm", "open"))
+    t, still = np.linspace(0.0, 4.0, 5), np.zeros((5, 4))
+    pose = np.tile([0.0, 0.0, 3.0, 0.0], (5, 1))
+    a, b = np.radians([[13.0, -24.0, 6.0, -82.0], [-5.0, 37.0, 94.0, -23.0]])
+    q, qd = a + np.outer(t / 4.0, b - a), np.tile((b - a) / 4.0, (5, 1))
+    plan = PlanFile(
+        "tilthex-arm", "open", 1, setup.planning_scene.joints, t, pose, still, still, q, qd, {}
+    )
+    assert not find_self_contact(setup.planning_scene.contacts, q[[0, -1]])
+    assert compute_clearance(setup.clearance, pose[0, :3], np.eye(3), q[0]).distance > 1.0
+    write_plan_file(tmp_path / "through", plan)
+    found = plan_mission(load_plan_description(tmp_path / "through"))
+    assert not found.feasible and "propeller" in str(found.blocked_by)
+    when = float(str(found.blocked_by).split(" s touch")[0].split("t = ")[1])
+    assert find_self_contact(setup.planning_scene.contacts, a[None] + (when + 0.01) / 4 * (b - a))
+
+
 def test_the_closest_pose_is_that_of_a_dense_search() -> None:
     """A turn beside the rack, in two rows; 2,000 poses between them are the reference."""
     setup = Setup(load_description("waypoints", "ars-lrm", "pipe-structures"))
@@ -188,7 +208,7 @@ def test_the_check_of_a_level_plan_takes_few_queries(
     plan = PlanFile("hexarotor", "open", 1, (), t, pose, zeros, zeros, none, none, {})
     setup = Setup(load_description("waypoints", sets={"world.scenario_seed": seed} if seed else {}))
     assert setup.planning_scene and setup.clearance  # built before the calls are counted
-    calls = {"compute_clearance": 0, "get_structures": 0}
+    calls = {"compute_clearance": 0, "get_limits": 0}
 
     def count(name: str) -> None:
         real = getattr(plan_flight, name)
@@ -202,7 +222,7 @@ def test_the_check_of_a_level_plan_takes_few_queries(
     for name in calls:
         count(name)
     distance, _ = find_closest(plan, setup)
-    assert calls["get_structures"] == 1
+    assert calls["get_limits"] == 1
     if seed is None:
         foot = compute_clearance(setup.clearance, pose[0, :3], np.eye(3), none[0]).distance
         assert distance == pytest.approx(foot) and foot > 0.5

@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 
 import skywright
+from side_arm import build_side_arm
 from skywright.core.user_code import njit
 from skywright.description.robot.loader import load_robot
 from skywright.description.world.loader import load_world
+from skywright.errors import InfeasibleError
 from skywright.models.kinematic_tree import build_planning_scene, build_shapes
 from skywright.models.rigid_body import posture
 from skywright.models.scene import build_scene
-from skywright.models.self_contact import find_self_contact
+from skywright.models.self_contact import build_self_contacts, find_self_contact
 from skywright.planning.motion import transit
 from skywright.planning.motion.connect import TREE_SIZE, connect
 from skywright.planning.motion.edges import pair_distance, place_shapes
@@ -31,7 +33,7 @@ from skywright.planning.motion.transit import (
     plan_transit,
 )
 from skywright.planning.motion.transport import build_transport
-from skywright.planning.shapes import Sphere, _build_row
+from skywright.planning.shapes import Sphere, _build_row, plan_between
 
 ROBOT = load_robot("bimanual")[0]
 OPEN = load_world("open")[0]
@@ -96,6 +98,17 @@ def test_ends_at_which_parts_touch_are_refused() -> None:
         way = plan_transit(SCENE, a, b, np.random.default_rng(1), 0.1)
         assert way.blocked_by == f"{name}: {touch} of the robot touch"
         assert not len(way.p_WB) and way.q.shape == (0, len(good))
+
+
+def test_a_first_link_does_not_swing_through_a_propeller() -> None:
+    """Both ends are free; the joint's range contains no way around the propeller."""
+    robot = build_side_arm()
+    a, b = (Configuration(HERE, 0.0, np.radians([deg])) for deg in (90.0, -60.0))
+    contacts = build_self_contacts(build_scene(robot, OPEN).model, robot)
+    with pytest.raises(InfeasibleError, match="propeller0 and link1 shell of the robot touch"):
+        plan_between(robot, OPEN, a, b, [], 0.1, 1)
+    way = plan_between(robot, OPEN, a, b._replace(q=np.radians([40.0])), [], 0.1, 1)
+    assert not find_self_contact(contacts, way.q)
 
 
 @pytest.mark.parametrize("name", ["folded", "working", "landed"])

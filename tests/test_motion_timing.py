@@ -18,6 +18,7 @@ from skywright.description.world.spec import World
 from skywright.errors import InfeasibleError, InputError
 from skywright.models.planar import build_planar_lrm
 from skywright.models.scene import build_scene
+from skywright.models.things.box import Box
 from skywright.planning.motion.kinematics import fill_motion
 from skywright.planning.motion.plan_file import load_plan_file, write_plan_file
 from skywright.planning.motion.space import build_scratch
@@ -138,6 +139,22 @@ def test_a_plan_is_no_faster_than_the_servos() -> None:
     sets = {"robot.arm.elbow_pitch_servo.no_load_speed_rad_s": 0.3}
     slow = load_description("waypoints", "ars-lrm", sets=sets).robot
     assert build_time_limits(slow, problem).joint_rate == pytest.approx(0.3 * SERVO_SHARE)
+
+
+def test_a_movable_crate_is_no_part_of_the_robot() -> None:
+    """Neither its mass nor its body counts; a bar in the hands does."""
+    crate = Box(
+        x_m=30.0, y_m=0.0, z_m=0.25, size_x_m=0.5, size_y_m=0.5, size_z_m=0.5, moves=True,
+        mass_kg=8.0,
+    )  # fmt: skip
+    problem = build_transport(ROBOT, World(name="crate", area=WORLD.area, things={"crate": crate}))
+    assert problem.scene.bodies == EMPTY.scene.bodies
+    assert "crate" in " ".join(problem.scene.world_names)
+    alone = build_time_limits(ROBOT, EMPTY).mass
+    assert build_time_limits(ROBOT, problem).mass == alone
+    empty = build_transport(ROBOT, World(name="empty"), Transport(bar_length=0.0))
+    bare = build_time_limits(ROBOT, empty).mass
+    assert alone == pytest.approx(bare + Transport().bar_mass)
 
 
 def test_swing_of_a_steady_acceleration_is_the_pendulum_s() -> None:

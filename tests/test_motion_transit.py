@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 
 from skywright.core.rotations import rot_z
 from skywright.description.loader import load_description
-from skywright.errors import InputError
+from skywright.description.robot.loader import load_robot
+from skywright.description.world.spec import Area, World
+from skywright.errors import InfeasibleError, InputError
 from skywright.models.geometry import build_clearance, compute_clearance
 from skywright.models.kinematic_tree import build_planning_scene
 from skywright.models.rigid_body import posture
@@ -19,6 +21,7 @@ from skywright.models.scene import build_scene
 from skywright.models.things.box import Box
 from skywright.planning.motion.space import Coordinate, build_space
 from skywright.planning.motion.transit import Configuration, Transit, plan_transit
+from skywright.planning.shapes import Sphere, plan_between
 
 SCAN = load_description("pipe-weld-scan")
 BUILT = build_scene(SCAN.robot, SCAN.world)
@@ -109,6 +112,17 @@ def test_crossing_limits_and_unknown_coordinates_are_refused() -> None:
         build_space(SCENE, crossed, {}, margin=0.1)
     with pytest.raises(InputError, match="unknown coordinate or joint 'elbow'; valid: x, y, z"):
         build_space(SCENE, [Coordinate("a", ("elbow",), 0.0, 1.0)], {}, margin=0.1)
+
+
+def test_a_path_stays_in_the_area_of_the_world() -> None:
+    """A sphere is in the way; the shortest path goes over it, and out of this area."""
+    robot = load_robot("hexarotor")[0]
+    world = World(name="low", area=Area(y_min_m=-0.7, z_max_m=3.2))
+    sphere = [Sphere((2.0, 0.3, 2.6), 0.5)]
+    way = plan_between(robot, world, (0, 0, 3, 0), (4, 0, 3, 0), sphere, 0.1, 1)
+    assert way.p_WB[:, 2].max() < 3.1 and way.p_WB[:, 1].min() > -0.05
+    with pytest.raises(InfeasibleError, match=r"goal: .* and the area's limit in z .* 0.1 m"):
+        plan_between(robot, world, (0, 0, 3, 0), (4, 0, 3.2, 0), sphere, 0.1, 1)
 
 
 def test_where_there_is_no_way_the_search_ends_and_names_what_is_in_it() -> None:

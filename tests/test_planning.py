@@ -19,7 +19,7 @@ from exact_map import EXACT
 from skywright.core.rotations import exp_so3, quat_from_rot
 from skywright.core.types import MAX_JOINTS, REFERENCE
 from skywright.description.loader import load_description
-from skywright.description.world.spec import World
+from skywright.description.world.spec import Area, World
 from skywright.description.world.surface import build_cylinder, unroll_points
 from skywright.errors import InputError
 from skywright.missions.bar_transport.plan import drop_bar
@@ -520,6 +520,21 @@ def test_waypoint_inside_an_obstacle_is_refused() -> None:
     found = plan_mission(d._replace(world=world))
     assert not found.feasible and found.blocked_by is not None
     assert found.blocked_by.startswith("way-point 2: goal: ") and "crate" in found.blocked_by
+
+
+def test_a_flight_outside_the_world_s_area_is_refused() -> None:
+    """Way-points at 1.5 m; the propellers reach 0.58 m farther while the robot turns."""
+    d = load_description("waypoints", robot="hexarotor")
+    for limits, told in (
+        ({"x_max_m": 1.0}, r"^waypoint 2 at t = .* s: the robot is 1\.08 m .*x_max_m = 1\)"),
+        ({"y_max_m": 1.9}, r" is 0\.1. m outside the world's area \(world\.area\.y_max_m = "),
+        ({"z_max_m": 1.4}, r"world\.area\.z_max_m = 1\.4"),
+        ({"x_max_m": 2.3, "y_max_m": 2.3}, None),
+    ):
+        world = d.world.model_copy(update={"area": Area(**limits)})
+        found = plan_mission(d._replace(world=world))
+        assert found.feasible == (told is None), found.blocked_by
+        assert told is None or re.search(told, str(found.blocked_by)), found.blocked_by
 
 
 def test_waypoints_lead_around_what_is_in_the_way() -> None:

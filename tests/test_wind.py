@@ -31,6 +31,7 @@ from skywright.description.world.wind import (
 )
 from skywright.errors import InputError
 from skywright.missions.scan.metrics import find_lifts
+from skywright.models.scene import Scene
 from skywright.run.backends import build_vehicle
 from skywright.run.limits import (
     compute_equivalent_wind,
@@ -247,9 +248,9 @@ def test_a_jet_on_one_side_turns_the_robot():
 # --- friction ------------------------------------------------------------------------------------
 
 
-def build_friction(pipe: Pipe, seed: int) -> View:
+def build_friction(pipe: Pipe, seed: int, scene: Scene) -> View:
     me = View(np.zeros(1, Friction.Me.dtype)[0])
-    context = SimpleNamespace(stream=lambda name: build_stream(seed, name))
+    context = SimpleNamespace(stream=lambda name: build_stream(seed, name), scene=scene)
     Friction("friction", pipe).build(me, pipe, context)
     return me
 
@@ -257,7 +258,8 @@ def build_friction(pipe: Pipe, seed: int) -> View:
 def test_friction_field_has_mean_spread_and_correlation_length():
     pipe = Pipe(friction=0.2, friction_variation=0.3, friction_length_m=0.03)
     places = (0.0, 0.0), (0.03, 0.0), (0.1, 0.2)
-    fields = [build_friction(pipe, seed) for seed in range(1500)]
+    scene = build_context().scene
+    fields = [build_friction(pipe, seed, scene) for seed in range(1500)]
     same, near, apart = ([compute_friction(f, s, c) for f in fields] for s, c in places)
     assert np.mean(same) == pytest.approx(0.2, rel=0.03)
     assert np.std(same) == pytest.approx(0.06, rel=0.1)
@@ -268,11 +270,14 @@ def test_friction_field_has_mean_spread_and_correlation_length():
 
 def test_friction_under_the_tip_reaches_mujoco_s_contact():
     context = build_context(sets=["world.pipe.friction_variation=0.5"])
-    me = build_friction(context.world.pipe, 3)
-    pairs = context.scene.model.pair_friction
+    me = build_friction(context.world.pipe, 3, context.scene)
+    pairs, touch = context.scene.model.pair_friction, context.scene.model.pair("touch").id
+    assert len(pairs) > 1  # the arm with propellers
     mj = view(MuJoCo, pair_friction=pairs.ctypes.data, npair=len(pairs))
     Friction.step(me, view(Surface, s=0.05, c=0.02), mj)
-    assert pairs[0, 0] == pairs[0, 1] == compute_friction(me, 0.05, 0.02) != 0.2
+    assert pairs[touch, 0] == pairs[touch, 1] == compute_friction(me, 0.05, 0.02) != 0.2
+    others = np.delete(pairs, touch, axis=0)
+    assert not np.any(others == pairs[touch, 0])
     before = pairs.copy()
     Friction.step(me, view(Surface, s=0.09, c=0.02, gap=0.1), mj)  # far away: left alone
     np.testing.assert_array_equal(pairs, before)

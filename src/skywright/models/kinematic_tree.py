@@ -65,16 +65,18 @@ class PlanningScene(NamedTuple):
     q_min: Array  # (nj,) rad
     q_max: Array
     with_ground: bool  # the plane z = 0
+    area: Array | None  # (3, 2) m, limits of every shape's surface in W
     contacts: SelfContacts  # of the robot's parts, with their exact shapes
 
 
-def build_planning_scene(scene: Scene, robot: Robot) -> PlanningScene:
-    """Read tree and shapes from the nominal scene of `robot`."""
+def build_planning_scene(scene: Scene, robot: Robot, area: Array | None = None) -> PlanningScene:
+    """Read tree and shapes from the nominal scene of `robot`; `area` (3, 2) m limits its paths."""
     model = scene.model
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     joints = tuple(joint_names(robot))
-    bodies = [b for b in range(1, model.nbody)]
+    # movable things of the world are bodies too, but no parts of the robot
+    bodies = np.flatnonzero(model.body_rootid == scene.places.platform_body).tolist()
     index = {b: i for i, b in enumerate(bodies)}
     n = len(bodies)
     tree = Tree(
@@ -89,9 +91,10 @@ def build_planning_scene(scene: Scene, robot: Robot) -> PlanningScene:
     )
     for j in range(model.njnt):
         kind = model.jnt_type[j]
-        i, name = index[int(model.jnt_bodyid[j])], model.joint(j).name
+        name = model.joint(j).name
         if kind == mujoco.mjtJoint.mjJNT_FREE or name not in joints:
             continue  # the platform; the probe's spring, released
+        i = index[int(model.jnt_bodyid[j])]
         assert not np.any(model.jnt_pos[j]), "joints sit at their body's origin"
         tree.kind[i] = HINGE if kind == mujoco.mjtJoint.mjJNT_HINGE else SLIDE
         tree.joint[i] = joints.index(name)
@@ -102,7 +105,7 @@ def build_planning_scene(scene: Scene, robot: Robot) -> PlanningScene:
     return PlanningScene(
         tree, robot_shapes, world_shapes, names, world_names,
         tuple(model.body(b).name for b in bodies), joints,
-        reach[:, 0], reach[:, 1], True, build_self_contacts(model, robot),
+        reach[:, 0], reach[:, 1], True, area, build_self_contacts(model, robot),
     )  # fmt: skip
 
 

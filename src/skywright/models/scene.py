@@ -34,7 +34,7 @@ from skywright.models.nominal import Nominal
 from skywright.models.part_masses import platform_inertia, set_inertia
 from skywright.models.rigid_body import joint_names, posture
 from skywright.models.rotors import RotorSet
-from skywright.models.self_contact import exclude_neighbours
+from skywright.models.self_contact import add_propeller_pairs, exclude_neighbours
 from skywright.models.structure_body import add_structure, list_structure
 from skywright.models.things._build import OBJECT, add_things, find_offsets
 from skywright.models.timestep import find_stiff_contact
@@ -147,6 +147,7 @@ def build_spec(
     spec.visual.headlight.ambient = [0.4, 0.4, 0.4]
     plant = deviation is not None
     _add_robot(spec, robot, nominal.rotors, deviation or Deviation(), plant)
+    add_propeller_pairs(spec)
     _add_world(spec, world, nominal, plant)
     if deviation is not None:
         error = deviation.socket_error

@@ -27,17 +27,50 @@ TOUCH_Q = 0.05  # rad between the postures checked for contact of the robot's pa
 POSTURES = ("folded", "landed", "working")
 
 
+def add_propeller_pairs(spec: mujoco.MjSpec) -> None:
+    """Add contacts of the propellers with each arm's first moving link and what is fixed to it.
+
+    MuJoCo drops all contacts of a body with its parent, except those of explicit pairs.
+    """
+    platform = spec.body("platform")
+    propellers = [geom for geom in platform.geoms if geom.contype & OWN]
+    for link in _list_first_moving(platform):
+        for part, propeller in product(_list_rigid_geoms(link), propellers):
+            if part.conaffinity & OWN:
+                spec.add_pair(geomname1=part.name, geomname2=propeller.name)
+
+
+def _list_first_moving(body: mujoco.MjsBody) -> list[mujoco.MjsBody]:
+    """Return the bodies below `body` that have joints, without bodies below these."""
+    out = []
+    for child in body.bodies:
+        out += [child] if child.joints else _list_first_moving(child)
+    return out
+
+
+def _list_rigid_geoms(body: mujoco.MjsBody) -> list[mujoco.MjsGeom]:
+    """Return the geoms of a body and of the bodies that are fixed to it."""
+    out = list(body.geoms)
+    for child in body.bodies:
+        out += [] if child.joints else _list_rigid_geoms(child)
+    return out
+
+
 def exclude_neighbours(spec: mujoco.MjSpec, robot: Robot) -> None:
     """Exclude contacts of bodies of the robot that touch in one of POSTURES."""
     model = spec.compile()
     touching, body = _list_neighbours(model, robot), model.geom_bodyid
+    explicit = {frozenset((pair.geomname1, pair.geomname2)): pair for pair in spec.pairs}
     for a, b in sorted({(int(body[g]), int(body[h])) for g, h in touching}):
         spec.add_exclude(bodyname1=model.body(a).name, bodyname2=model.body(b).name)
         for g, h in product(np.flatnonzero(body == a), np.flatnonzero(body == b)):
             names = model.geom(g).name, model.geom(h).name
             collide = model.geom_contype[g] & model.geom_contype[h] & OWN
-            # other shapes of the two bodies may still collide
-            if collide and (int(g), int(h)) not in touching:
+            pair = explicit.get(frozenset(names))
+            if (int(g), int(h)) in touching:
+                if pair is not None:
+                    spec.delete(pair)
+            elif collide and pair is None:  # other shapes of the two bodies may still collide
                 spec.add_pair(geomname1=names[0], geomname2=names[1])
 
 

@@ -100,11 +100,13 @@ def check_dynamics(
 @helper
 def check_clearance(
     prob: Problem, p: Array, R: Array, q: Array, back: float, n_W: Array, probe_slack: float,
-    margin: float, found: Array,
-) -> tuple[float, bool]:  # fmt: skip
-    """Return (clearance m, allowed) at a pose and at that of the real robot, `back` m along n_W.
+    margin: float, far: float, found: Array,
+) -> tuple[float, float, bool]:  # fmt: skip
+    """Return (clearance m, own m, allowed) at a pose and at that of the real robot, `back` m along
+    n_W.
 
-    On failure `found` holds (value, limit, pair).
+    `own` is the clearance between parts of the robot, resolved up to `far` (m). On failure `found`
+    holds (value, limit, pair).
     """
     d, pair = query_clearance(prob.clearance, p, R, q, probe_slack, FAR)
     if back > 0.0:
@@ -116,9 +118,9 @@ def check_clearance(
             d, pair = d2, pair2
     found[0], found[1], found[2] = d, margin, pair
     if not d >= margin:
-        return d, False
-    own, pair = query_self(prob.clearance, prob.limits.margin_self)
-    if pair >= 0:
-        found[0], found[1], found[2] = own, prob.limits.margin_self, pair
-        return d, False
-    return d, True
+        return d, 0.0, False
+    least = prob.limits.margin_self
+    own, pair = query_self(prob.clearance, max(far, least))
+    if own < least:
+        found[0], found[1], found[2] = own, least, pair
+    return d, own, own >= least

@@ -145,7 +145,7 @@ def rate_configurations(
                 miss[i, 4] = 0.5 * abs(found[0] - found[1])
                 if code != ROTOR:
                     miss[i, 4] += 2.0
-            gap, allowed = check_clearance(prob, p, R, q, back, n_W, FAR, lim.margin, found)
+            gap, _, allowed = check_clearance(prob, p, R, q, back, n_W, FAR, lim.margin, 0.0, found)
             if not allowed:
                 deficit = (found[1] - found[0]) / 0.1
                 if deficit > miss[i, 4]:  # report the larger of two violations

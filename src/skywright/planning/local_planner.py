@@ -210,8 +210,8 @@ def simulate_surface(
             if moved > lim.resolution or step == steps:
                 moved = 0.0
                 back = -gap[0] if inside else 0.0
-                last, allowed = check_clearance(
-                    prob, state.p, state.R, state.q, back, n_W, FAR, lim.margin, found
+                last, _, allowed = check_clearance(
+                    prob, state.p, state.R, state.q, back, n_W, FAR, lim.margin, 0.0, found
                 )  # fmt: skip
                 if not allowed:
                     return CLEARANCE, i_row + 1
@@ -253,7 +253,8 @@ def simulate_free(
     mat_t_mat(R0, R_end, rel)
     log_so3(rel, rotvec)  # constant direction in B
     mat_vec(R0, rotvec, turn)
-    moved, last = 1e9, 1e9
+    moved = folded = 1e9  # m: of any point in W, and relative to the platform
+    last = own = 1e9
     found[3] = found[4] = math.nan
     for i_row in range(rows.shape[0]):
         x, xd, xdd = eval_time_law(law, i_row * ROW)
@@ -264,12 +265,13 @@ def simulate_free(
             part[i] = rotvec[i] * x
         exp_so3(part, rel)
         mat_mat(R0, rel, state.R)
-        rate = norm(state.v) + prob.reach * norm(state.w)
+        rate = 0.0
         for j in range(nj):
             d = q_end[j] - q0[j]
             state.q[j], state.qd[j], u[6 + j] = q0[j] + d * x, d * xd, d * xdd
             rate += prob.reach * abs(state.qd[j])
-        moved += rate * ROW
+        folded += rate * ROW
+        moved += (rate + norm(state.v) + prob.reach * norm(state.w)) * ROW
         fill_kinematics(m, state.q, k)
         row, tr = rows[i_row], trace[i_row]
         fill_row(prob, state, u, i_row * ROW, row)
@@ -278,10 +280,12 @@ def simulate_free(
         if code != OK:
             return code, i_row + 1
         # coarse steps suffice far away: between two checks no point moves more than the reserve
-        if moved > max(lim.resolution, 0.5 * (last - margin)) or i_row == rows.shape[0] - 1:
-            moved = 0.0
-            last, allowed = check_clearance(
-                prob, state.p, state.R, state.q, 0.0, zero, 0.0, margin, found
+        due = moved > max(lim.resolution, 0.5 * (last - margin))
+        due = due or folded > max(lim.resolution, 0.5 * (own - lim.margin_self))
+        if due or i_row == rows.shape[0] - 1:
+            moved = folded = 0.0
+            last, own, allowed = check_clearance(
+                prob, state.p, state.R, state.q, 0.0, zero, 0.0, margin, FAR, found
             )
             if not allowed:
                 return CLEARANCE, i_row + 1

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from skywright.core.arrays import Array
 from skywright.core.streams import build_stream
 from skywright.description.robot.spec import Robot
+from skywright.description.world.scenario import get_limits
 from skywright.description.world.spec import World
 from skywright.errors import InfeasibleError, InputError
 from skywright.models.hover import read_numbers
@@ -78,7 +79,7 @@ def plan_between(
         raise InputError(f"shapes: {shapes!r}; valid: a list of Box, Cylinder and Sphere")
     if len(shapes) > MAX_OBSTACLES:
         raise InputError(f"{len(shapes)} shapes: a scene holds at most {MAX_OBSTACLES}")
-    scene = build_planning_scene(build_scene(robot, world), robot)
+    scene = build_planning_scene(build_scene(robot, world), robot, get_limits(world))
     rows = [_build_row(i, shape) for i, shape in enumerate(shapes)]
     names = tuple(f"shape {i} ({type(s).__name__.lower()})" for i, s in enumerate(shapes))
     scene = scene._replace(world=build_shapes(rows), world_names=names)

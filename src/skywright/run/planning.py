@@ -14,7 +14,8 @@ from skywright.core.rotations import rot_z
 from skywright.description.loader import Description
 from skywright.description.map_error import check_map_error
 from skywright.description.mission.spec import T
-from skywright.models.geometry import compute_clearance
+from skywright.description.world.scenario import get_limits
+from skywright.models.geometry import compute_area_clearance, compute_clearance, query_clearance
 from skywright.models.rigid_body import posture
 from skywright.models.scene import TIMESTEP, build_scene
 from skywright.planning.motion.plan_file import PlanFile
@@ -103,6 +104,10 @@ def plan_mission(description: Description[T], setup: Setup[T] | None = None) -> 
         blocked = _find_blocked_climb(setup)
         if blocked is not None:
             plan = plan._replace(feasible=False, blocked_by=blocked)
+    if plan.feasible:
+        blocked = _find_left_area(setup, plan.segments)
+        if blocked is not None:
+            plan = plan._replace(feasible=False, blocked_by=blocked)
     sensed = find_exceeded_delay(setup) or find_slow_localisation(setup)
     if plan.feasible and sensed is None:  # builds the law, which a blocked plan may not permit
         law = build_law(description, setup)
@@ -131,3 +136,30 @@ def _find_blocked_climb(setup: Setup[Any]) -> str | None:
                 "(mission.climb_clearance_m) are required"
             )
     return None
+
+
+def _find_left_area(setup: Setup[Any], segments: Mapping[str, NDArray[Any]]) -> str | None:
+    """Return a message if some part of the robot leaves the world's area in a plan, or None."""
+    limits, query, scene = get_limits(setup.world), setup.clearance, setup.scene
+    if limits is None:
+        return None
+    worst, where = 0.0, ""
+    planes = [tuple(plane) for plane in np.argwhere(np.isfinite(limits))]
+    for name, rows in segments.items():
+        for row in rows:
+            q = row["q"][: scene.n_joints]
+            query_clearance(query.core, row["p_WB"], row["R_WB"], q, 0.0, 0.0)  # places the robot
+            if compute_area_clearance(query, scene, limits) >= worst:
+                continue
+            for axis, side in planes:
+                one = np.tile([-math.inf, math.inf], (3, 1))
+                one[axis, side] = limits[axis, side]
+                distance = compute_area_clearance(query, scene, one)
+                if distance < worst:
+                    worst = distance
+                    key = f"world.area.{'xyz'[axis]}_{('min', 'max')[side]}_m"
+                    where = (
+                        f"{name} at t = {row['t']:.2f} s: the robot is {-worst:.2f} m outside the "
+                        f"world's area ({key} = {limits[axis, side]:g})"
+                    )
+    return where or None

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from skywright.description.loader import Description
 from skywright.description.mission.spec import T
+from skywright.description.world.scenario import get_limits
 from skywright.models.arm_body import Deviation
 from skywright.models.deviation import build_deviation
 from skywright.models.geometry import ClearanceQuery, build_clearance
@@ -63,7 +64,7 @@ class Setup(Nominal, Generic[T]):
     @cached_property
     def planning_scene(self) -> PlanningScene:
         """The nominal scene for planners of platform and joints."""
-        return build_planning_scene(self.scene, self.robot)
+        return build_planning_scene(self.scene, self.robot, get_limits(self.world))
 
     @cached_property
     def deviation(self) -> Deviation:

@@ -15,10 +15,12 @@ them from the robot and checks the ratio.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
+from skywright.core.arrays import Array
 from skywright.core.streams import build_stream
 from skywright.description.world.spec import Area, Passage, Tube, World
 
@@ -44,6 +46,16 @@ def get_structures(world: World) -> Structures:
     if world.scenario_seed is None:
         return Structures(world.tubes, world.passages, world.area)
     return draw_structures(world.scenario_seed, world.difficulty)
+
+
+def get_limits(world: World) -> Array | None:
+    """Return the limits (3, 2) m of a world's area in W, of x, y and z; None without an area."""
+    area = get_structures(world).area
+    if area is None:
+        return None
+    return np.array([
+        [area.x_min_m, area.x_max_m], [area.y_min_m, area.y_max_m], [-math.inf, area.z_max_m],
+    ])  # fmt: skip
 
 
 def draw_structures(seed: int, difficulty: float) -> Structures:

@@ -7,7 +7,7 @@ import numpy as np
 
 from skywright.core.arrays import Array, Samples
 from skywright.core.rotations import rot_from_quat
-from skywright.description.world.scenario import get_structures
+from skywright.description.world.scenario import get_limits
 from skywright.missions.bar_transport.task import BarTransport
 from skywright.models.geometry import compute_area_clearance, compute_clearance
 from skywright.recordings.columns import has_columns
@@ -116,12 +116,7 @@ def compute_swing(s: Samples) -> Array:
 def compute_clearances(s: Samples, setup: Setup[Any]) -> Array:
     """Return the true distance (n,) m of robot and bar to obstacles and to the area's limits."""
     scene, query = setup.scene, setup.clearance
-    area = get_structures(setup.world).area
-    limits = None
-    if area is not None:
-        limits = np.array([
-            [area.x_min_m, area.x_max_m], [area.y_min_m, area.y_max_m], [-math.inf, area.z_max_m],
-        ])  # fmt: skip
+    limits = get_limits(setup.world)
     out = np.empty(len(s))
     for i, row in enumerate(s):
         R = rot_from_quat(row["q_WB"])

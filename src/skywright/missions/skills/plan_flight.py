@@ -13,12 +13,14 @@ from skywright.core.rotations import rot_z
 from skywright.description.loader import Description, Sets, load_description, split_assignments
 from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
-from skywright.description.world.scenario import get_structures
+from skywright.description.world.scenario import get_limits
 from skywright.errors import InputError
 from skywright.models.geometry import compute_area_clearance, compute_clearance
 from skywright.models.rigid_body import build_body_model, joint_names
+from skywright.models.self_contact import find_self_contact
 from skywright.planning.motion.plan_file import PlanFile, load_plan_file, name_files
 from skywright.planning.motion.space import compute_reach
+from skywright.planning.motion.transit import TOUCH_Q
 from skywright.run.setup import Setup
 from skywright.vehicle.drives import TURN_MAX
 
@@ -158,10 +160,11 @@ def find_closest(plan: PlanFile, setup: Setup[Any]) -> tuple[float, str]:
     The limits of the world's area count. Between rows the platform's position and all angles are
     linear, as in flight. Two poses are halved until no point of the robot moves by more than
     `RESOLUTION` between them, unless the distances at both exclude contact and one that is smaller
-    by more than `PRECISION`: a distance changes at most by as much as the points move.
+    by more than `PRECISION`: a distance changes at most by as much as the points move. Parts of the
+    robot that touch count as a distance of 0.
     """
     scene, query = setup.planning_scene, setup.clearance
-    limits = _list_limits(setup)
+    limits = get_limits(setup.world)
     reach = float(np.max(compute_reach(scene.tree, scene.robot)[0] + scene.robot.radius))
     rows = np.column_stack([plan.pose, plan.q])
     best = (math.inf, "")
@@ -195,14 +198,24 @@ def find_closest(plan: PlanFile, setup: Setup[Any]) -> tuple[float, str]:
         t, row = 0.5 * (t0 + t1), 0.5 * (a + b)
         d = measure(t, row)
         spans += [(t0, t, a, row, d0, d), (t, t1, row, b, d, d1)]
-    return best
+    touch = _find_own_contact(plan, setup) if best[0] > 0.0 else ""
+    return (0.0, touch) if touch else best
 
 
-def _list_limits(setup: Setup[Any]) -> Array | None:
-    """Return the limits (3, 2) m of the world's area in W; None without an area."""
-    area = get_structures(setup.world).area
-    if area is None:
-        return None
-    return np.array([
-        [area.x_min_m, area.x_max_m], [area.y_min_m, area.y_max_m], [-math.inf, area.z_max_m],
-    ])  # fmt: skip
+def _find_own_contact(plan: PlanFile, setup: Setup[Any]) -> str:
+    """Return "NAME and NAME at t = T s" of parts of the robot that touch, "" if none do.
+
+    The postures checked are `TOUCH_Q` apart in the sum of the joints' motions.
+    """
+    if not plan.joints:
+        return ""
+    steps = np.sum(np.abs(np.diff(plan.q, axis=0)), axis=1)
+    turned = np.concatenate([[0.0], np.cumsum(steps)])
+    at = np.linspace(0.0, turned[-1], math.ceil(turned[-1] / TOUCH_Q) + 1)
+    q = np.column_stack([np.interp(at, turned, joint) for joint in plan.q.T])
+    contacts = setup.planning_scene.contacts
+    touch = find_self_contact(contacts, q)
+    if not touch:
+        return ""
+    first = next(i for i, row in enumerate(q) if find_self_contact(contacts, row[None]))
+    return f"{touch} at t = {np.interp(at[first], turned, plan.t):.2f} s"

@@ -17,6 +17,7 @@ from skywright.core.rotations import rot_z
 from skywright.core.streams import build_stream
 from skywright.description.loader import Description
 from skywright.description.robot.spec import Robot
+from skywright.description.world.scenario import get_limits
 from skywright.description.world.spec import World
 from skywright.description.world.surface import build_cylinder, level_axes
 from skywright.description.world.things import locate_thing
@@ -135,7 +136,7 @@ def _plan_ways(
          np.array([*at_pipe[:2], low]), found.seat.yaw, grip.q, low),
     ):  # fmt: skip
         way = plan_transit(
-            build_planning_scene(scene, robot), Configuration(a, yaw_a, q),
+            build_planning_scene(scene, robot, get_limits(world)), Configuration(a, yaw_a, q),
             Configuration(b, yaw_b, q), rng, margin, key="mission.task.way_clearance_m",
             margin_self=2.0 * d.mission.self_clearance_m, low_z=low_z,
         )  # fmt: skip

@@ -110,18 +110,18 @@ def plan_transit(
     for keep in sorted({max(wanted, margin), max(wanted / 2, margin), margin}, reverse=True):
         space, ends = _build_blend(scene, start, goal, moving, keep, margin_self, passive, low_z)
         for name, end in zip(("start", "goal"), ends, strict=True):
-            touch = _find_touch(scene, space, end[None], margin_self)
+            touch = _find_touch(scene, space, end[None])
             if touch:
                 return refuse(f"{name}: {touch} of the robot touch")
         path = plan_path(space, ends[0], ends[1], rng, slices=slices)
         if len(path.rows):
             break
-    touch = _find_touch(scene, space, path.rows, margin_self)
+    touch = _find_touch(scene, space, path.rows)
     if path.blocked < 0 and (touch or not len(path.rows)) and driven:
         keep = margin
         space, ends = _build_free(scene, start, goal, driven, margin, margin_self, passive, low_z)
         path = plan_path(space, ends[0], ends[1], rng, slices=slices)
-        touch = _find_touch(scene, space, path.rows, margin_self)
+        touch = _find_touch(scene, space, path.rows)
     if path.blocked >= 0:
         return refuse(describe_blocked(space, scene, ends, path.blocked, key))
     if not len(path.rows):
@@ -130,7 +130,7 @@ def plan_transit(
     rows, cost = path.rows, path.cost
     short, lower = _shorten(space, path, max(margin, CORNER * keep))
     # if parts touch on the shorter path, the corners lead one part around another
-    if len(short) < len(rows) and not _find_touch(scene, space, short, margin_self):
+    if len(short) < len(rows) and not _find_touch(scene, space, short):
         rows, cost, touch = short, lower, ""
     if touch:
         return refuse(f"no path found; most frequent obstacle: {touch} of the robot touch")
@@ -228,8 +228,9 @@ def _excuse_ends(
     checks the path of such parts.
     """
     space = build_space(
-        scene, coordinates, fixed, margin=margin, margin_self=margin_self, passive=passive
-    )
+        scene, coordinates, fixed, margin=margin, margin_self=margin_self, passive=passive,
+        area=scene.area,
+    )  # fmt: skip
     for end in ends:
         _lower_margins(space, build_scratch(space), end)
     return space, ends
@@ -254,15 +255,13 @@ def _lower_margins(spaces: Space, scratch: Scratch, c: Array) -> None:
                 space.margin[i] = low if low > -overlap else UNCHECKED
 
 
-def _find_touch(scene: PlanningScene, space: Space, rows: Array, margin_self: float) -> str:
+def _find_touch(scene: PlanningScene, space: Space, rows: Array) -> str:
     """Return the names of two parts of the robot that touch on a path (m, n); "" if none do.
 
-    Parts that keep `margin_self` (m) cannot touch. Others are checked in the simulated scene, whose
-    shapes are exact, in postures `TOUCH_Q` apart.
+    The simulated scene has the exact shapes, and pairs that the planner's coarse shapes lack, such
+    as first links with propellers. It is checked in postures `TOUCH_Q` apart.
     """
-    count = int(space[0]["n_pairs"])
-    own = space[0]["pairs"][:count, 2] == PAIR_SELF
-    if not len(rows) or np.all(space[0]["margin"][:count][own] >= margin_self):
+    if not len(rows):
         return ""
     joints = space[0]["map"][JOINT0:, : rows.shape[1]]
     samples = [rows[:1]]

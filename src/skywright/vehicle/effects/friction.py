@@ -19,7 +19,7 @@ NEAR = 0.005  # m, gap up to which the coefficient is updated
 
 
 class Friction(Effect):
-    """Writes the coefficient under the tip into MuJoCo's first contact pair.
+    """Writes the coefficient under the tip into MuJoCo's contact pair `touch`.
 
     Log-normal: the logarithm is a sum of MODES random Fourier modes of the Gaussian covariance
     exp(-d^2 / (2 l^2)) on the unrolled surface (Rahimi and Recht 2007).
@@ -28,6 +28,7 @@ class Friction(Effect):
     Table = Pipe
 
     class Me(Record):
+        pair: int  # its place among MuJoCo's contact pairs, which are sorted by bodies
         middle: float
         sigma: float  # of the logarithm
         ks: Annotated[Array, MODES]  # rad/m along the axis
@@ -37,6 +38,7 @@ class Friction(Effect):
     def build(self, me: Any, table: Any, context: Any) -> None:
         """Draw the field, with the mean and relative deviation of the pipe."""
         rng = context.stream("friction")
+        me.pair = context.scene.model.pair("touch").id
         me.middle = table.friction
         me.sigma = math.sqrt(math.log1p(table.friction_variation**2))
         me.ks[:], around = rng.standard_normal((2, MODES)) / table.friction_length_m
@@ -49,8 +51,8 @@ class Friction(Effect):
         if surface.gap < NEAR and mj.npair > 0:
             pairs = table(mj.pair_friction, mj.npair, 5)
             mu = max(compute_friction(me, surface.s, surface.c), 1e-4)
-            pairs[0, 0] = mu
-            pairs[0, 1] = mu
+            pairs[me.pair, 0] = mu
+            pairs[me.pair, 1] = mu
 
     @classmethod
     def wanted(cls, context: Any) -> Iterable[Component]:
