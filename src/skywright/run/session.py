@@ -251,6 +251,8 @@ class Vehicle(Uav):
         s = self._supervisor
         if s is None or state is None or state == before:
             return
+        if before == State.FLYING_MANUAL:
+            s.faults.told.clear()  # what the pilot was told acts from now on
         if state == State.TAKING_OFF:
             s.trail.crumbs.clear()  # the return path ends over the start
         if state in (State.LANDED_ARMED, State.TAKING_OFF):

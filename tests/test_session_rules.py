@@ -1,0 +1,43 @@
+"""Fault rules in a session that a script flies: between a pilot, a response and a second flight."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import skywright
+from skywright.run.session import Vehicle
+from skywright.vehicle.commands import State
+from skywright.vehicle.motions import Arrival
+
+QUICK = Arrival(tolerance_m=0.3, dwell_s=0.1, yaw_rad=0.3)
+FENCED = {"mission.fence.x_max_m": 0.4}
+
+
+def fly(backend: str = "kinematic", **sets: Any) -> Vehicle:
+    sets = {"mission.timestep_ms": 2} | sets
+    return skywright.fly(backend=backend, arrival=QUICK, checklist=False, sets=sets)
+
+
+def tick_until(v: Vehicle, done: Callable[[], bool], seconds: float = 30.0) -> None:
+    end = v.t + seconds
+    while not done():
+        assert v.t < end, (v.state, v.acted)
+        v.tick()
+
+
+def test_what_a_pilot_was_told_acts_after_the_pilot_gave_back() -> None:
+    v = fly(**FENCED)
+    assert v.take_off(1.0) and v.take_over()
+    while v.pose.p[0] < 0.9:
+        v.stick(pitch=0.1)
+        v.tick()
+    assert v.state == State.FLYING_MANUAL and not v.acted  # it is only reported
+    assert v._supervisor.faults.told == {"geofence"}
+    v.recover_from_manual(wait=False)
+    tick_until(v, lambda: v.state == State.LANDED_DISARMED)
+    assert len(v.acted) == 1 and "geofence" in v.acted[0]
+    assert np.hypot(*v.pose.p[:2]) < 0.2
