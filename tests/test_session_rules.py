@@ -41,3 +41,15 @@ def test_what_a_pilot_was_told_acts_after_the_pilot_gave_back() -> None:
     tick_until(v, lambda: v.state == State.LANDED_DISARMED)
     assert len(v.acted) == 1 and "geofence" in v.acted[0]
     assert np.hypot(*v.pose.p[:2]) < 0.2
+
+
+def test_no_rule_of_free_flight_acts_on_the_ground_or_in_the_next_take_off() -> None:
+    v = fly("physics")
+    assert v.take_off(0.8)
+    while v.state == State.FLYING_AUTO:
+        v.set_velocity((0.0, 0.0, -0.4))
+        v.tick()
+    v.wait(2.0)
+    assert v.state == State.LANDED_DISARMED
+    assert all(rule.from_take_off for rule in v._supervisor.faults._begun)
+    assert v.take_off(0.8) and not v.acted

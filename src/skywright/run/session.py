@@ -255,12 +255,12 @@ class Vehicle(Uav):
             s.faults.told.clear()  # what the pilot was told acts from now on
         if state == State.TAKING_OFF:
             s.trail.crumbs.clear()  # the return path ends over the start
+        if state in (State.FLYING_AUTO, State.FLYING_MANUAL):
+            s.faults.begin(airborne=True)
+        else:
+            s.faults.land()
         if state in (State.LANDED_ARMED, State.TAKING_OFF):
             s.faults.begin(airborne=False)
-        elif state in (State.FLYING_AUTO, State.FLYING_MANUAL):
-            s.faults.begin(airborne=True)
-        elif state == State.LANDING:
-            s.faults.land()
 
 
 def open_vehicle(
