@@ -11,6 +11,7 @@ import pytest
 import skywright
 from skywright.run.session import Vehicle
 from skywright.vehicle.commands import State
+from skywright.vehicle.estimates import EstimatorState
 from skywright.vehicle.motions import Arrival
 
 QUICK = Arrival(tolerance_m=0.3, dwell_s=0.1, yaw_rad=0.3)
@@ -53,3 +54,33 @@ def test_no_rule_of_free_flight_acts_on_the_ground_or_in_the_next_take_off() -> 
     assert v.state == State.LANDED_DISARMED
     assert all(rule.from_take_off for rule in v._supervisor.faults._begun)
     assert v.take_off(0.8) and not v.acted
+
+
+def test_nothing_of_a_response_remains_in_the_next_flight() -> None:
+    v = fly(**FENCED)
+    s = v._supervisor
+    for k in (1, 2):
+        assert v.take_off(1.0), v.acted
+        assert not s.senses.responding and not s.faults.acted and len(s.faults._begun) > 20
+        s.senses.stuck, s.senses.posture, s.senses.carrying = {0}, np.zeros(2), True
+        s.senses.doubt = np.ones(3)
+        old = list(s.faults.rules)
+        while v.state == State.FLYING_AUTO:
+            v.set_velocity((0.4, 0.0, 0.0))
+            v.tick()
+        assert v.state == State.LANDED_DISARMED and len(v.acted) == k
+        assert s.faults.rank == -1 and not s.senses.responding and not s.senses.carrying
+        assert not s.senses.stuck and s.senses.posture is None and not s.senses.doubt.any()
+        assert not set(old) & set(s.faults.rules)  # with new baselines and hold times
+        assert [r.table for r in old] == [r.table for r in s.faults.rules]
+
+
+def test_a_restart_of_the_estimator_counts_in_its_own_flight_only() -> None:
+    jump = {"kind": "sensor", "jump": [0.3, 0.0, 0.0], "start_s": 6.0}
+    v = fly("physics", **{f"plant.faults.a.{k}": x for k, x in jump.items()})
+    assert v.take_off(0.8)
+    tick_until(v, lambda: v.state == State.LANDED_DISARMED)
+    assert len(v.acted) == 1 and "estimator inconsistent" in v.acted[0]
+    v.wait(3.0)  # the estimator restarts with the shifted samples
+    assert v.backend.look(EstimatorState).restarts > 0
+    assert v.take_off(0.8) and len(v.acted) == 1

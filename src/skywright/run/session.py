@@ -240,9 +240,10 @@ class Vehicle(Uav):
     def _answer(self, s: Supervisor[Any], acted: RuleActed) -> Ticked:
         """Fly the response of the rules; the vehicle is then down, and its commands have failed."""
         s.respond(acted)
-        self.acted += [a.says for a in s.faults.acted[len(self.acted) :]]
-        s.faults.rank = -1
-        self.end("; then ".join(self.acted))
+        says = [a.says for a in s.faults.acted]
+        self.acted += says
+        s.reset()
+        self.end("; then ".join(says))
         return Ticked(self.backend.t, 0, True)
 
     def _enter(self, state: State | None) -> None:
@@ -257,6 +258,8 @@ class Vehicle(Uav):
             s.trail.crumbs.clear()  # the return path ends over the start
         if state in (State.FLYING_AUTO, State.FLYING_MANUAL):
             s.faults.begin(airborne=True)
+        elif state == State.LANDED_DISARMED:
+            s.reset()
         else:
             s.faults.land()
         if state in (State.LANDED_ARMED, State.TAKING_OFF):

@@ -36,13 +36,16 @@ class Watch:
         """`on_acted` is called as soon as the response is chosen."""
         self.rules = [r for r in rules if r.table.on]
         self.senses, self._on_acted = senses, on_acted
+        self._begun: list[Rule] = []
+        self._ticks = 0
+        self._forget()
+
+    def _forget(self) -> None:
         self.acted: list[Acted] = []
         self.rank = -1  # of the response that is flown now
-        self._begun: list[Rule] = []
         self.told: set[str] = set()  # rules reported to the pilot
         self._before = -1  # rank before the last rule acted
         self._repaired: set[tuple[str, int]] = set()  # rules with a repair, and parts, that acted
-        self._ticks = 0
 
     def begin(self, airborne: bool) -> None:
         """Activate the rules for take-off, or all rules if the robot is `airborne`."""
@@ -56,7 +59,17 @@ class Watch:
 
     def land(self) -> None:
         """Called when the robot lands: only the rules from take-off stay active."""
-        self._begun = [rule for rule in self._begun if rule.from_take_off]
+        self._end([rule for rule in self.rules if not rule.from_take_off])
+
+    def reset(self) -> None:
+        """Called between two flights: all rules begin again in the next one, and none has acted."""
+        self._end(self.rules)
+        self._forget()
+
+    def _end(self, rules: Sequence[Rule]) -> None:
+        """Replace rules by new ones, whose baselines and hold times are those of their next use."""
+        self.rules = [type(r)(r.name, r.table) if r in rules else r for r in self.rules]
+        self._begun = [rule for rule in self._begun if rule not in rules]
 
     def answer(self, rule: Rule, s: Supervisor) -> Response:
         """Call `repair` of the rule that acted last; returns the response to fly.
