@@ -6,11 +6,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import pytest
 
 import skywright
 from skywright.run.session import Vehicle
 from skywright.vehicle.commands import State
+from skywright.vehicle.ended import VehicleEnded
 from skywright.vehicle.estimates import EstimatorState
 from skywright.vehicle.motions import Arrival
 
@@ -84,3 +84,23 @@ def test_a_restart_of_the_estimator_counts_in_its_own_flight_only() -> None:
     v.wait(3.0)  # the estimator restarts with the shifted samples
     assert v.backend.look(EstimatorState).restarts > 0
     assert v.take_off(0.8) and len(v.acted) == 1
+
+
+def test_a_vehicle_that_is_lost_during_a_response_ends_the_flight_with_both_reasons() -> None:
+    v = fly(**FENCED)
+    s = v._supervisor
+    assert v.take_off(1.0)
+    tick = v.backend.tick
+
+    def lose(guards: int = 0) -> Any:
+        if s.phase == "come home":
+            raise VehicleEnded("the link to the autopilot is lost")
+        return tick(guards)
+
+    v.backend.tick = lose
+    while not v.acted:
+        v.set_velocity((0.4, 0.0, 0.0))
+        v.tick()
+    fence, link = v.acted
+    assert "geofence" in fence and link == "the link to the autopilot is lost"
+    assert not s.senses.responding and s.phase == ""

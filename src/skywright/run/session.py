@@ -239,8 +239,13 @@ class Vehicle(Uav):
 
     def _answer(self, s: Supervisor[Any], acted: RuleActed) -> Ticked:
         """Fly the response of the rules; the vehicle is then down, and its commands have failed."""
-        s.respond(acted)
-        says = [a.says for a in s.faults.acted]
+        lost = []
+        try:
+            s.respond(acted)
+        except VehicleEnded as ended:
+            s.end("failed")
+            lost = [str(ended)]
+        says = [*(a.says for a in s.faults.acted), *lost]
         self.acted += says
         s.reset()
         self.end("; then ".join(says))
