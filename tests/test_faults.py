@@ -254,6 +254,54 @@ def test_a_value_has_to_stay_beyond_its_limit_for_the_hold_time():
     watch.look("come home")  # no weaker nor equal response follows
 
 
+def test_a_repair_runs_once_for_each_part_whatever_response_is_flown():
+    """Rank decides which response is flown, not whether a repair runs."""
+    from skywright.run.faults._rule import Rule
+
+    class Repairing(Rule):
+        every, repaired = 1, ()
+
+        def look(self, v):
+            return v.value
+
+        def repair(self, s):
+            self.repaired += (self.part,)
+            return "come_home"
+
+    plain, senses = build_watch("land_here", hold=0.0)
+    rule = Repairing("repairing", Rule.Table(limit=1.0))
+    watch = Watch([*plain.rules, rule], senses)
+    watch.begin(airborne=True)
+    senses.value = 2.0
+    for part in (1, 1, 2, 2):
+        rule.part = part
+        try:
+            watch.look("scan")
+        except RuleActed as acted:
+            assert watch.answer(acted.rule, None) == "land_here"  # the stronger one stays
+        try:
+            watch.look("land here")
+        except RuleActed as acted:
+            assert watch.answer(acted.rule, None) == "land_here"
+    assert rule.repaired == (1, 2)
+    assert [(a.rule, a.response) for a in watch.acted] == [
+        (name, "land_here") for name in ("given", "repairing", "repairing")
+    ]
+
+
+def test_a_second_joint_is_noticed_beside_one_that_does_not_follow():
+    rule = find("rule", "joint_off").cls("joint_off")
+    rule._told = rule._seen = np.zeros(3)
+    rule._loose, rule._swing = True, -1
+    rule._told = np.array([0.0, 0.6, 0.3])
+    senses: Any = SimpleNamespace(stuck=set(), told=lambda name: 0.0)
+    assert (rule.look(senses), rule.part) == (0.6, 2)
+    rule.repair(SimpleNamespace(senses=senses))
+    assert senses.stuck == {1, 2} and rule.look(senses) == 0.0
+    rule._told[0] = 0.4
+    assert (rule.look(senses), rule.part) == (0.4, 1)
+
+
 def test_nothing_is_watched_while_the_motors_are_off():
     watch, v = build_watch(hold=0.0)
     v.value, v.reference = 5.0, {"active": 0.0}
@@ -423,6 +471,28 @@ def test_a_squall_is_drawn_for_the_gravity_and_the_air_of_its_world():
 
 def test_a_hexarotor_lands_without_a_rotor():
     check_down(fly("tool-install", "rotor", efficiency=0, start_s=8), "rotor_lost", 8.0, 0.2)
+
+
+@pytest.mark.parametrize(
+    ("robot", "more", "rule", "tilt_deg"),
+    [
+        ("bimanual", ("b.kind=rotor", "b.efficiency=0", "b.start_s=9"), "rotor_lost", 7.0),
+        ("othex", ("b.kind=link", "b.loss_fraction=0", "b.delay_s=0.012", "b.start_s=8.8"),
+         "link_late", 5.0),
+    ],
+)  # fmt: skip
+def test_a_second_fault_is_repaired_while_the_robot_lands(robot, more, rule, tilt_deg):
+    """Its rule has the rank of the response that is flown; without its repair the robot falls."""
+    sets = [f"plant.faults.{k}" for k in ("a.kind=localisation", "a.start_s=6", *more)]
+    sets += ["world.link.delay_s=0.001"] if rule == "link_late" else []
+    result = fly_and_evaluate(load_description("waypoints", robot, sets=sets))
+    check_down(result, "localisation_lost", 6.0, 2.3, "land_here")
+    assert [(a.rule, a.response) for a in result.acted[1:]] == [(rule, "land_here")]
+    s = result.samples
+    late = s[s["t"] > result.acted[0].t_s]
+    up = 1.0 - 2.0 * np.sum(late["q_WB"][:, 1:3] ** 2, axis=1)
+    assert math.degrees(math.acos(min(up.min(), 1.0))) < tilt_deg
+    assert late["v_WB"][:, 2].min() > -0.8
 
 
 @pytest.mark.parametrize(

@@ -239,10 +239,16 @@ class Vehicle(Uav):
 
     def _answer(self, s: Supervisor[Any], acted: RuleActed) -> Ticked:
         """Fly the response of the rules; the vehicle is then down, and its commands have failed."""
-        s.respond(acted)
-        self.acted += [a.says for a in s.faults.acted[len(self.acted) :]]
-        s.faults.rank = -1
-        self.end("; then ".join(self.acted))
+        lost = []
+        try:
+            s.respond(acted)
+        except VehicleEnded as ended:
+            s.end("failed")
+            lost = [str(ended)]
+        says = [*(a.says for a in s.faults.acted), *lost]
+        self.acted += says
+        s.reset()
+        self.end("; then ".join(says))
         return Ticked(self.backend.t, 0, True)
 
     def _enter(self, state: State | None) -> None:
@@ -251,14 +257,18 @@ class Vehicle(Uav):
         s = self._supervisor
         if s is None or state is None or state == before:
             return
+        if before == State.FLYING_MANUAL:
+            s.faults.told.clear()  # what the pilot was told acts from now on
         if state == State.TAKING_OFF:
             s.trail.crumbs.clear()  # the return path ends over the start
+        if state in (State.FLYING_AUTO, State.FLYING_MANUAL):
+            s.faults.begin(airborne=True)
+        elif state == State.LANDED_DISARMED:
+            s.reset()
+        else:
+            s.faults.land()
         if state in (State.LANDED_ARMED, State.TAKING_OFF):
             s.faults.begin(airborne=False)
-        elif state in (State.FLYING_AUTO, State.FLYING_MANUAL):
-            s.faults.begin(airborne=True)
-        elif state == State.LANDING:
-            s.faults.land()
 
 
 def open_vehicle(

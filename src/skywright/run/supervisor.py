@@ -157,6 +157,15 @@ class Supervisor(Generic[T]):
             self.end("done")
             return says
 
+    def reset(self) -> None:
+        """Forget the last flight of a session: its responses, its path, the values of its rules.
+
+        Lost rotors remain lost (`turns`, `R_hold`): the allocation works without them.
+        """
+        self.senses.reset()
+        self.faults.reset()
+        self.trail.crumbs.clear()
+
     # --- the pilot ---------------------------------------------------------------------------
 
     def take_over(self) -> Result:

@@ -182,14 +182,14 @@ def _build_table(
 
 
 def _wait_until_good(s: Supervisor) -> None:
-    """Hover until the value of the rule that acted is within its limit, at most for WAIT_S."""
+    """Hover until the rules that acted are within their limits, at most for WAIT_S."""
     s.body.track(build_rest(s)[None])
-    name = s.faults.acted[-1].rule
-    rule = next(rule for rule in s.faults.rules if rule.name == name)
+    names = {acted.rule for acted in s.faults.acted}
+    rules = [rule for rule in s.faults.rules if rule.name in names]
     start = bad = s.vehicle.t
     while s.vehicle.t - start < WAIT_S and s.vehicle.t - bad < AGREES_S:
         s.tick()
-        if rule.value > rule.table.limit:
+        if any(rule.value > rule.table.limit for rule in rules):
             bad = s.vehicle.t
 
 

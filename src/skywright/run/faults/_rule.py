@@ -77,6 +77,7 @@ class Rule:
         self.table: Any = self.Table() if table is None else table
         self.value = math.nan  # newest
         self.failure = ""  # error of the rule's own code
+        self.part = 0  # rotor or joint at fault, for rules that watch several
         self._since: float | None = None
 
     def begin(self, v: Senses) -> None:
@@ -92,7 +93,11 @@ class Rule:
         return f"{self.name.replace('_', ' ')} {value:.3g}{unit}, limit {self.table.limit:g}{unit}"
 
     def repair(self, s: Supervisor) -> Response:
-        """Called when the rule acts, before the response; returns the response to fly."""
+        """Called when the rule acts, before the response; returns the response to fly.
+
+        A rule with its own repair acts once for each `part` also while an equal or stronger
+        response is flown: the robot may need the repair to fly that response.
+        """
         response: Response = self.table.response
         return response
 

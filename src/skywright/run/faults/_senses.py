@@ -40,14 +40,18 @@ class Senses:
         self._heard = self.place(EstimatorState, "heard")
         self._forces: Any = None
         self._touching: bool | None = None
-        self.responding = False  # a rule has acted
         self.failure = ""  # of the robot's computer
         self.restarts = False  # the failed step is restarted
+        self.room: Callable[[], float] | None = None  # m, beyond the clearance of the mission
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the responses of the last flight; a failure of the computer remains."""
+        self.responding = False  # a rule has acted
         self.carrying = False  # whether a load was carried when a rule acted
         self.stuck: set[int] = set()  # joints, from 0, that do not follow
         self.posture: Array | None = None  # rad, joints commanded from the last valid estimate
         self.left: Array | None = None  # unit vector away from the object touched when a rule acted
-        self.room: Callable[[], float] | None = None  # m, beyond the clearance of the mission
         self.doubt = np.zeros(3)  # m in W, from the estimate to another possible position
 
     def refresh(self) -> None:

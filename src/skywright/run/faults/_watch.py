@@ -36,12 +36,16 @@ class Watch:
         """`on_acted` is called as soon as the response is chosen."""
         self.rules = [r for r in rules if r.table.on]
         self.senses, self._on_acted = senses, on_acted
+        self._begun: list[Rule] = []
+        self._ticks = 0
+        self._forget()
+
+    def _forget(self) -> None:
         self.acted: list[Acted] = []
         self.rank = -1  # of the response that is flown now
-        self._begun: list[Rule] = []
         self.told: set[str] = set()  # rules reported to the pilot
         self._before = -1  # rank before the last rule acted
-        self._ticks = 0
+        self._repaired: set[tuple[str, int]] = set()  # rules with a repair, and parts, that acted
 
     def begin(self, airborne: bool) -> None:
         """Activate the rules for take-off, or all rules if the robot is `airborne`."""
@@ -55,10 +59,24 @@ class Watch:
 
     def land(self) -> None:
         """Called when the robot lands: only the rules from take-off stay active."""
-        self._begun = [rule for rule in self._begun if rule.from_take_off]
+        self._end([rule for rule in self.rules if not rule.from_take_off])
+
+    def reset(self) -> None:
+        """Called between two flights: all rules begin again in the next one, and none has acted."""
+        self._end(self.rules)
+        self._forget()
+
+    def _end(self, rules: Sequence[Rule]) -> None:
+        """Replace rules by new ones, whose baselines and hold times are those of their next use."""
+        self.rules = [type(r)(r.name, r.table) if r in rules else r for r in self.rules]
+        self._begun = [rule for rule in self._begun if rule not in rules]
 
     def answer(self, rule: Rule, s: Supervisor) -> Response:
-        """Call `repair` of the rule that acted last; returns the response to fly."""
+        """Call `repair` of the rule that acted last; returns the response to fly.
+
+        It is never weaker than the response that was flown before.
+        """
+        self._repaired.add((rule.name, rule.part))
         response: Response = rule.table.response
         try:
             response = rule.repair(s)
@@ -69,7 +87,8 @@ class Watch:
         except Exception as error:
             self._note(rule, error)
             response = rule.table.response
-        self.rank = RANK[response]
+        self.rank = max(RANK[response], self._before)
+        response = list(RANK)[self.rank]
         self.acted[-1] = self.acted[-1]._replace(response=response)
         if self._on_acted is not None:
             self._on_acted(self.acted[-1])
@@ -99,7 +118,8 @@ class Watch:
             except Exception as error:
                 self._note(rule, error)
                 acts = True
-            if acts and RANK[rule.table.response] > self.rank and rule.name not in self.told:
+            answers = RANK[rule.table.response] > self.rank or self._must_repair(rule)
+            if acts and answers and rule.name not in self.told:
                 over.append(rule)
         if over:
             self._act(max(over, key=lambda r: RANK[r.table.response]), phase)
@@ -136,9 +156,18 @@ class Watch:
         self.rank, self.senses.responding = RANK[response], True
         return response
 
+    def _must_repair(self, rule: Rule) -> bool:
+        """Whether the rule has a repair that has not run for its part.
+
+        Rank decides which response is flown, not whether a repair runs: without a lost rotor given
+        up, for example, no response can be flown.
+        """
+        repairs = type(rule).repair is not Rule.repair
+        return repairs and (rule.name, rule.part) not in self._repaired
+
     def _act(self, rule: Rule, phase: str) -> None:
         self._before = self.rank
-        self.rank, self.senses.responding = RANK[rule.table.response], True
+        self.rank, self.senses.responding = max(RANK[rule.table.response], self.rank), True
         value = min(rule.value, MOST) if math.isfinite(rule.value) or rule.value > 0.0 else 0.0
         try:
             says = rule.failure or rule.explain(rule.value)

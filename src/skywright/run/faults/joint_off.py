@@ -68,8 +68,10 @@ class JointOff(Rule):
         off = [abs(a - b) for a, b in zip(told, self._seen.tolist(), strict=True)]
         if self._swing >= 0:
             off[self._swing] = 0.0  # it has no servo
+        for j in v.stuck:
+            off[j] = 0.0  # known: it must not hide the next one
         worst = max(off)
-        self._off = off
+        self._off, self.part = off, off.index(worst) + 1
         if worst > self.table.limit and self._loose and v.told("press") > 0.0:
             return math.nan
         return worst

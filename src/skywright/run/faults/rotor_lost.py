@@ -33,7 +33,6 @@ class RotorLost(Rule):
 
     def __init__(self, name: str, table: Any = None) -> None:
         super().__init__(name, table)
-        self.rotor = 0
         self._asked: Any = None  # rad/s
         self._made: Any = None
 
@@ -57,16 +56,16 @@ class RotorLost(Rule):
         least = max(TURNING * most, 1e-9)
         missing = [1.0 - b / a if a > least else 0.0 for a, b in zip(asked, made, strict=True)]
         worst = max(missing)
-        self.rotor = missing.index(worst) + 1
+        self.part = missing.index(worst) + 1
         return worst
 
     def explain(self, value: float) -> str:
         """State which rotor."""
-        return f"rotor {self.rotor} stands still"
+        return f"rotor {self.part} stands still"
 
     def repair(self, s: Supervisor) -> Response:
         """Continue without that rotor if the others can hold the robot; else stop the motors."""
-        left = s.vehicle.give_up_rotor(self.rotor - 1)
+        left = s.vehicle.give_up_rotor(self.part - 1)
         if left is None:
             return "let_go"
         s.turns, s.R_hold = not left.holds_heading, left.R_WB
