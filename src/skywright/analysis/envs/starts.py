@@ -29,7 +29,8 @@ from skywright.run.setup import Setup
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.component import Component
 from skywright.vehicle.plant import MISSION_TICK
-from skywright.vehicle.simulated import Saved, SimulatedVehicle
+from skywright.vehicle.saved import Saved
+from skywright.vehicle.simulated import SimulatedVehicle
 
 SEED_MAX = 2**48
 
