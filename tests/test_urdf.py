@@ -262,6 +262,9 @@ def test_any_tree_of_links_agrees(
     named = {f"link{i}": link for i, link in enumerate(chain)}
     if branch and len(chain) > 2:
         named["link2"]["parent"] = "link0"
+    for link in chain:
+        if link["joint"] == "slide":
+            link |= {"joint_min_m": -0.5, "joint_max_m": 0.5}
     moving = sum(link["joint"] != "fixed" for link in chain)
     servo = {"stall_torque_nm": 1.0, "no_load_speed_rad_s": 5.0}
     tree["arm"] = {

@@ -88,6 +88,11 @@ def compute_stance(samples: Samples, at: int, index: int, p_WO: Array, wanted: A
     return Stance(wanted.T @ (p - p_WO), math.acos(min(max(cosine, -1.0), 1.0)))
 
 
+def _left(p_WO: Array, start: Array) -> bool:
+    """Whether a thing at p_WO (n, 3) m was ever away from its place `start` (3,) m."""
+    return bool(np.max(np.linalg.norm(p_WO - start, axis=1)) > RETURNED_M)
+
+
 def compute_metrics(run: Flown[ToolInstall, ToolPlan]) -> dict[str, float]:
     """Evaluate the phases that were flown; phases that were not reached yield no metric."""
     out: dict[str, float] = {}
@@ -103,8 +108,7 @@ def compute_metrics(run: Flown[ToolInstall, ToolPlan]) -> dict[str, float]:
         out["tool.seat_angle_deg"] = math.degrees(stance.angle)
     back = np.flatnonzero(RETURN.select(samples, phases))
     out["tool.returned"] = 0.0
-    away = np.linalg.norm(samples[f"object{i}_p_WO"] - bench.p_WO, axis=1)
-    if len(back) and np.max(away) > RETURNED_M:  # after a failed grasp it never left
+    if len(back) and _left(samples[f"object{i}_p_WO"], bench.p_WO):  # not after a failed grasp
         stance = compute_stance(samples, int(back[-1]), i, bench.p_WO, rot_z(bench.yaw))
         out["tool.return_error_mm"] = 1e3 * float(np.linalg.norm(stance.error))
         near = float(np.linalg.norm(stance.error)) < RETURNED_M and stance.angle < RETURNED_ANGLE
