@@ -402,15 +402,20 @@ def test_a_table_is_imported_once_also_after_its_flight_is_registered(tmp_path: 
     assert len(list_flights(db)) == 1
 
 
-def test_a_row_that_repeats_another_in_every_column_is_refused(tmp_path: Path) -> None:
-    """Three copies of 9.0 mm beside one 8.0 mm would be a mean of 8.75 instead of 8.5 mm."""
+def test_a_table_appended_to_itself_is_refused_and_a_repeated_row_is_noted(tmp_path: Path) -> None:
+    """Equal readings of one second are readings; a copy of all rows is none."""
     db, head = tmp_path / "h.db", "t_s,spot,thickness_mm,u95_mm"
-    table = write(tmp_path / "g.csv", head, "0,1,9.0,0.1", "5,1,8.0,0.1", "0,1, 9.0,0.1",
-                  "0,1,9.0,0.1")  # fmt: skip
-    code, out = add(db, table)
+    two = ("0,1,9.0,0.1", "5,1,8.0,0.1")
+    code, out = add(db, write(tmp_path / "g.csv", head, *two, *two, *two))
     assert code == 2, out
-    assert "2 of 4 rows repeat another in every column, such as row 4 (a copy of row 2)" in out
+    assert "rows 4 to 7 are copies of the 2 rows before" in out
     assert len(out.strip().splitlines()) == 1 and list_flights(db) == []
+    table = write(tmp_path / "g.csv", head, *two, "0,1, 9.0,0.1")
+    found = load_readings(table, START)
+    assert len(found.rows) == 3
+    assert found.notes[0].startswith("1 of 3 rows repeat another in every column and count as")
+    write(table, "spot,thickness_mm", "1,9.0", "1,9.0", "1,9.0")
+    assert len(load_readings(table, START).rows) == 3
     # another time or value, or a number of the reading, is another reading
     write(table, head, "0,1,9.0,0.1", "5,1,9.0,0.1", "0,1,8.0,0.1")
     assert len(load_readings(table, START).rows) == 3

@@ -85,6 +85,32 @@ def test_takeoff_chosen_on_the_ground_begins_when_armed(talk: Talk) -> None:
 # --- the ground --------------------------------------------------------------------------------
 
 
+def test_a_take_off_that_failed_is_not_tried_again_by_arming(talk: Talk) -> None:
+    assert talk.command(176, 1.0, 4.0, 2.0) == ACCEPTED  # Takeoff
+    assert talk.command(400, 1.0) == ACCEPTED
+    talk.until(lambda: talk.vehicle.state == State.TAKING_OFF)
+    assert talk.command(400, 0.0, 21196.0) == ACCEPTED  # termination during the climb
+    talk.until(lambda: talk.vehicle.state == State.LANDED_DISARMED)
+    assert talk.mode() == (4, 3)  # Hold
+    assert talk.command(400, 1.0) == ACCEPTED
+    talk.until(lambda: talk.vehicle.state == State.LANDED_ARMED)
+    talk.tick(2.0)
+    assert talk.vehicle.state == State.LANDED_ARMED
+
+
+def test_a_stick_mode_of_an_earlier_flight_leaves_the_ground_by_the_stick_only(talk: Talk) -> None:
+    assert talk.command(176, 1.0, 2.0) == ACCEPTED  # Altitude
+    assert talk.command(400, 1.0) == ACCEPTED
+    talk.until(lambda: talk.vehicle.state == State.LANDED_ARMED)
+    talk.tick(2.0)
+    assert talk.vehicle.state == State.LANDED_ARMED
+    assert talk.command(400, 0.0) == ACCEPTED  # and is disarmed
+    assert talk.command(400, 1.0) == ACCEPTED
+    fly_up = (22, 0, 0, 0, math.nan, math.nan, math.nan, 1.5)
+    assert talk.command(*fly_up) == ACCEPTED
+    talk.until(lambda: talk.vehicle.state == State.FLYING_AUTO)
+
+
 def test_qgroundcontrols_opening_questions_are_answered_within_a_second(talk: Talk) -> None:
     """What QGroundControl asks on a new vehicle: version, parameters, missions, cameras, files."""
     talk.messages = []

@@ -25,6 +25,8 @@ from skywright.reports.page import render_page, tell_command
         (["/usr/bin/pytest", "tests"], ""),
         (["study/my_script.py", "--runs", "3"], "python study/my_script.py --runs 3"),
         (["/opt/ipykernel_launcher.py", "-f", "kernel.json"], ""),
+        (["/opt/colab_kernel_launcher.py", "-f", "kernel.json"], ""),
+        (["/opt/ray/default_worker.py", "--node"], ""),
         (["/opt/pytest/__main__.py", "tests"], ""),
         ([""], ""),
     ],

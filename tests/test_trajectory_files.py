@@ -98,6 +98,12 @@ def test_rostopic_export_takes_the_message_s_own_time(tmp_path):
     assert traj.q is not None and traj.q[0] == pytest.approx([1, 0, 0, 0])
 
 
+def test_a_word_in_brackets_that_is_no_unit_is_read_past(tmp_path):
+    for head in ("time (UTC),x,y,z", "t [epoch],x (East),y (North),z (Up)"):
+        traj = load(tmp_path, f"{head}\n0,1,2,3\n1,1,2,3\n")
+        assert traj.t.tolist() == [0, 1] and traj.p.tolist() == [[1, 2, 3]] * 2
+
+
 def test_flaws_are_repaired_and_noted(tmp_path):
     rows = ["t_s,x_m,y_m,z_m", "3,1,1,1", "1,1,1,1", "2,nan,1,1", "2,1,1,1", "2,9,9,9", "4,1,1"]
     traj = load(tmp_path, "\n".join(rows))

@@ -165,8 +165,9 @@ def identify(
 
     LOG is a run's directory, a recording.mcap, a PX4 ULog or a table (.csv); several flights of
     one robot add up.
-    Beside the page a robot file is written (PAGE.toml) that a run takes as --robot. An existing
-    PAGE.toml is replaced only if an earlier identification wrote it.
+    Beside the page a robot file is written (PAGE.toml) that a run takes as --robot; of a robot that
+    is not built in, or was changed by --set, also its base (PAGE-base.toml). Existing ones are
+    replaced only if an earlier identification wrote them.
     """
     from skywright.analysis.identify.identify import identify as identify_logs
     from skywright.analysis.identify.overrides import (
@@ -191,7 +192,9 @@ def identify(
     write_identify_page(found, overrides, page)
     robot_file.write_text(overrides, encoding="utf-8")
     if as_json:
-        print_json({**found.to_json(), "page": str(page), "robot_file": str(robot_file)})
+        files = {"page": str(page), "robot_file": str(robot_file)}
+        base_file = str(robot_file.with_name(name)) if whole else None
+        print_json({**found.to_json(), **files, "base_file": base_file})
     else:
         print_identification(found, page, robot_file)
 

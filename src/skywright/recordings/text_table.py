@@ -80,24 +80,27 @@ def check_widths(path: Path, header: list[str], rows: list[tuple[int, list[str]]
         raise InputError(f"{path}: the table has a header and no rows")
 
 
-def check_repeated(path: Path, rows: list[tuple[int, list[str]]]) -> None:
-    """Raise InputError if a row repeats another in every column, also in those not read.
+def check_repeated(path: Path, rows: list[tuple[int, list[str]]]) -> list[str]:
+    """Return a note on rows that repeat another in every column, also in those not read.
 
-    Such a row is a copy, or a repeated measurement that nothing distinguishes from a copy.
+    They may be copies, or readings that nothing distinguishes. Raises InputError if the table
+    consists of copies of a block of rows, as of a file that was appended to itself.
     """
-    first: dict[tuple[str, ...], int] = {}
-    repeated = [
-        (number, kept)
-        for number, cells in rows
-        if (kept := first.setdefault(tuple(cell.strip() for cell in cells), number)) != number
-    ]
-    if repeated:
-        number, kept = repeated[0]
+    cells = [tuple(cell.strip() for cell in row) for _, row in rows]
+    block = next((k for k in range(2, len(cells)) if cells[k] == cells[0]), 0)
+    whole = block and len(cells) % block == 0 and cells[block:] == cells[:-block]
+    if whole and len({*cells}) > 1:
         raise InputError(
-            f"{path}: {len(repeated)} of {len(rows)} rows repeat another in every column, such as "
-            f"row {number} (a copy of row {kept}); valid: each row once; remove copies, or give "
-            "repeated readings their times, or a column that numbers them"
+            f"{path}: rows {rows[block][0]} to {rows[-1][0]} are copies of the {block} rows "
+            "before; valid: each row once"
         )
+    repeated = len(cells) - len({*cells})
+    if not repeated:
+        return []
+    return [
+        f"{repeated} of {len(cells)} rows repeat another in every column and count as separate "
+        "readings: remove copies"
+    ]
 
 
 def convert_commas(

@@ -93,7 +93,8 @@ def tell_command() -> str:
     name = program.parent.name if program.name == "__main__.py" else program.stem
     if name == "skywright":
         return shlex.join(["skywright", *sys.argv[1:]])
-    is_script = program.suffix == ".py" and name == program.stem != "ipykernel_launcher"
+    is_script = program.suffix == ".py" and name == program.stem
+    is_script = is_script and not name.endswith(("_launcher", "_worker"))  # notebooks, Ray
     return shlex.join(["python", *sys.argv]) if is_script else ""
 
 

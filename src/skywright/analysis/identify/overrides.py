@@ -8,6 +8,7 @@ import numpy as np
 from skywright.analysis.identify.fit import unpack_inertia
 from skywright.analysis.identify.identify import Identification
 from skywright.description.dump import dump_robot, write_literal
+from skywright.description.robot.inertia import check_inertia
 from skywright.description.robot.limbs import list_joints, list_servos
 from skywright.description.robot.loader import find_robot, load_robot
 from skywright.errors import InputError
@@ -158,10 +159,14 @@ def _platform(found: Identification) -> tuple[dict[str, float], list[str]]:
     I_0 = I_0 + p.mass_kg * (c0 @ c0 * np.eye(3) - np.outer(c0, c0)) + inertia / count
     own = np.diag(I_0 - mass * (c @ c * np.eye(3) - np.outer(c, c))).copy()
     if known[:3].all():
-        own[2] = min(own[2], own[0] + own[1])  # rigid body, within the estimate's error
+        own[2] = min(own[2], (1.0 - 1e-5) * (own[0] + own[1]))  # a body, within the error
     else:  # with the file's inertia about the other axes
         own = np.where(known[:3], own, np.diag(platform_inertia(p)))
-    rigid = np.all(own > 0.0) and 2.0 * np.max(own) <= np.sum(own) * (1.0 + 1e-9)
+    try:
+        check_inertia(*own, p.inertia_xy_kgm2, p.inertia_xz_kgm2, p.inertia_yz_kgm2)
+        rigid = bool(np.all(own > 0.0))
+    except ValueError:
+        rigid = False
     for axis, value, fitted in zip(("xx", "yy", "zz"), own, known[:3], strict=True):
         key = f"inertia_{axis}_kgm2"
         if fitted and rigid:

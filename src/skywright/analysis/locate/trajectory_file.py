@@ -166,11 +166,20 @@ def name_column(cell: str) -> tuple[str, float | None] | None:
     return last, LENGTH_UNITS.get(unit) if unit else None
 
 
+LABELS = {
+    "utc", "gps", "tai", "unix", "epoch", "ros", "east", "north", "up", "enu", "ned", "local",
+    "utm", "ecef", "wgs84", "e", "n", "u",
+}  # fmt: skip
+"""Words in brackets that name a time scale, a frame or an axis, and no unit."""
+
+
 def check_unit(path: Path, line: int, cell: str, name: str) -> None:
     """Raise InputError if the brackets of a column's name hold a unit that `name` cannot have."""
     units = TIME_UNITS if name == "t" else LENGTH_UNITS
     found = re.search(r"[\[(]\s*([^\])]*?)\s*[\])][\s\"']*$", cell)
-    if found and found.group(1) and text_table.plain_unit(found.group(1)) not in units:
+    if found is None or found.group(1).lower() in LABELS:
+        return
+    if found.group(1) and text_table.plain_unit(found.group(1)) not in units:
         raise InputError(
             f"{path}: line {line}: unknown unit {found.group(1)[:20]!r} of {name}; valid: "
             f"{', '.join(units)}"

@@ -128,15 +128,14 @@ def load_readings(
     reading at the first or last position, and a thickness that is not above 0 and at most
     LARGEST_MM is a refused reading, each with that reason. Raises InputError in one line, with the
     row, if the table has no values, no units or no places (or spots), if two columns give the same
-    quantity, if a cell is not valid, if two rows are equal in every column, if the rows have
+    quantity, if a cell is not valid, if the table repeats its rows as a block, if the rows have
     several assets or components, or if the lag is not shorter than the time span of the file.
     """
     given = parse_columns(columns, COLUMNS) if columns else {}
     header, rows, delimiter = _load_cells(path)
-    check_repeated(path, rows)
+    notes = check_repeated(path, rows)
     places = _find_columns(path, header, given)
     numeric = [places[what][0] for what in NUMBERS if what in places]
-    notes = []
     if convert_commas(path, [cells for _, cells in rows], delimiter, numeric):
         notes.append("decimal commas read as decimal points")
     used = {k for k, _ in places.values()}

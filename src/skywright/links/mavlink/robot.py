@@ -67,6 +67,7 @@ class Robot:
         self._armed_at: float | None = None
         self._state = vehicle.state
         self._acted = 0
+        self._rises = False  # whether arming is followed by a take-off: its mode was chosen before
         self.terminated = False  # whether a flight termination interrupts a rule's response
         self._ground = np.array(vehicle.backend.estimate["p_WB"])
         """(3,) m in W, last position with the motors off."""
@@ -177,6 +178,7 @@ class Robot:
         state = self.vehicle.state
         if state in (State.UNINITIALIZED, State.LANDED_DISARMED):
             self._enter(modes.HOLD if mode in (modes.LAND, modes.RETURN) else mode)
+            self._rises = mode == modes.TAKEOFF
             return Reply(ACCEPTED)
         reply = self._begin(mode, state)
         if reply.result == ACCEPTED:
@@ -280,11 +282,13 @@ class Robot:
 
     def _watch_ground(self, state: State) -> None:
         """Disarm a robot that has been armed on the ground for COM_DISARM_PRFLT."""
-        begins = {modes.OFFBOARD, modes.TAKEOFF}  # modes that may be chosen before arming
-        if state == State.LANDED_DISARMED and self.mode in AUTO_MODES - begins:
-            self._enter(modes.HOLD)
-        if state == State.LANDED_ARMED and self.mode == modes.TAKEOFF:
-            reply = self.take_off(None)
+        waits = self.mode == modes.TAKEOFF and self._rises
+        if state == State.LANDED_DISARMED and self.mode in AUTO_MODES - {modes.OFFBOARD}:
+            if not waits:
+                self._enter(modes.HOLD)
+        elif state == State.LANDED_ARMED and self.mode == modes.TAKEOFF:
+            self._rises = False
+            reply = self.take_off(None) if waits else Reply(BUSY, "the take-off failed")
             if reply.result != ACCEPTED:
                 self._enter(modes.HOLD)
                 self._say(reply.says)
@@ -339,8 +343,9 @@ class Robot:
         elif state == State.LANDED_ARMED and self.mode == modes.POSITION:
             if stick.up > 0.3:
                 v.lift_off()
-        elif state == State.LANDED_ARMED:  # a mode that was chosen before arming
+        elif state == State.LANDED_ARMED and stick.up > 0.3:  # the mode was chosen before arming
             v.take_over()
 
     def _list_acted(self) -> str:
-        return "; ".join(self.vehicle.acted) or "its response is flown"
+        s = self.vehicle._supervisor
+        return "; ".join(a.says for a in s.faults.acted) if s is not None else ""

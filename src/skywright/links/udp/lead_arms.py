@@ -119,6 +119,7 @@ class Lead:
             check_interrupt()
             self.gateway.poll()
             time.sleep(0.01)
+        ends = time.monotonic() + PATIENCE_S
         led = False  # a session that only watches does not lead
         for _ in range(round(longest_s / MISSION_TICK)):
             self.gateway.poll()
