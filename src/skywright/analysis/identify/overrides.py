@@ -163,7 +163,8 @@ def _platform(found: Identification) -> tuple[dict[str, float], list[str]]:
     else:  # with the file's inertia about the other axes
         own = np.where(known[:3], own, np.diag(platform_inertia(p)))
     try:
-        check_inertia(*own, p.inertia_xy_kgm2, p.inertia_xz_kgm2, p.inertia_yz_kgm2)
+        diagonal = float(own[0]), float(own[1]), float(own[2])
+        check_inertia(*diagonal, p.inertia_xy_kgm2, p.inertia_xz_kgm2, p.inertia_yz_kgm2)
         rigid = bool(np.all(own > 0.0))
     except ValueError:
         rigid = False
