@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable
@@ -10,11 +11,14 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import common
 
+import skywright
 from skywright.links.mavlink.endpoint import Endpoint, Url
 from skywright.links.mavlink.serve import Service
 from skywright.links.mavlink.stream import MavlinkStream
+from skywright.vehicle.commands import State
 
 ME = ("127.0.0.1", 14550)
+ACCEPTED = 0
 
 
 class MemoryWire:
@@ -130,3 +134,22 @@ def local(p: Any = None, v: Any = None, yaw: float | None = None) -> Any:
     return common.MAVLink_set_position_target_local_ned_message(
         0, 1, 1, 1, mask, x, y, z, vx, vy, vz, 0, 0, 0, heading, 0
     )
+
+
+def build(robot: str) -> Any:
+    """Return description, vehicle and its saved state of a robot in a world with an origin."""
+    description = skywright.load(
+        "waypoints", robot=robot, sets={"world.origin.latitude_deg": 47.0,
+                                        "world.origin.longitude_deg": 8.0}
+    )  # fmt: skip
+    backend = skywright.build_vehicle(description)
+    return description, backend, backend.save()
+
+
+def fly(talk: Talk, height: float = 1.5) -> Talk:
+    """Arm and rise."""
+    assert talk.command(400, 1.0) == ACCEPTED
+    nan = math.nan
+    assert talk.command(22, 0, 0, 0, nan, nan, nan, height + 0.0) == ACCEPTED
+    talk.until(lambda: talk.vehicle.state == State.FLYING_AUTO)
+    return talk

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import json
 import xml.etree.ElementTree as ET
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import mujoco
@@ -119,11 +120,9 @@ def compute_mujoco(model, data) -> tuple[Any, Any]:
     return full, data.qfrc_bias.copy()
 
 
-def hold_equal(robot: Robot, seed: int, states: int) -> None:
-    """Mass matrix, bias, tip and hands of the scene and of our own record against Pinocchio."""
-    names = joint_names(robot)
-    p, scene = read(build_urdf(robot), names), build_scene(robot, WORLD)
-    own = build_body_model(robot, WORLD.gravity_mps2)
+def compare_scene(robot: Robot, p: Any, seed: int, states: int) -> Iterator[State]:
+    """Compare mass matrix and bias of the scene with Pinocchio's; yields each random state."""
+    names, scene = joint_names(robot), build_scene(robot, WORLD)
     data, rng = mujoco.MjData(scene.model), np.random.default_rng(seed)
     for _ in range(states):
         s = random_state(rng, len(names))
@@ -132,6 +131,14 @@ def hold_equal(robot: Robot, seed: int, states: int) -> None:
         full, bias = compute_mujoco(scene.model, data)
         np.testing.assert_allclose(full, p.mass_matrix(s), atol=1e-8, rtol=1e-9)
         np.testing.assert_allclose(bias, p.bias(s), atol=1e-8, rtol=1e-9)
+        yield s
+
+
+def hold_equal(robot: Robot, seed: int, states: int) -> None:
+    """Mass matrix, bias, tip and hands of the scene and of our own record against Pinocchio."""
+    p = read(build_urdf(robot), joint_names(robot))
+    own = build_body_model(robot, WORLD.gravity_mps2)
+    for s in compare_scene(robot, p, seed, states):
         _hold_record_equal(robot, own, p, s)
 
 
@@ -178,18 +185,10 @@ def test_a_bar_in_the_hands_is_a_link() -> None:
     bar = (("robot.arm.bar.mass_kg", 0.5), ("robot.arm.bar.length_m", 1.2))
     bare, robot = load_robot("ars-lrm")[0], load_robot("ars-lrm", bar)[0]
     names = joint_names(robot)
-    p, scene = read(build_urdf(robot), names), build_scene(robot, WORLD)
-    without = read(build_urdf(bare), names).model
+    p, without = read(build_urdf(robot), names), read(build_urdf(bare), names).model
     more = pin.computeTotalMass(p.model) - pin.computeTotalMass(without)
     assert more == pytest.approx(0.5)
-    data, rng = mujoco.MjData(scene.model), np.random.default_rng(5)
-    for _ in range(10):
-        s = random_state(rng, len(names))
-        set_pose(scene, data, s.p, s.quat, s.q)
-        data.qvel[:] = s.v
-        full, bias = compute_mujoco(scene.model, data)
-        np.testing.assert_allclose(full, p.mass_matrix(s), atol=1e-8, rtol=1e-9)
-        np.testing.assert_allclose(bias, p.bias(s), atol=1e-8, rtol=1e-9)
+    assert len(list(compare_scene(robot, p, seed=5, states=10))) == 10
 
 
 @pytest.mark.parametrize("name", ROBOTS)

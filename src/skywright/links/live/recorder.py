@@ -32,6 +32,16 @@ TIME, VALUE = "%.6f", "%.12g"
 """Formats of scan.csv: times to 1 us, Unix time too; positions up to POSITION_MAX to 0.1 mm."""
 
 
+def _is_signal(key: tuple[str, str]) -> bool:
+    """Whether a stream (kind, name) is the instrument's signal."""
+    return key[0] == "SKYEC"
+
+
+def _is_tip(key: tuple[str, str]) -> bool:
+    """Whether a stream (kind, name) has the positions of the tip."""
+    return key[1] == "tip" and key[0] not in LINES
+
+
 class LiveRecorder:
     """Writes received samples to a folder."""
 
@@ -83,7 +93,7 @@ class LiveRecorder:
             file.write(",".join([*cells, str(sample.clock), f"{arrived.arrival:.6f}"]) + "\n")
         except OSError as error:
             raise InputError(f"{self.folder}: {error.strerror or error}") from None
-        if key[0] == "SKYEC" or (key[1] == "tip" and key[0] not in LINES):  # `_merge` reads these
+        if _is_signal(key) or _is_tip(key):  # `_merge` reads no others
             self._rows[key].append((sample.t, float(sample.clock), *sample.values))
 
     def finish(self) -> list[Path]:
@@ -110,8 +120,8 @@ class LiveRecorder:
 
     def _merge(self) -> Path | None:
         """Write the instrument's signal with the tip's positions; None if one is missing."""
-        signals = [key for key in self._rows if key[0] == "SKYEC"]
-        tips = [key for key in self._rows if key[1] == "tip" and key[0] not in LINES]
+        signals = [key for key in self._rows if _is_signal(key)]
+        tips = [key for key in self._rows if _is_tip(key)]
         if len(signals) != 1 or len(tips) != 1:
             return None
         signal, tip = np.array(self._rows[signals[0]]), np.array(self._rows[tips[0]])

@@ -127,8 +127,8 @@ class Robot:
     def take_off(self, height: float | None) -> Reply:
         """Rise to `height` (m in W), or by MIS_TAKEOFF_ALT; the motors must turn."""
         v = self.vehicle
-        if self.flies_itself:
-            return Reply(BUSY, f"take_off refused: a rule flies: {self._list_acted()}")
+        if rules := self._find_flying_rules():
+            return Reply(BUSY, f"take_off refused: {rules}")
         if not self.armed:
             return Reply(BUSY, "take_off refused: the motors are off, arm first")
         z = height
@@ -144,8 +144,8 @@ class Robot:
 
     def reposition(self, p: Array, yaw: float | None) -> Reply:
         """Fly to p (3,) m in W and hold there."""
-        if self.flies_itself:
-            return Reply(BUSY, f"go_to refused: a rule flies: {self._list_acted()}")
+        if rules := self._find_flying_rules():
+            return Reply(BUSY, f"go_to refused: {rules}")
         far = self._find_far("go_to", p)
         if far:
             return Reply(DENIED, far)
@@ -168,8 +168,8 @@ class Robot:
 
     def choose(self, mode: Mode) -> Reply:
         """Change the mode."""
-        if self.flies_itself:
-            return Reply(BUSY, f"{mode} refused: a rule flies: {self._list_acted()}")
+        if rules := self._find_flying_rules():
+            return Reply(BUSY, f"{mode} refused: {rules}")
         if mode in (modes.MISSION, modes.ACRO) or mode not in modes.NAMES or mode == modes.READY:
             why = "missions are flown by `skywright run`" if mode == modes.MISSION else "unknown"
             return Reply(BUSY if mode == modes.MISSION else DENIED, f"{mode} refused: {why}")
@@ -346,6 +346,9 @@ class Robot:
         elif state == State.LANDED_ARMED and stick.up > 0.3:  # the mode was chosen before arming
             v.take_over()
 
-    def _list_acted(self) -> str:
-        s = self.vehicle._supervisor
-        return "; ".join(a.says for a in s.faults.acted) if s is not None else ""
+    def _find_flying_rules(self) -> str:
+        """Return which rules control the robot, or ""."""
+        if not self.flies_itself:
+            return ""
+        acted = self.vehicle._supervisor.faults.acted  # type: ignore[union-attr]
+        return f"a rule flies: {'; '.join(a.says for a in acted)}"

@@ -33,6 +33,12 @@ class Block(Placed):
         """Pulling force (N) that frees the block, or None."""
         return self.held_n
 
+    def pitch_height(self, height: float, depth: float) -> float:
+        """Return half the height (m) above the floor, as it is pitched, of a solid that is upright
+        `height` (m) high and `depth` (m) deep."""
+        pitch = math.radians(self.pitch_deg)
+        return 0.5 * (abs(math.cos(pitch)) * height + abs(math.sin(pitch)) * depth)
+
     @property
     def attitude(self) -> Array:
         """Rotation about y, then about z."""

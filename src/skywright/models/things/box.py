@@ -1,7 +1,5 @@
 """A box: an obstacle, a stand, a table, or with `moves = true` an object to carry."""
 
-import math
-
 import numpy as np
 
 from skywright.core.spec import Positive
@@ -22,9 +20,7 @@ class Box(Block):
     @property
     def foot_m(self) -> float:
         """Half its height, as it is pitched."""
-        pitch = math.radians(self.pitch_deg)
-        upright, lying = abs(math.cos(pitch)), abs(math.sin(pitch))
-        return 0.5 * (upright * self.size_z_m + lying * self.size_x_m)
+        return self.pitch_height(self.size_z_m, self.size_x_m)
 
     def list_parts(self) -> list[Part]:
         """One solid."""

@@ -1,7 +1,5 @@
 """A cylinder along its z: a bottle, a post, or with `pitch_deg = 90` a roller."""
 
-import math
-
 from skywright.core.spec import Positive
 from skywright.description.world.thing import Frame, Part, Solid, build_frame
 from skywright.models.things._block import Block
@@ -17,9 +15,7 @@ class Cylinder(Block):
     @property
     def foot_m(self) -> float:
         """Half its height, as it is pitched."""
-        pitch = math.radians(self.pitch_deg)
-        upright, lying = abs(math.cos(pitch)), abs(math.sin(pitch))
-        return 0.5 * (upright * self.length_m + lying * self.diameter_m)
+        return self.pitch_height(self.length_m, self.diameter_m)
 
     def list_parts(self) -> list[Part]:
         """One solid."""
