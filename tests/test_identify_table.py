@@ -236,6 +236,9 @@ def test_the_example_turns_a_flight_of_px4_into_the_frames_of_a_table(tmp_path: 
     expected = [[0, math.cos(ten), math.sin(ten)], [-1, 0, 0]]
     assert np.allclose(attitude.apply(np.eye(3)[:2]), expected)
     assert np.allclose(pulses, [[0.3, 0.2, 0.4, 0.1]])  # front left, back left, back right
+    file.write_text("t,x\n1,2\n")
+    with pytest.raises(SystemExit, match="lacks the columns q1, q2, q3, q0"):
+        load_example("iris_table").build_table(file)
 
 
 def test_the_example_reads_a_log_and_finds_the_model_that_made_it(tmp_path: Path) -> None:

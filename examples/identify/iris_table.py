@@ -32,6 +32,9 @@ def build_table(file: Path) -> tuple[dict[str, np.ndarray], np.ndarray]:
         rows = list(csv.DictReader(lines))
 
     def read(*names: str) -> np.ndarray:
+        lacking = [k for k in names if not rows or not rows[0].get(k)]
+        if lacking:
+            raise SystemExit(f"{file}: lacks the columns {', '.join(lacking)}, or rows")
         return np.array([[float(row[k]) for k in names] for row in rows])
 
     def name(columns: np.ndarray, *names: str) -> dict[str, np.ndarray]:
