@@ -7,9 +7,9 @@ STAMP_RUN := $(VENV)/.installed-run
 # Each process imports a thousand modules; parsing them anew takes six seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-# Workers of `make test`: three keep two cores busy, since some tests wait in real time.
+# Workers of `make test`: four keep two cores busy, since some tests wait in real time.
 # Each further worker imports everything again.
-WORKERS := 3
+WORKERS := 4
 
 .DEFAULT_GOAL := help
 .PHONY: help demo check test durations wheel pythons lint bench docs page lock pictures claims evidence clean

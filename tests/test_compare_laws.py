@@ -168,9 +168,9 @@ def test_nothing_of_the_page_is_cut_off(
 ) -> None:
     """With many laws, cases and metrics of long names, and a long command."""
     monkeypatch.setattr(sys, "argv", ["skywright", "compare", "laws", "a_long_law_name," * 20])
-    laws = [f"law_of_a_long_name_{k}" for k in range(9)]
-    cases = [Case(f"case {k}", (f"robot.some.long.key_{k}=0.123456",)) for k in range(6)]
-    metrics = [f"requirements.of_a_long_name.metric_{k}_mm" for k in range(8)]
+    laws = [f"law_of_a_long_name_{k}" for k in range(5)]
+    cases = [Case(f"case {k}", (f"robot.some.long.key_{k}=0.123456",)) for k in range(3)]
+    metrics = [f"requirements.of_a_long_name.metric_{k}_mm" for k in range(4)]
     rows = [build_row(k, **dict.fromkeys(metrics, 1.0 + k)) for k in range(8)]
     differences = [
         compare_metric(law, case.name, metric, np.ones(8), np.arange(8.0))
