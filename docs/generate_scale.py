@@ -16,28 +16,30 @@ END = "<!-- scale: end -->"
 
 
 def build_table() -> str:
-    """Return a line a mission."""
+    """Return a column a mission."""
     found = json.loads(KEPT.read_text(encoding="utf-8"))
-    n = found["planned"]
+    n, missions = found["planned"], found["missions"]
+    rows: dict[str, list[str]] = {
+        "flight": [f"{m['flight_cpu_s']:.2f} s" for m in missions],
+        "start of a worker, once": [f"{m['worker_start_cpu_s']:.1f} s" for m in missions],
+    }
+    for workers in ("1", "2"):
+        name = f"per run, {workers} worker{'s' * (workers != '1')}, start included"
+        rows[name] = [f"{m['run_cpu_s'][workers]:.2f} s" for m in missions]
+    for kind, cost, most in (
+        ("forked workers", "parent_cpu_s", "most_workers"),
+        ("Ray", "ray_hand_out_s", "most_workers_ray"),
+    ):
+        rows[f"{kind}: main process, per run"] = [f"{1e3 * m[cost]:.0f} ms" for m in missions]
+        rows[f"{kind}: per run with {n} workers (computed)"] = [
+            _limit(m["flight_cpu_s"] / n, m[cost]) for m in missions
+        ]
+        rows[f"{kind}: workers that one main process supplies"] = [str(m[most]) for m in missions]
     lines = [
-        "| mission | flight | start of a worker | per run, 1 worker | per run, 2 workers | "
-        f"handing out a run | the same with Ray | per run, {n} workers (computed) | the same with "
-        "Ray | most useful workers | the same with Ray |",
-        "|---|---|---|---|---|---|---|---|---|---|---|",
+        "| processor time | " + " | ".join(f"`{m['mission']}`" for m in missions) + " |",
+        "|---|" + "---|" * len(missions),
+        *(f"| {name} | " + " | ".join(values) + " |" for name, values in rows.items()),
     ]
-    for m in found["missions"]:
-        each = m["flight_cpu_s"] / n
-        costs = [max(each, cost) for cost in (m["parent_cpu_s"], m["ray_hand_out_s"])]
-        local, ray = (
-            f"{1e3 * cost:.0f} ms, {'the flights' if cost == each else 'handing out'}"
-            for cost in costs
-        )
-        lines.append(
-            f"| `{m['mission']}` | {m['flight_cpu_s']:.2f} s | {m['worker_start_cpu_s']:.1f} s | "
-            f"{m['run_cpu_s']['1']:.2f} s | {m['run_cpu_s']['2']:.2f} s | "
-            f"{1e3 * m['parent_cpu_s']:.0f} ms | {1e3 * m['ray_hand_out_s']:.0f} ms | "
-            f"{local} | {ray} | {m['most_workers']} | {m['most_workers_ray']} |"
-        )
     runs = found["missions"][0]["runs"]
     lines += [
         "",
@@ -54,6 +56,12 @@ def build_table() -> str:
         f"{found['processor']}.",
     ]
     return "\n".join(lines)
+
+
+def _limit(flights: float, handing_out: float) -> str:
+    """The time per run and what limits it; both in s."""
+    longer = max(flights, handing_out)
+    return f"{1e3 * longer:.0f} ms, {'the flights' if longer == flights else 'handing out'}"
 
 
 def build_page(text: str) -> str:
