@@ -277,12 +277,13 @@ def turning_gripper(folder: Path, kind: str) -> Path:
 <axis><xyz>0 1 0</xyz><limit><lower>-1.5</lower><upper>1.5</upper><effort>2</effort>
 <velocity>5</velocity></limit></axis></joint>"""
         for k, side in enumerate((1, -1)):
+            mimic = '<mimic joint="turn0"><multiplier>1</multiplier></mimic>' if k else ""
             text += f"""<link name="finger{k}">
 <pose relative_to="palm">{PALM} {side * PIVOT} 0 0 0 {side * LEAN}</pose>
 {inertial("sdf", 0.008, "0.02 0 0", TINY)}</link>
 <joint name="turn{k}" type="revolute"><parent>palm</parent><child>finger{k}</child>
 <axis><xyz>0 0 {side}</xyz><limit><lower>{low}</lower><upper>{high}</upper><effort>0.6</effort>
-<velocity>2</velocity></limit></axis></joint>"""
+<velocity>2</velocity></limit>{mimic}</axis></joint>"""
         return write(
             folder / "claw" / "model.sdf",
             f'<sdf version="1.9"><model name="claw">{text}</model></sdf>',

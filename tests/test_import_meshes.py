@@ -25,6 +25,8 @@ from skywright.errors import InputError
 from skywright.models.drawing import build_drawing
 from skywright.models.importing import visuals
 from skywright.models.importing.importer import Imported, Request, import_robot
+from skywright.models.importing.looks import list_looks
+from skywright.models.importing.opening import open_file
 from skywright.models.rigid_body import build_body_model, compute_kinematics
 from skywright.reports.meshes import build_mesh
 from skywright.reports.scene3d import Scene3d
@@ -173,6 +175,21 @@ def test_a_scale_beyond_numbers_leaves_the_mesh_out(tmp_path: Path) -> None:
     made, robot = take(file, tmp_path)
     assert not robot.meshes
     assert "mesh left out: part.stl reaches" in made.notes[-1]
+
+
+def test_a_mesh_of_sdf_is_placed_relative_to_a_frame(tmp_path: Path) -> None:
+    """The link is at x = 0.2, turned by 90 deg about z, and the frame at x = 0.5."""
+    file = models.write(
+        tmp_path / "model.sdf",
+        """<sdf version="1.9"><model name="m">
+<frame name="ahead"><pose>0.5 0 0 0 0 0</pose></frame>
+<link name="base"><pose degrees="true">0.2 0 0 0 0 90</pose>
+<visual name="v"><pose relative_to="ahead">0 0 0.1 0 0 0</pose>
+<geometry><mesh><uri>part.stl</uri></mesh></geometry></visual></link></model></sdf>""",
+    )
+    (look,) = list_looks(open_file(file), "")
+    np.testing.assert_allclose(look.p, [0.0, -0.3, 0.1], atol=1e-12)
+    np.testing.assert_allclose(look.R, rot_z(-math.pi / 2), atol=1e-12)
 
 
 def test_sdf_finds_meshes_beside_the_model_that_it_includes(tmp_path: Path) -> None:

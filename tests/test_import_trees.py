@@ -19,7 +19,7 @@ from skywright.description.robot.limbs import list_servos
 from skywright.description.robot.loader import load_robot
 from skywright.errors import InputError
 from skywright.models.importing.importer import Imported, Request, import_robot
-from skywright.models.importing.opening import hear_mujoco
+from skywright.models.importing.opening import hear_mujoco, open_file
 from skywright.models.rigid_body import build_body_model, compute_body, compute_tip
 
 HUBS = [(0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2), (0.2, -0.2)]
@@ -238,6 +238,30 @@ def test_coupled_joints_in_a_row_are_refused_with_the_reason(tmp_path: Path) -> 
     assert "joint arm/j3 is frozen: as asked" in made.notes
     arm.write_text(arm.read_text().replace('<mimic joint="j2" multiplier="-1"/>', ""))
     assert take(file, tmp_path, "free", arm=arm)[0].joints == ["arm/j1", "arm/j2", "arm/j3"]
+
+
+def test_a_mimic_of_sdf_couples_as_that_of_urdf(tmp_path: Path) -> None:
+    """follower = multiplier (leader - reference) + offset (SDF 1.11)."""
+    text = f"""<link name="base">{models.inertial("sdf", 0.1, "0 0 0", models.SMALL)}</link>"""
+    more = """<mimic joint="j1"><multiplier>2</multiplier><offset>0.5</offset>
+<reference>0.1</reference></mimic>"""
+    for k, above in enumerate(("base", "l1", "l2"), start=1):
+        text += f"""<link name="l{k}"><pose relative_to="{above}">0.2 0 0 0 0 0</pose>
+{models.inertial("sdf", 0.1, "0 0 0", models.SMALL)}</link>
+<joint name="j{k}" type="revolute"><parent>{above}</parent><child>l{k}</child>
+<axis><xyz>0 1 0</xyz><limit><lower>-1</lower><upper>1</upper></limit>
+{more if k == 3 else ""}</axis></joint>"""
+    sdf = '<sdf version="1.11"><model name="arm">{}</model></sdf>'
+    arm = models.write(tmp_path / "arm.sdf", sdf.format(text))
+    model = open_file(arm).spec.compile()
+    assert model.neq == 1 and model.eq_data[0, :2] == pytest.approx((0.3, 2.0))
+    file = models.write_quad(tmp_path)
+    with pytest.raises(InputError, match=r"arm/j1 and arm/j3 .* are coupled .*--weld"):
+        take(file, tmp_path, arm=arm)
+    for wrong in ("j3", "j9", ""):
+        arm.write_text(sdf.format(text.replace('joint="j1"', f'joint="{wrong}"')))
+        with pytest.raises(InputError, match=f"'j3': <mimic> joint='{wrong}'; valid: another"):
+            take(file, tmp_path, arm=arm)
 
 
 def test_a_rod_that_moves_with_an_arm_s_joint_is_no_finger(tmp_path: Path) -> None:

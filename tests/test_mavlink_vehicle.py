@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter, defaultdict
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 from pymavlink.dialects.v20 import common
 
-from mavlink_talk import MemoryWire, Talk, build, fly, local
+from mavlink_talk import ME, MemoryWire, Talk, build, fly, local
 from skywright.cli import main
 from skywright.core.rotations import rot_z
 from skywright.errors import InputError
@@ -134,6 +135,25 @@ def test_every_command_is_acknowledged_at_once(talk: Talk) -> None:
     assert talk.command(511, math.nan, 1e5) == DENIED
     assert talk.command(511, 32, 1e30) == ACCEPTED and talk.command(510, 32) == ACCEPTED
     assert talk.last("MESSAGE_INTERVAL").interval_us == 60_000_000  # once a minute
+
+
+def test_an_interval_is_of_one_connection(talk: Talk) -> None:
+    """Two ground stations do not change each other's rates."""
+    other = ("127.0.0.1", 14999)
+    heartbeat = common.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+    talk.wire.inbox.append((MavlinkStream(254, 190).pack(heartbeat), other))
+    assert talk.command(511, 32, 1e6) == ACCEPTED
+    talk.tick(0.1)
+    talk.wire.sent.clear()
+    count, streams = Counter[Any](), defaultdict[Any, MavlinkStream](MavlinkStream)
+    for _ in range(100):
+        talk.service.tick()
+        while talk.wire.sent:
+            data, address = talk.wire.sent.popleft()
+            count.update((address, m.get_type()) for m in streams[address].feed(data))
+    assert 1 <= count[ME, "LOCAL_POSITION_NED"] <= 3
+    assert 95 <= count[other, "LOCAL_POSITION_NED"] <= 101
+    assert count[ME, "ATTITUDE"] == pytest.approx(count[other, "ATTITUDE"], abs=1)
 
 
 def test_arming_runs_the_checklist(talk: Talk) -> None:

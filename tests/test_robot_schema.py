@@ -121,6 +121,10 @@ def test_arms_that_differ_stand_as_they_are_written() -> None:
         ({"joint_min_m": 0.0, "joint_max_m": 0.1}, "of a slide"),
         ({"joint": "slide"}, "joint = 'slide' needs joint_min_m and joint_max_m"),
         ({"joint": "slide", "joint_min_m": 0.0}, "both joint_min_m and joint_max_m"),
+        (
+            {"joint": "slide", "joint_min_m": 0.0, "joint_max_m": 0.1, "folded_deg": 20.0},
+            "folded_deg = 20 has no effect on a slide: use folded_m",
+        ),
         ({"joint": "slide", "joint_min_m": 0.1, "joint_max_m": 0.0}, "must exceed"),
         ({"joint": "slide", "joint_min_m": 0.1, "joint_max_m": 0.2}, "folded_m lies outside"),
         ({"side": "left"}, "sides = 2"),

@@ -102,6 +102,13 @@ class Link(Spec):
             return self
         if self.joint != "slide":
             raise ValueError(f"joint_min_m is of a slide; this joint is a {self.joint}")
+        for name in ("joint_min", "joint_max", "folded", "working"):
+            given, default = getattr(self, f"{name}_deg"), Link.model_fields[f"{name}_deg"].default
+            if given != default:
+                raise ValueError(
+                    f"{name}_deg = {given:g} has no effect on a slide: use {name}_m, and leave "
+                    f"{name}_deg at {default:g}"
+                )
         if high <= low:
             raise ValueError("joint_max_m must exceed joint_min_m")
         for name in ("folded_m", "working_m"):

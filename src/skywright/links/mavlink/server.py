@@ -9,13 +9,15 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
+from weakref import WeakKeyDictionary
 
 from skywright.description.world.origin import Origin
 from skywright.links.mavlink.commands import Asked, Commands
 from skywright.links.mavlink.endpoint import Endpoint, Peer
 from skywright.links.mavlink.parameters import Parameters, read_name, read_value
-from skywright.links.mavlink.reports import RATES_HZ, Reports
+from skywright.links.mavlink.reports import Reports
 from skywright.links.mavlink.robot import ACCEPTED, DENIED, UNSUPPORTED, Robot, Stick
+from skywright.links.mavlink.schedule import Schedule
 from skywright.links.mavlink.setpoints import (
     Scale,
     SetPoint,
@@ -28,7 +30,6 @@ from skywright.vehicle.commands import State
 
 SYSTEM, COMPONENT = 1, 1
 PER_TICK = 25  # parameters sent per tick (20 ms) to one peer
-RATE_MIN, RATE_MAX = 1.0 / 60.0, 50.0  # Hz: once a minute, and every tick
 TEXT = 50  # characters of a STATUSTEXT
 LONGEST = 249  # characters of a text: five chunks, of which the last contains a NUL
 REPEAT_S = 2.0  # s for which the same text is not repeated
@@ -61,8 +62,7 @@ class Server:
         self.counts: Counter[str] = Counter()
         """Number of dropped messages by CAUSES, and of `accepted` messages."""
         reports.unix_us = lambda: time.time_ns() // 1000
-        self._rates = dict(RATES_HZ)
-        self._due: dict[int, float] = {}
+        self._schedules: WeakKeyDictionary[Peer, Schedule] = WeakKeyDictionary()
         self._lists: dict[int, tuple[Endpoint, Peer, Iterator[Any]]] = {}
         self._told: dict[str, float] = {}
         self._shown: tuple[int, int, State] | None = None
@@ -92,14 +92,19 @@ class Server:
         """Send reports that are due, and requested parameters."""
         t = self.robot.vehicle.t
         shown = (self.robot.mode.custom, int(self.robot.armed), self.robot.vehicle.state)
-        if shown != self._shown:
-            self._shown = shown
-            self._due[0] = self._due[245] = t
-        for number, rate in self._rates.items():
-            if rate > 0.0 and t >= self._due.get(number, 0.0) - 1e-9:
-                period = 1.0 / rate
-                self._due[number] = max(self._due.get(number, t) + period, t + 0.5 * period)
-                self._send(self.reports.build(number))
+        changed, self._shown = shown != self._shown, shown
+        built: dict[int, Any] = {}
+        for endpoint in self.endpoints:
+            for peer in list(endpoint.peers.values()):
+                schedule = self._get_schedule(peer)
+                if changed:
+                    schedule.hurry(0, t)  # heartbeat
+                    schedule.hurry(245, t)  # extended state
+                for number in schedule.list_due(t):
+                    if number not in built:
+                        built[number] = self.reports.build(number)
+                    if built[number] is not None:
+                        endpoint.send(built[number], peer)
         for key, (endpoint, peer, messages) in list(self._lists.items()):
             for _ in range(PER_TICK):
                 message = next(messages, None)
@@ -107,6 +112,9 @@ class Server:
                     del self._lists[key]
                     break
                 endpoint.send(message, peer)
+
+    def _get_schedule(self, peer: Peer) -> Schedule:
+        return self._schedules.setdefault(peer, Schedule())
 
     def say(self, text: str, severity: int = INFO) -> None:
         """Send a text to all peers; the same one at most every two seconds."""
@@ -176,27 +184,18 @@ class Server:
         endpoint.send(ack, peer)
 
     def _set_interval(self, asked: Asked, endpoint: Endpoint, peer: Peer) -> int:
-        """Change or report the interval of a message; 0 is the default, below 0 never."""
+        """Change or report the interval of a message to this peer."""
         if not (asked.p[0] == asked.p[0] and abs(asked.p[0]) < 2**24):
             return DENIED
         number, interval = int(asked.p[0]), asked.p[1]
         if number not in self.reports.numbers:
             return UNSUPPORTED
+        schedule = self._get_schedule(peer)
         if asked.number == GET_INTERVAL:
-            rate = self._rates.get(number, 0.0)
-            us = round(1e6 / rate) if rate > 0.0 else -1
+            us = schedule.get_interval_us(number)
             endpoint.send(self.d.MAVLink_message_interval_message(number, us), peer)
             return ACCEPTED
-        if interval == 0.0:
-            self._rates[number] = RATES_HZ.get(number, 0.0)
-        elif interval < 0.0:
-            self._rates[number] = 0.0 if number != 0 else 1.0  # the heartbeat cannot be disabled
-        elif interval > 0.0:
-            self._rates[number] = min(max(1e6 / interval, RATE_MIN), RATE_MAX)
-        else:
-            return DENIED
-        self._due.pop(number, None)
-        return ACCEPTED
+        return ACCEPTED if schedule.set_interval_us(number, interval) else DENIED
 
     def _set_mode(self, m: Any, endpoint: Endpoint, peer: Peer) -> None:
         from skywright.links.mavlink.modes import Mode

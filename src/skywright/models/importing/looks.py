@@ -15,7 +15,7 @@ import numpy as np
 from skywright.core.arrays import Array
 from skywright.core.rotations import rot_from_quat, rot_x, rot_y, rot_z
 from skywright.models.importing.opening import Opened, compile_spec, read_mjcf
-from skywright.models.importing.sdf_frames import read_pose
+from skywright.models.importing.sdf_frames import Frames
 from skywright.models.importing.xml_input import read_numbers
 
 Color = tuple[float, float, float]
@@ -81,6 +81,7 @@ def _list_urdf(opened: Opened) -> Iterator[tuple[Look, bool]]:
 
 
 def _list_sdf(opened: Opened) -> Iterator[tuple[Look, bool]]:
+    frames = Frames(opened.path, opened.root)
     for link in opened.root.findall("link"):
         name = link.get("name", "")
         where = f"{opened.path}: mesh of link {name!r}"
@@ -90,7 +91,7 @@ def _list_sdf(opened: Opened) -> Iterator[tuple[Look, bool]]:
                 if not uri:
                     continue
                 scale = read_numbers(element.findtext("geometry/mesh/scale"), 3, where, [1.0] * 3)
-                at = read_pose(element.find("pose"), where)
+                at = frames.place_in(name, element.find("pose"), where)
                 color = _read_rgba(element.find("material/diffuse"), "")
                 yield Look(name, uri, np.array(scale), at.p, at.R, color), tag == "visual"
 

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,7 +22,7 @@ from skywright.core.arrays import Array
 from skywright.core.rotations import quat_from_rot
 from skywright.errors import InputError
 from skywright.models.importing.sdf_files import read_model
-from skywright.models.importing.sdf_frames import IDENTITY, Frames, Pose, read_pose
+from skywright.models.importing.sdf_frames import IDENTITY, Frames, Pose
 from skywright.models.importing.sdf_inertia import read_inertia
 from skywright.models.importing.xml_input import check_span, read_numbers
 from skywright.models.part_masses import set_inertia
@@ -110,13 +111,33 @@ class _Builder:
             X_ML = self.frames.pose_of(name)
             local = X_MP.inverse().then(X_ML) if name != roots[0] else IDENTITY
             body = parent.add_body(name=name, pos=local.p, quat=quat_from_rot(local.R))
-            self._fill(body, name, links[name], X_ML)
+            self._fill(body, name, links[name])
             if name == roots[0]:
                 body.add_freejoint(name="free root")
             elif above[name].kind != "fixed":
                 self._add_joint(body, above[name], X_ML)
             todo += [(j.child, body, X_ML) for j in below.get(name, [])]
+        movable = {joint.name for joint in joints if joint.kind != "fixed"}
+        for element in self.model.findall("joint"):
+            if element.get("name") in movable:
+                self._couple(spec, element, movable)
         return spec
+
+    def _couple(self, spec: mujoco.MjSpec, element: ET.Element, movable: Container[str]) -> None:
+        """Add the coupling of a joint to the one that it mimics (SDF 1.11), as an equality."""
+        name, mimic = element.get("name", ""), element.find("axis/mimic")
+        if mimic is None:
+            return
+        where, leader = f"{self.path}: joint {name!r}: <mimic>", mimic.get("joint", "")
+        if leader not in movable or leader == name:
+            raise InputError(f"{where} joint={leader!r}; valid: another movable joint of the model")
+        ratio, offset, reference = (
+            read_numbers(mimic.findtext(tag), 1, f"{where}: {tag}", [default])[0]
+            for tag, default in (("multiplier", 1.0), ("offset", 0.0), ("reference", 0.0))
+        )
+        made = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name1=name, name2=leader)
+        made.objtype = mujoco.mjtObj.mjOBJ_JOINT
+        made.data[:2] = offset - ratio * reference, ratio
 
     def _joint(self, element: ET.Element) -> SdfJoint:
         name = element.get("name", "")
@@ -176,11 +197,8 @@ class _Builder:
         if joint.span is not None:
             made.limited, made.range = mujoco.mjtLimited.mjLIMITED_TRUE, joint.span
 
-    def _fill(self, body: mujoco.MjsBody, name: str, link: ET.Element, X_ML: Pose) -> None:
-        def place(pose: ET.Element | None, what: str) -> Pose:
-            at, base = read_pose(pose, what), "" if pose is None else pose.get("relative_to", "")
-            return X_ML.inverse().then(self.frames.pose_of(base)).then(at) if base else at
-
+    def _fill(self, body: mujoco.MjsBody, name: str, link: ET.Element) -> None:
+        place = partial(self.frames.place_in, name)
         found = read_inertia(link, f"{self.path}: link {name!r}", place)
         body.mass, body.ipos = found.mass, found.com
         set_inertia(body, found.inertia)

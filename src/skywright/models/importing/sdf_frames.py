@@ -100,6 +100,11 @@ class Frames:
             self.known[name] = at
         return at
 
+    def place_in(self, link: str, pose: ET.Element | None, where: str) -> Pose:
+        """Return the pose of a part of a link in the link's frame; InputError names `where`."""
+        at, base = read_pose(pose, where), "" if pose is None else pose.get("relative_to", "")
+        return self.pose_of(link).inverse().then(self.pose_of(base)).then(at) if base else at
+
     def link_of(self, name: str) -> str | None:
         """Return the link to which a frame is attached, or "world"; None if the frame is unknown.
 
