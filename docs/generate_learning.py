@@ -50,6 +50,20 @@ def count_better(rows: list[dict[str, Any]]) -> int:
     return sum(mean["learned", c] < mean["direct_force", c] for p, c in mean if p == "learned")
 
 
+def describe_other_seeds() -> list[str]:
+    """Return a line on the trainings with other seeds: judged-SEED.json beside judged.json."""
+    found = []
+    for path in sorted(KEPT.glob("judged-*.json")):
+        rows = json.loads(path.read_text(encoding="utf-8"))["episodes"]
+        error = [r["force_error_n"] for r in rows if r["player"] == "learned"]
+        good = sum(r["success"] for r in rows if r["player"] == "learned")
+        found.append(
+            f"seed {path.stem.removeprefix('judged-')} succeeded in {good} of {len(error)} episodes"
+            f" with a median error of {np.median(error):.3f} N"
+        )
+    return ["", f"Policies of other trainings: {', '.join(found)}."] if found else []
+
+
 def build_result() -> str:
     """Return the text between the marks."""
     told = json.loads((KEPT / "training.json").read_text(encoding="utf-8"))
@@ -70,12 +84,14 @@ def build_result() -> str:
         "",
         f"In {count_better(rows)} of {judged['conditions']} conditions the policy is nearer to 2 N "
         "than `direct_force`, in the mean over its episodes.",
+        *describe_other_seeds(),
         "",
         f"Training: {told['steps']} steps ({told['steps'] * 0.02 / 3600:.1f} h of flight) in "
         f"{told['conditions']} conditions, {told['wall_s'] / 60:.0f} min of wall time, of which "
         f"{told['build_s'] / 60:.0f} min were the flights to where episodes begin; on one of "
-        f"{told['cores']} cores shared with other work (load {told['load_1_min']:.0f}, nice "
-        f"{told['nice']}); {told['cpu_s'] / 60:.0f} min of processor time.",
+        f"{told['cores']} cores, shared with other work (load {told['load_1_min']:.0f}, nice "
+        f"{told['nice']}); {told['cpu_s'] / 60:.0f} min of processor time. Measured at commit "
+        f"{told['commit']}.",
         "",
         "| steps | " + " | ".join(f"{int(r['steps']):,}".replace(",", " ") for r in picked) + " |",
         "|---|" + "---|" * len(picked),
