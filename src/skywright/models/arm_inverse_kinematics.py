@@ -67,7 +67,7 @@ def has_arm_chain(robot: Robot) -> bool:
     found = [_measure_chain(robot, side) for side in range(robot.arm.sides)]
     lengths = [(x.upper, x.fore) for x in found if x is not None]
     # the laws of both arms use the same lengths: a probe on one of two arms makes them differ
-    return len(lengths) == robot.arm.sides and np.ptp(lengths, axis=0).max() < SAME
+    return len(lengths) == robot.arm.sides and float(np.ptp(lengths, axis=0).max()) < SAME
 
 
 class _Measured(NamedTuple):
@@ -85,8 +85,10 @@ def _measure_chain(robot: Robot, side: int) -> _Measured | None:
     carries the probe.
     """
     limbs, model = list_limbs(robot), build_body_model(robot)[0]
-    gaps, gap = [], np.array(model["hand_offset"][side])  # backwards, from the hand to the base
-    joints, i = [], int(model["hand_link"][side])
+    joints: list[tuple[str, str, str]] = []
+    gaps: list[Array] = []  # from each joint to the next one, and from the elbow to the hand
+    gap = np.array(model["hand_offset"][side])  # backwards, from the hand to the base
+    i = int(model["hand_link"][side])
     while i >= 0 and limbs[i].side == side:
         link = limbs[i].link
         if link.joint != "fixed":
@@ -98,10 +100,10 @@ def _measure_chain(robot: Robot, side: int) -> _Measured | None:
     mine = sum(x.side == side for x in list_joints(robot))
     if joints != [(axis, "-z", "hinge") for axis in "yxzy"] or mine != len(joints):
         return None
-    down = np.array(gaps)  # (4, 3): from each joint to the next one, and from the elbow to the hand
-    down[2:, 2] = 0.0
+    aside = np.array(gaps)  # (4, 3)
+    aside[2:, 2] = 0.0
     upper, fore = -float(gaps[2][2]), -float(gaps[3][2])
-    if np.abs(down).max() > SAME or min(upper, fore) <= 0.0:
+    if np.abs(aside).max() > SAME or min(upper, fore) <= 0.0:
         return None
     return _Measured(upper, fore, gap)
 
