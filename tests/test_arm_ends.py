@@ -15,6 +15,7 @@ from skywright.description.robot.loader import load_robot
 from skywright.description.robot.spec import Robot
 from skywright.description.world.loader import load_world
 from skywright.errors import InputError
+from skywright.missions.bridge_contact.metrics import _find_touches
 from skywright.missions.skills.hook_grip import check_hooks, compute_hooks_apart
 from skywright.models.arm_body import Deviation
 from skywright.models.arm_inverse_kinematics import (
@@ -125,6 +126,20 @@ def test_a_mission_for_two_hands_refuses_a_probe_in_place_of_one(mission: str) -
         plan_mission(load_description(mission, sets=sets))
     with pytest.raises(InputError, match="a probe instead of a hand on right_elbow_pitch"):
         check_hooks(ENDS["probe right"], mission)
+
+
+@pytest.mark.parametrize("kind", ["hook", "gripper"])
+def test_the_bench_of_two_arms_refuses_hands_without_pads(kind: str) -> None:
+    """A gripper squeezed the box with its fingers' tips and dropped it."""
+    sets = {"robot.arm.hand.kind": kind, "robot.arm.hand.length_m": 0.05}
+    with pytest.raises(InputError, match=f"kind is '{kind}'; valid for bimanual-bench: 'ball'"):
+        plan_mission(load_description("bimanual-bench", sets=sets))
+
+
+def test_a_press_in_flight_is_evaluated_without_docking_gear() -> None:
+    """The evaluation of a robot without gear ended with "no field of name f_docking_W"."""
+    samples = np.zeros(3, [("t", float), ("phase", int), ("v_WB", float, 3)])
+    assert len(_find_touches(samples, [], np.array([0.0, 0.0, -1.0]))) == 0
 
 
 @pytest.mark.parametrize(("on", "arm"), [(None, "left"), ("right_elbow_pitch", "right")])

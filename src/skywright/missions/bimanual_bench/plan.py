@@ -53,6 +53,11 @@ def plan(setup: Setup[BimanualBench]) -> MissionPlan[BenchPlan]:
         )
     if robot.arm.sides != 2:
         raise InputError(f"robot {robot.name!r} has one arm; bimanual-bench requires two")
+    if robot.arm.hand.kind != "ball":
+        raise InputError(
+            f"robot.arm.hand.kind is {robot.arm.hand.kind!r}; valid for bimanual-bench: 'ball', "
+            "since it holds things between two pads"
+        )
     if find_first(world.things, Bench) is None:
         raise InputError(f"world {world.name!r} has no bench: add a thing of kind 'bench'")
     needs = {
