@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import mujoco
-import numpy as np
 
+from skywright.core.arrays import Array
 from skywright.errors import InputError
+from skywright.models.importing.forces import find_force
 from skywright.models.importing.opening import Opened
 from skywright.models.importing.sdf import read_limit
 
-PLAIN = {
-    int(kind)
-    for kind in (
-        mujoco.mjtDyn.mjDYN_NONE, mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT
-    )
-}  # fmt: skip
-"""Dynamics of actuators whose force at rest is proportional to the control."""
 AT_JOINT = {int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)}
 
 Limits = dict[str, tuple[float | None, float | None]]
@@ -56,10 +51,13 @@ def _list_efforts(model: mujoco.MjModel, prefix: str) -> dict[str, float]:
     the strongest counts.
     """
     out: dict[str, float] = {}
-    for a in range(model.nu):
+    for a in range(model.nactuator):
         if int(model.actuator_trntype[a]) in AT_JOINT:
-            name, most = model.joint(int(model.actuator_trnid[a, 0])).name, _find_force(model, a)
-            if most is not None:
+            name, most = (
+                model.joint(int(model.actuator_trnid[a, 0])).name,
+                _reach(find_force(model, a)),
+            )
+            if most < math.inf:
                 out[name] = max(out.get(name, 0.0), most * abs(float(model.actuator_gear[a, 0])))
     for j in range(model.njnt):
         if model.jnt_actfrclimited[j]:
@@ -68,23 +66,7 @@ def _list_efforts(model: mujoco.MjModel, prefix: str) -> dict[str, float]:
     return {name: most for name, most in out.items() if name.startswith(prefix) and most > 0.0}
 
 
-def _find_force(model: mujoco.MjModel, a: int) -> float | None:
-    """Return the largest force of an actuator, before its gear; None without a limit."""
-    out = math.inf
-    if model.actuator_forcelimited[a]:
-        out = _reach(model.actuator_forcerange[a])
-    plain = (
-        model.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_FIXED
-        and model.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_NONE
-        and int(model.actuator_dyntype[a]) in PLAIN
-    )
-    if plain and model.actuator_ctrllimited[a]:
-        gain = abs(float(model.actuator_gainprm[a, 0]))
-        out = min(out, gain * _reach(model.actuator_ctrlrange[a]))
-    return out if out < math.inf else None
-
-
-def _reach(span: np.ndarray) -> float:
+def _reach(span: Sequence[float] | Array) -> float:
     """Return what a range (2,) gives in both directions; in its one direction if it has one."""
     low, high = float(span[0]), float(span[1])
     return min(-low, high) if low < 0.0 < high else max(abs(low), abs(high))
