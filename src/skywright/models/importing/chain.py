@@ -95,7 +95,8 @@ def find_chain(
 
     `locked` joints, whose limits are equal, are frozen too.
     """
-    known = {model.joint(j).name for j in range(model.njnt)}
+    movable = model.jnt_type != mujoco.mjtJoint.mjJNT_FREE
+    known = {model.joint(int(j)).name for j in np.flatnonzero(movable)}
     unknown = sorted(weld - known - {"*"})
     if unknown:
         raise InputError(f"--weld {unknown[0]!r} is no joint; valid: {', '.join(sorted(known))}")

@@ -159,6 +159,8 @@ def _is_weighed(spec: mujoco.MjSpec, body: mujoco.MjsBody, geom: mujoco.MjsGeom)
 
 def _open_urdf(path: Path, root: ET.Element, locked: Collection[str]) -> mujoco.MjSpec:
     """Read links and joints; shapes have no effect on the inertia of a URDF link."""
+    for tag in ("link", "joint"):
+        _check_names(path, root, tag)
     _check_roots(path, root)
     copy = ET.Element("robot", name=root.get("name") or path.stem)
     for element in root:
@@ -189,10 +191,22 @@ def _open_urdf(path: Path, root: ET.Element, locked: Collection[str]) -> mujoco.
         raise InputError(f"{path}: holds no link")
     # several trees only below a link `world`; a free body must have a mass
     heavy = [b for b in trees if any(part.mass > 0.0 for part in (b, *b.find_all("body")))]
-    for i, body in enumerate(heavy or trees):
+    for body in heavy or trees:
         if not body.joints:
-            body.add_freejoint(name=f"free root {i + 1}" if i else "free root")
+            body.add_freejoint()  # without a name, which a joint of the file may have
     return spec
+
+
+def _check_names(path: Path, root: ET.Element, tag: str) -> None:
+    """Raise InputError if two links or two joints (`tag`) of a URDF file have the same name."""
+    seen: set[str] = set()
+    for element in root.findall(tag):
+        name = element.get("name", "")
+        if name in seen:
+            raise InputError(
+                f"{path}: two {tag}s are named {name!r}; valid: a name of its own for each {tag}"
+            )
+        seen.add(name)
 
 
 def _check_roots(path: Path, root: ET.Element) -> None:

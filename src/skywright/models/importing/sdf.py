@@ -113,7 +113,7 @@ class _Builder:
             body = parent.add_body(name=name, pos=local.p, quat=quat_from_rot(local.R))
             self._fill(body, name, links[name])
             if name == roots[0]:
-                body.add_freejoint(name="free root")
+                body.add_freejoint()  # without a name, which a joint of the file may have
             elif above[name].kind != "fixed":
                 self._add_joint(body, above[name], X_ML)
             todo += [(j.child, body, X_ML) for j in below.get(name, [])]
