@@ -16,6 +16,7 @@ from skywright.description.robot.limbs import list_servos
 from skywright.description.robot.loader import load_robot
 from skywright.errors import InputError
 from skywright.models.importing.importer import Imported, Request, import_robot
+from skywright.models.rotors import build_rotors
 
 PLACES = [(0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2), (0.2, -0.2)]
 
@@ -161,3 +162,19 @@ def test_an_actuator_of_several_controls_does_not_shift_those_of_others(tmp_path
     _, robot = take(file, tmp_path)
     assert (robot.rotors.thrust_min_n, robot.rotors.thrust_max_n) == (0.5, 12.0)
     assert [servo.stall_torque_nm for _, servo in list_servos(robot)] == [2.0]
+
+
+def test_a_negative_moment_constant_turns_the_yaw_torque(tmp_path: Path) -> None:
+    """Gazebo's drag torque on the body is -direction * thrust * momentConstant."""
+    file = models.write_hexa(tmp_path)
+    _, plain = take(file, tmp_path / "plain")
+    file.write_text(file.read_text().replace("<momentConstant>", "<momentConstant>-"))
+    made, robot = take(file, tmp_path)
+    directions = np.array([1.0 if i % 2 else -1.0 for i in range(6)])  # write_hexa: cw, ccw, ...
+    for told, constant in ((plain, models.KM), (robot, -models.KM)):
+        rotors = build_rotors(told.rotors)
+        torque = -rotors.spin * rotors.torque_per_thrust
+        np.testing.assert_allclose(torque, -directions * constant)
+    assert any(
+        note.startswith("momentConstant is negative: rotor_0, rotor_1") for note in made.notes
+    )

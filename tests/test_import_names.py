@@ -25,7 +25,7 @@ def refuse(file: Path, folder: Path, *options: str) -> str:
 
 
 @pytest.mark.parametrize(("old", "new", "says"), [
-    ('joint name="rail"', 'joint name="shoulder"', "two joints are named 'shoulder'; valid: a name"),
+    ('joint name="rail"', 'joint name="shoulder"', "two joints are named 'shoulder'; valid: a"),
     ('link name="slider"', 'link name="upper"', "two links are named 'upper'; valid: a name of"),
     ('joint name="rail"', 'joint name="rotor1"', "two joints are named 'rotor1'"),
 ])  # fmt: skip

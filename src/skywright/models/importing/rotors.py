@@ -159,7 +159,7 @@ def _of_actuators(
 def _of_plugins(
     opened: Opened, model: mujoco.MjModel, data: mujoco.MjData, notes: list[str]
 ) -> list[FoundRotor]:
-    out, left_out = [], set()
+    out, left_out, reversed_ = [], set(), []
     for plugin in opened.root.iter("plugin"):
         link, joint = (_text(plugin, tag) for tag in ("linkName", "jointName"))
         if plugin.find("motorConstant") is None or not link:
@@ -180,6 +180,9 @@ def _of_plugins(
         for tag, value in number.items():
             if value < 0.0 and tag != "momentConstant":
                 raise InputError(f"{where}: {tag} is {value:g}; valid: 0 or more")
+        if number["momentConstant"] < 0.0:  # Gazebo: torque = -direction * thrust * momentConstant
+            spin = {"ccw": "cw", "cw": "ccw"}[spin]
+            reversed_.append(link)
         k, fastest = number["motorConstant"], number["maxRotVelocity"]
         constants = {
             "thrust_coefficient_n_per_rad2s2": k, "thrust_max_n": k * fastest**2,
@@ -201,6 +204,11 @@ def _of_plugins(
         up = data.xmat[body].reshape(3, 3)[:, 2]
         out.append(FoundRotor(data.xpos[body].copy(), up.copy(), spin, joint, constants, body))
     notes += [f"left out: {what}" for what in sorted(left_out)]
+    if reversed_:
+        notes.append(
+            f"momentConstant is negative: {', '.join(reversed_)} turn against turningDirection, so "
+            "that the drag torque is that of the file"
+        )
     return out
 
 
