@@ -22,6 +22,7 @@ from skywright.models.importing.fingers import (
     find_ends,
     find_fingers,
     find_gripper,
+    find_held,
     joints_to,
     list_coupled,
 )
@@ -93,8 +94,9 @@ def find_chain(
 ) -> Chain:
     """Return platform and arm. `weld` names joints to freeze, "*" all; raises InputError.
 
-    `locked` joints, whose limits are equal, are frozen too.
+    `locked` joints, whose limits are equal or which an equality holds, are frozen too.
     """
+    held = find_held(model, root)
     movable = model.jnt_type != mujoco.mjtJoint.mjJNT_FREE
     known = {model.joint(int(j)).name for j in np.flatnonzero(movable)}
     unknown = sorted(weld - known - {"*"})
@@ -108,7 +110,8 @@ def find_chain(
         if name in rotor_joints:
             frozen[j] = ""
         elif name in locked:
-            frozen[j] = f"both its limits are {locked[name]:g}"
+            why = "an equality holds it at" if name in held else "both its limits are"
+            frozen[j] = f"{why} {locked[name]:g}"
         elif name in weld or "*" in weld:
             frozen[j] = "as asked"
         elif model.body_jntnum[body] > 1:

@@ -56,6 +56,22 @@ class Coupled(NamedTuple):
     fingers: bool  # they move fingers; otherwise links of an arm, a leg or a linkage
 
 
+def find_held(model: mujoco.MjModel, root: int) -> dict[str, float]:
+    """Return the named joints that an equality holds at a position (rad or m).
+
+    MuJoCo's equality of one joint: its position is `ref` plus the first number of `polycoef`.
+    """
+    out = {}
+    for e in range(model.neq):
+        j = int(model.eq_obj1id[e])
+        held = model.eq_type[e] == mujoco.mjtEq.mjEQ_JOINT and model.eq_obj2id[e] < 0
+        mine = held and model.body_rootid[model.jnt_bodyid[j]] == root
+        if mine and model.eq_active0[e] and model.joint(j).name:
+            at = model.qpos0[model.jnt_qposadr[j]] + model.eq_data[e, 0]
+            out[model.joint(j).name] = float(at)
+    return out
+
+
 def list_coupled(model: mujoco.MjModel, root: int) -> list[Coupled]:
     """Return the groups of coupled joints of the tree of `root`.
 

@@ -23,6 +23,7 @@ from skywright.models.capability import check_can_fly
 from skywright.models.importing.assumed import mark_assumed
 from skywright.models.importing.chain import find_chain, freeze
 from skywright.models.importing.comparing import TOLERANCE, Deviations, compare
+from skywright.models.importing.fingers import find_held
 from skywright.models.importing.limits import read_limits
 from skywright.models.importing.mounting import ARM, mount_arm
 from skywright.models.importing.moving import check_loops, check_rotors
@@ -103,6 +104,7 @@ def _import(request: Request, folder: Path, ask: Ask | None) -> Imported:
     if arm is not None:
         locked |= {ARM + name: at for name, at in arm.locked.items()}
         assumed |= {ARM + name: what for name, what in arm.assumed.items()}
+    locked |= find_held(model, root)
     data = freeze(model, root, locked)
     given = [parse_rotor(text) for text in request.rotors]
     rotors = find_rotors(opened, model, data, root, given)

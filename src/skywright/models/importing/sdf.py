@@ -86,7 +86,7 @@ class _Builder:
         """Return the specification with a free root link."""
         path = self.path
         links = {e.get("name", ""): e for e in self.model.findall("link")}
-        joints = [j for e in self.model.findall("joint") if (j := self._joint(e)).parent != "world"]
+        joints = self._read_joints()
         above: dict[str, SdfJoint] = {}
         for joint in joints:
             if joint.child in above:
@@ -122,6 +122,21 @@ class _Builder:
             if element.get("name") in movable:
                 self._couple(spec, element, movable)
         return spec
+
+    def _read_joints(self) -> list[SdfJoint]:
+        """Return the joints between links, and note what holds the model in the world."""
+        if (self.model.findtext("static") or "").strip().lower() in ("1", "true"):
+            self.notes.append("left out: <static> of the model, which does not move in the file")
+        out = []
+        for element in self.model.findall("joint"):
+            joint = self._joint(element)
+            if joint.parent != "world":
+                out.append(joint)
+            else:
+                self.notes.append(
+                    f"left out: joint {joint.name!r} between the world and link {joint.child!r}"
+                )
+        return out
 
     def _couple(self, spec: mujoco.MjSpec, element: ET.Element, movable: Container[str]) -> None:
         """Add the coupling of a joint to the one that it mimics (SDF 1.11), as an equality."""
