@@ -15,7 +15,7 @@ import numpy as np
 
 from skywright.core.arrays import Array
 from skywright.core.types import MAX_JOINTS
-from skywright.errors import InputError
+from skywright.errors import InputError, neighbours
 from skywright.models.importing.fingers import (
     SHORTEST,
     Gripper,
@@ -200,15 +200,19 @@ def _find_tip(
     tip: str | None,
 ) -> tuple[int, Array, str]:
     """Return the body of the tip, the tip's position (3,) m in it, and its name."""
-    if tip is not None:
-        body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, tip)
-        if body >= 0:
-            return body, np.zeros(3), tip
-        site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, tip)
-        if site < 0:
-            raise InputError(f"--tip {tip!r} is neither a body (link) nor a site of the model")
-        return int(model.site_bodyid[site]), model.site_pos[site].copy(), tip
     mine = [b for b in range(1, model.nbody) if model.body_rootid[b] == root]
+    if tip is not None:
+        bodies = {model.body(b).name: b for b in mine}
+        sites = {model.site(k).name: k for k in range(model.nsite) if model.site_bodyid[k] in mine}
+        if tip in bodies:
+            return bodies[tip], np.zeros(3), tip
+        if tip not in sites:
+            raise InputError(
+                f"--tip {tip!r} is neither a body (link) nor a site of the robot; valid: "
+                + neighbours(tip, filter(None, {*bodies, *sites}), 10)
+            )
+        site = sites[tip]
+        return int(model.site_bodyid[site]), model.site_pos[site].copy(), tip
     length = {b: len(joints_to(model, b, frozen)) for b in mine}
     deepest = max(length.values())
     ends = [b for b in mine if length[b] == deepest]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -105,18 +106,21 @@ def _import(request: Request, folder: Path, ask: Ask | None) -> Imported:
         locked |= {ARM + name: at for name, at in arm.locked.items()}
         assumed |= {ARM + name: what for name, what in arm.assumed.items()}
     locked |= find_held(model, root)
-    data = freeze(model, root, locked)
     given = [parse_rotor(text) for text in request.rotors]
+    where = f"{request.file}" if request.arm is None else f"{request.file} with {request.arm}"
+    with _name_file(where):
+        data = freeze(model, root, locked)
     rotors = find_rotors(opened, model, data, root, given)
     check_rotors(request.file, model, data, rotors.rotors, {*locked, *request.weld})
     turning = {rotor.joint for rotor in rotors.rotors if rotor.joint}
-    chain = find_chain(model, data, root, turning, locked, set(request.weld), request.tip)
-    loops = check_loops(request.file, model, root, chain.joints)
     origin = request.file.name + ("" if request.arm is None else f" and {request.arm.name}")
     limits = read_limits(opened, "", model) | ({} if arm is None else read_limits(arm, ARM, model))
     name = request.name or folder.name
     label, weld = f"{origin} ({opened.kind})", set(request.weld)
-    tables = build_tables(name, label, chain, rotors, limits)
+    with _name_file(where):
+        chain = find_chain(model, data, root, turning, locked, weld, request.tip)
+        tables = build_tables(name, label, chain, rotors, limits)
+    loops = check_loops(request.file, model, root, chain.joints)
 
     def rebuild(other: mujoco.MjModel) -> Tables:
         data = freeze(other, root, locked)
@@ -161,6 +165,15 @@ def _import(request: Request, folder: Path, ask: Ask | None) -> Imported:
         folder / "robot.toml", opened.kind, counts, len(rotors.rotors), rotors.origin, joints,
         chain.tip_name, chain.gripper is not None, len(robot.meshes), deviations, notes,
     )  # fmt: skip
+
+
+@contextmanager
+def _name_file(where: str) -> Iterator[None]:
+    """Put the files (`where`) in front of errors about their joints and links."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
 
 
 def _find_weakness(robot: Robot) -> list[str]:

@@ -28,19 +28,28 @@ def read_limits(opened: Opened, prefix: str, model: mujoco.MjModel) -> Limits:
     out: Limits = {}
     for joint in opened.root.findall("joint"):
         limit = joint.find("limit")
-        name, where = joint.get("name", ""), f"{opened.path}: limit of {joint.get('name')!r}"
+        name, where = joint.get("name", ""), f"{opened.path}: joint {joint.get('name')!r}"
         if limit is not None:
             texts = (limit.get("effort"), limit.get("velocity"))
         else:
             texts = (joint.findtext("axis/limit/effort"), joint.findtext("axis/limit/velocity"))
-        effort, speed = (read_limit(text, where, 0.0) for text in texts)
-        if -math.inf in (effort, speed):
-            raise InputError(f"{where} is -inf; valid: a number, or inf for no limit")
+        effort, speed = (
+            _read_most(text, f"{where}: {key} of <limit>")
+            for key, text in zip(("effort", "velocity"), texts, strict=True)
+        )
         out[prefix + name] = (
             effort if 0.0 != effort < math.inf else None,
             speed if 0.0 != speed < math.inf else None,
         )
     return out
+
+
+def _read_most(text: str | None, what: str) -> float:
+    """Return a limit, 0 without one; InputError names `what`."""
+    value = read_limit(text, what, 0.0)
+    if value == -math.inf:
+        raise InputError(f"{what} is -inf; valid: a number, or inf for no limit")
+    return value
 
 
 def _list_efforts(model: mujoco.MjModel, prefix: str) -> dict[str, float]:

@@ -18,7 +18,7 @@ import numpy as np
 
 from skywright.errors import InputError
 from skywright.models.importing.mjcf_files import MAX_BODIES, check_files
-from skywright.models.importing.sdf import read_sdf
+from skywright.models.importing.sdf import read_limit, read_sdf
 from skywright.models.importing.xml_input import check_span, read_numbers, read_xml
 
 _GEOM = mujoco.mjtGeom
@@ -140,9 +140,14 @@ def _find_locked(path: Path, root: ET.Element) -> dict[str, float]:
         if limit is None or joint.get("type") not in ("revolute", "prismatic"):
             continue
         texts, where = (limit.get("lower"), limit.get("upper")), f"{path}: joint {name!r}"
+        for key in ("effort", "velocity"):  # MuJoCo's message names no joint
+            read_limit(limit.get(key), f"{where}: {key} of <limit>", 0.0)
         if texts == (None, None):
             continue
-        low, high = (read_numbers(text, 1, where, [0.0])[0] for text in texts)
+        low, high = (
+            read_numbers(text, 1, f"{where}: {end} of <limit>", [0.0])[0]
+            for end, text in zip(("lower", "upper"), texts, strict=True)
+        )
         check_span(low, high, where)
         if low == high:
             out[name] = low
