@@ -25,7 +25,7 @@ from skywright.models.importing.assumed import mark_assumed
 from skywright.models.importing.chain import find_chain, freeze
 from skywright.models.importing.comparing import TOLERANCE, Deviations, compare
 from skywright.models.importing.fingers import find_held
-from skywright.models.importing.limits import read_limits
+from skywright.models.importing.limits import note_limits, read_limits
 from skywright.models.importing.mounting import ARM, mount_arm
 from skywright.models.importing.moving import check_loops, check_rotors
 from skywright.models.importing.opening import compile_spec, hear_mujoco, open_file
@@ -35,6 +35,10 @@ from skywright.models.importing.trees import check_mass, choose_arm, choose_plat
 from skywright.models.importing.values import Question, Value
 from skywright.models.importing.visuals import build_meshes
 from skywright.models.rotors import build_rotors
+
+MOST_LAG = 0.05
+"""s of the rotors: up to it three imported robots met all requirements of `waypoints`; at 0.08 s
+each of them lost control at take-off."""
 
 
 class Request(NamedTuple):
@@ -131,9 +135,10 @@ def _import(request: Request, folder: Path, ask: Ask | None) -> Imported:
     tables = mark_assumed(tables, model, assumed, rebuild)
     notes = [*opened.notes, *([] if arm is None else arm.notes), *rotors.notes, *chain.frozen]
     notes += loops
+    files = [(opened, ""), *([] if arm is None else [(arm, ARM)])]
+    notes += note_limits(files, chain, limits)
     notes.append("contacts: capsules along the links, a hub and propeller discs")
     if request.meshes:
-        files = [(opened, ""), *([] if arm is None else [(arm, ARM)])]
         looks, left_out = build_meshes(
             files, model, data, chain, tables.frames, ["platform", *tables.links]
         )
@@ -177,13 +182,19 @@ def _name_file(where: str) -> Iterator[None]:
 
 
 def _find_weakness(robot: Robot) -> list[str]:
-    """Return why a robot that agrees with its file does not fly; empty if it does."""
+    """Return why a robot that agrees with its file does not fly; empty if nothing is known."""
+    notes, lag = [], robot.rotors.time_constant_s
     try:
         build_allocator(build_rotors(robot.rotors))
         check_can_fly(robot)
     except SkywrightError as error:
-        return [f"does not fly as the file describes it: {error}"]
-    return []
+        notes.append(f"does not fly as the file describes it: {error}")
+    if lag > MOST_LAG:
+        notes.append(
+            f"flights lose control: the rotors lag by {lag:g} s (robot.rotors.time_constant_s), "
+            f"and the gains of an imported robot are sufficient up to {MOST_LAG:g} s"
+        )
+    return notes
 
 
 class _Draft:

@@ -9,10 +9,13 @@ import mujoco
 
 from skywright.core.arrays import Array
 from skywright.errors import InputError
+from skywright.models.importing.chain import Chain
 from skywright.models.importing.forces import find_force
 from skywright.models.importing.opening import Opened
-from skywright.models.importing.sdf import read_limit
+from skywright.models.importing.sdf import TURN, read_limit
 
+SMALL = 1e-6
+"""Relative difference of limits, and rad beyond a turn, that are ignored."""
 AT_JOINT = {int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)}
 
 Limits = dict[str, tuple[float | None, float | None]]
@@ -41,6 +44,44 @@ def read_limits(opened: Opened, prefix: str, model: mujoco.MjModel) -> Limits:
             effort if 0.0 != effort < math.inf else None,
             speed if 0.0 != speed < math.inf else None,
         )
+    return out
+
+
+def note_limits(files: Sequence[tuple[Opened, str]], chain: Chain, limits: Limits) -> list[str]:
+    """Return notes on limits of the arm and its gripper that the robot file does not keep.
+
+    `files` are the files with the prefixes of their names in `chain`.
+    """
+    open_ended = {
+        prefix + joint.get("name", "")
+        for opened, prefix in files
+        if opened.kind == "URDF"
+        for joint in opened.root.findall("joint")
+        if joint.get("type") in ("revolute", "prismatic")
+    }
+    out = []
+    for part in chain.parts[1:]:
+        most = "0.1 m" if part.slide else "180 deg"
+        if part.span is None and part.joint in open_ended:
+            out.append(
+                f"joint {part.joint} has no lower and upper limit, which URDF reads as 0 and 0 "
+                f"(locked): -{most} to {most} are assumed; --weld {part.joint} locks it"
+            )
+        elif part.span is not None and not part.slide and max(map(abs, part.span)) > TURN + SMALL:
+            low, high = part.span
+            out.append(
+                f"joint {part.joint} has limits of {low:.4g} and {high:.4g} rad, cut to a turn: "
+                "are they in degrees?"
+            )
+    if chain.gripper is not None:
+        for what, k in (("efforts", 0), ("speeds", 1)):
+            both = [limits.get(name, (None, None))[k] for name in chain.gripper.joints]
+            found = sorted(value for value in both if value is not None)
+            if len(found) == 2 and found[1] - found[0] > SMALL * found[1]:
+                out.append(
+                    f"joints {' and '.join(chain.gripper.joints)} of the gripper have {what} of "
+                    f"{found[0]:g} and {found[1]:g}: the smaller one counts"
+                )
     return out
 
 

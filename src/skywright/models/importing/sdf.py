@@ -30,6 +30,8 @@ from skywright.models.part_masses import set_inertia
 TYPES = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "fixed": "fixed"}
 TURN, FAR = 2.0 * math.pi, 100.0
 """rad and m: limits beyond are ignored; SDF writes 1e16, or inf."""
+DEGREES = 1e3
+"""rad: limits between a turn and this number may be in degrees."""
 
 
 class SdfJoint(NamedTuple):
@@ -190,6 +192,11 @@ class _Builder:
             self.locked[name] = low
         far = TURN if kind == "hinge" else FAR
         free = low == high or (low < -far and high > far)
+        if kind == "hinge" and far < max(-low, high) < DEGREES:
+            self.notes.append(
+                f"joint {name} has limits of {low:g} and {high:g} rad, beyond a turn: are they in "
+                "degrees?"
+            )
         span = None if free else (max(low, -far), min(high, far))
         return SdfJoint(name, kind, parent, child, at.p, way / np.linalg.norm(way), span)
 
