@@ -192,8 +192,8 @@ def test_a_tendon_that_moves_the_arm_is_noted(tmp_path: Path, tendon: str, joint
     file.write_text(text.replace("</mujoco>", f"<tendon>{tendon}</tendon></mujoco>"))
     made, _ = take(file, tmp_path, tip="tcp")
     notes = [note for note in made.notes if "tendon" in note]
-    assert notes == ([f"left out: tendon 't' of joint {joints}, with its limits and springs"]
-                     if joints else [])  # fmt: skip
+    says = f"left out: tendon 't' of joint {joints}, with its limits, springs and actuators"
+    assert notes == ([says] if joints else [])
 
 
 def test_a_joint_that_an_equality_holds_is_frozen_where_mujoco_holds_it(tmp_path: Path) -> None:
@@ -239,3 +239,40 @@ def test_what_holds_a_model_of_sdf_in_the_world_is_noted(
     file = models.write_hexa(tmp_path, ("</model>", f"{part}</model>"))
     made, _ = take(file, tmp_path)
     assert says in made.notes
+
+
+def write_propellers(folder: Path, name: str, more: str = "") -> Path:
+    """A hexarotor with a spinning propeller at each motor; `name` of the joints, with {i}."""
+    file = write_tilting(folder, "mjcf", "fixed")
+    text = file.read_text()
+    for i in range(6):
+        joint = f'<joint {name.format(i=i)} axis="0 0 {(-1) ** i}"/>'
+        text = text.replace(f'<site name="s{i}"', f'{joint}<site name="s{i}"')
+    file.write_text(text.replace('<site name="s5"/>', f'<site name="s5"/>{more}'))
+    return file
+
+
+@pytest.mark.parametrize("name", ['name="spin{i}"', ""])
+def test_joints_that_turn_propellers_are_frozen(tmp_path: Path, name: str) -> None:
+    """Motors act on sites of the propellers; an arm keeps its joints."""
+    file = write_propellers(tmp_path, name)
+    made, robot = take(file, tmp_path)
+    names = [f"spin{i}" if name else f"joint of hub{i}" for i in range(6)]
+    assert made.joints == []
+    assert f"joint {', '.join(names)} is frozen: it turns a propeller only" in made.notes
+    rotors = build_rotors(robot.rotors)
+    np.testing.assert_allclose(rotors.position[:, :2], PLACES, atol=1e-9)
+    np.testing.assert_allclose(rotors.axis, np.tile([0.0, 0.0, 1.0], (6, 1)), atol=1e-9)
+    _, fixed = take(write_tilting(tmp_path / "fixed", "mjcf", "fixed"), tmp_path / "fixed")
+    assert robot.platform == fixed.platform
+    arm = {"arm": models.urdf_arm(tmp_path), "mount": "0.05,0,-0.05,180,0,0"}
+    made, _ = take(write_propellers(tmp_path, name), tmp_path / "arm", **arm)
+    assert made.joints == [f"arm/joint{i}" for i in range(1, 5)]
+
+
+def test_a_joint_that_turns_more_than_a_propeller_is_not_frozen(tmp_path: Path) -> None:
+    """Below the rotor hangs a link with a joint of its own."""
+    knee = '<joint name="knee" axis="0 1 0" range="-1 1"/>'
+    limb = f'<body name="limb" pos="0 0 -.1">{knee}{MASS}</body>'
+    made, _ = take(write_propellers(tmp_path, 'name="spin{i}"', limb), tmp_path)
+    assert made.joints == ["spin5", "knee"]

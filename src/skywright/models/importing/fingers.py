@@ -174,7 +174,7 @@ def _find_turn(model: mujoco.MjModel, data: mujoco.MjData, pair: list[int]) -> T
     below = [b for b in range(model.nbody) if int(model.body_parentid[b]) in bodies]
     if (
         any(model.jnt_type[j] != mujoco.mjtJoint.mjJNT_HINGE for j in pair)
-        or any(_has_joint(model, b) for b in below)
+        or any(has_joint(model, b) for b in below)
         or spans is None
         or abs(data.xaxis[pair[0]] @ data.xaxis[pair[1]]) < ALONG
     ):
@@ -214,10 +214,10 @@ def _find_turn(model: mujoco.MjModel, data: mujoco.MjData, pair: list[int]) -> T
     return Turn(pivot, length, closed, most, z)
 
 
-def _has_joint(model: mujoco.MjModel, body: int) -> bool:
-    """Whether a body or one of its descendants has a joint."""
-    return bool(model.body_jntnum[body]) or any(
-        _has_joint(model, b) for b in range(body + 1, model.nbody) if model.body_parentid[b] == body
+def has_joint(model: mujoco.MjModel, body: int, own: int = 0) -> bool:
+    """Whether a body or one of its descendants has a joint, besides `own` ones of the body."""
+    return bool(model.body_jntnum[body] > own) or any(
+        has_joint(model, b) for b in range(body + 1, model.nbody) if model.body_parentid[b] == body
     )
 
 

@@ -115,8 +115,10 @@ def _import(request: Request, folder: Path, ask: Ask | None) -> Imported:
     with _name_file(where):
         data = freeze(model, root, locked)
     rotors = find_rotors(opened, model, data, root, given)
-    check_rotors(request.file, model, data, rotors.rotors, {*locked, *request.weld})
+    spun = check_rotors(request.file, model, data, rotors.rotors, {*locked, *request.weld})
     turning = {rotor.joint for rotor in rotors.rotors if rotor.joint}
+    spun -= turning
+    turning |= spun
     origin = request.file.name + ("" if request.arm is None else f" and {request.arm.name}")
     limits = read_limits(opened, "", model) | ({} if arm is None else read_limits(arm, ARM, model))
     name = request.name or folder.name
@@ -134,6 +136,8 @@ def _import(request: Request, folder: Path, ask: Ask | None) -> Imported:
 
     tables = mark_assumed(tables, model, assumed, rebuild)
     notes = [*opened.notes, *([] if arm is None else arm.notes), *rotors.notes, *chain.frozen]
+    if spun:
+        notes.append(f"joint {', '.join(sorted(spun))} is frozen: it turns a propeller only")
     notes += loops
     files = [(opened, ""), *([] if arm is None else [(arm, ARM)])]
     notes += note_limits(files, chain, limits)

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from skywright.errors import InputError
-from skywright.models.importing.fingers import joints_to
+from skywright.models.importing.fingers import has_joint, joints_to
 from skywright.models.importing.rotors import FoundRotor
 
 SAME = 1e-6
@@ -24,12 +24,13 @@ def check_rotors(
     data: mujoco.MjData,
     rotors: Sequence[FoundRotor],
     frozen: Collection[str],
-) -> None:
-    """Raise InputError if a joint between the root and a rotor moves the rotor.
+) -> set[str]:
+    """Return the joints that turn nothing but the propeller of a rotor.
 
-    `data` is at zero, the root body at the origin of W. The joint that turns the propeller does not
-    count, and neither do `frozen` joints ("*": all).
+    Raises InputError if another joint between the root and a rotor moves the rotor. `data` is at
+    zero, the root body at the origin of W. `frozen` joints ("*": all) do not count.
     """
+    out = set()
     for i, rotor in enumerate(rotors):
         if rotor.body < 0 or "*" in frozen:
             continue
@@ -40,12 +41,15 @@ def check_rotors(
                 and np.linalg.norm(np.cross(axis, rotor.axis)) < SAME
                 and np.linalg.norm(np.cross(axis, rotor.p - data.xanchor[j])) < SAME
             )
+            if turns and not has_joint(model, int(model.jnt_bodyid[j]), 1):
+                out.add(name)
             if not turns and name not in frozen:
                 raise InputError(
                     f"{file}: joint {name!r} moves rotor {i + 1}, on link "
                     f"{model.body(rotor.body).name!r}: rotors that tilt or move in flight are not "
                     f"supported; --weld {name} freezes the joint"
                 )
+    return out - set(frozen)
 
 
 def check_loops(file: Path, model: mujoco.MjModel, root: int, joints: Collection[int]) -> list[str]:
@@ -86,7 +90,7 @@ def check_loops(file: Path, model: mujoco.MjModel, root: int, joints: Collection
         if arm:
             notes.append(
                 f"left out: tendon {model.tendon(tendon).name!r} of joint "
-                f"{', '.join(map(repr, arm))}, with its limits and springs"
+                f"{', '.join(map(repr, arm))}, with its limits, springs and actuators"
             )
     return notes
 

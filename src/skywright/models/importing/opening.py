@@ -85,6 +85,7 @@ def _open_mjcf(path: Path) -> mujoco.MjSpec:
     spec = read_mjcf(path)
     _check_size(path, spec)
     _check_ranges(path, spec)
+    _name_joints(spec)
     folder = path.parent / spec.meshdir
     files = {mesh.name or Path(mesh.file).stem: mesh.file for mesh in spec.meshes}
     used = set()
@@ -111,6 +112,19 @@ def _open_mjcf(path: Path) -> mujoco.MjSpec:
         for thing in list(things):
             spec.delete(thing)
     return spec
+
+
+def _name_joints(spec: mujoco.MjSpec) -> None:
+    """Give joints without a name one that notes and --weld can use."""
+    known = {joint.name for joint in spec.joints}
+    for body in spec.bodies:
+        for joint in body.joints:
+            if not joint.name and joint.type != mujoco.mjtJoint.mjJNT_FREE:
+                name = f"joint of {body.name or 'a body'}"
+                while name in known:
+                    name += " (2)"
+                joint.name = name
+                known.add(name)
 
 
 def _check_ranges(path: Path, spec: mujoco.MjSpec) -> None:
