@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ import imported_models as models
 from skywright.description.robot.loader import load_robot
 from skywright.errors import InputError
 from skywright.models.importing.importer import Imported, Request, import_robot
+from skywright.models.rigid_body import build_body_model, compute_tip
 from skywright.models.rotors import build_rotors
 
 PLACES = [(0.3, 0.0), (0.15, 0.26), (-0.15, 0.26), (-0.3, 0.0), (-0.15, -0.26), (0.15, -0.26)]
@@ -161,3 +164,115 @@ def test_other_equalities_close_no_loop(tmp_path: Path) -> None:
     made, _ = take(write_loop(tmp_path, rope, table), tmp_path / "rope", tip="tcp")
     assert made.joints == ["a", "b"]
     assert any("of which one does not belong to the robot" in note for note in made.notes)
+
+
+def test_a_tendon_that_couples_joints_of_the_arm_is_refused(tmp_path: Path) -> None:
+    """MuJoCo keeps its length: one joint follows the other."""
+    file = write_loop(tmp_path, '<tendon name="e" tendon1="t"/>')
+    joints = '<joint joint="a" coef="1"/><joint joint="b" coef="1"/>'
+    fixed = f'<tendon><fixed name="t">{joints}</fixed></tendon>'
+    file.write_text(file.read_text().replace("</mujoco>", f"{fixed}</mujoco>"))
+    says = r"quad.xml: equality 'e' of tendon 't' constrains joint 'a', 'b' .*--weld a --weld b$"
+    with pytest.raises(InputError, match=says):
+        take(file, tmp_path, tip="tcp")
+    made, _ = take(file, tmp_path, tip="tcp", weld=("a", "b"))
+    assert made.joints == []
+    assert any(note.startswith("left out: equality 'e' of tendon 't'") for note in made.notes)
+
+
+@pytest.mark.parametrize(("tendon", "joints"), [
+    ('<spatial name="t" limited="true" range="0 1"><site site="s0"/><site site="end"/></spatial>',
+     "'a', 'b'"),
+    ('<fixed name="t"><joint joint="b" coef="1"/></fixed>', "'b'"),
+    ('<fixed name="t"><joint joint="c" coef="1"/></fixed>', ""),
+])  # fmt: skip
+def test_a_tendon_that_moves_the_arm_is_noted(tmp_path: Path, tendon: str, joints: str) -> None:
+    file = write_loop(tmp_path, "")
+    text = file.read_text().replace('<body name="tcp"', '<site name="end"/><body name="tcp"')
+    file.write_text(text.replace("</mujoco>", f"<tendon>{tendon}</tendon></mujoco>"))
+    made, _ = take(file, tmp_path, tip="tcp")
+    notes = [note for note in made.notes if "tendon" in note]
+    says = f"left out: tendon 't' of joint {joints}, with its limits, springs and actuators"
+    assert notes == ([says] if joints else [])
+
+
+def test_a_joint_that_an_equality_holds_is_frozen_where_mujoco_holds_it(tmp_path: Path) -> None:
+    """Its position is `ref` plus the first number of `polycoef`."""
+    held = '<joint name="e" joint1="b" polycoef="0.3 0 0 0 0" solref="0.002 1"/>'
+    file = write_loop(tmp_path, held)
+    file.write_text(file.read_text().replace('name="b" axis', 'name="b" ref="10" axis'))
+    made, robot = take(file, tmp_path, tip="tcp")
+    assert made.joints == ["a"]
+    at = 0.3 + np.radians(10.0)
+    assert f"joint b is frozen: an equality holds it at {at:.6g}" in made.notes
+    text = re.sub("<(mesh|texture|material|geom class)[^>]*>", "", file.read_text())  # no files
+    model = mujoco.MjModel.from_xml_string(text)
+    model.opt.gravity[:] = 0.0
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 2000)
+    b = model.joint("b").qposadr[0]
+    assert data.qpos[b] == pytest.approx(at, abs=1e-3)
+    # the tip in the frame of the first link's joint, joint a at zero
+    data.qpos[7:] = 0.0
+    data.qpos[b], data.qpos[:7] = at, [0, 0, 0, 1, 0, 0, 0]
+    mujoco.mj_kinematics(model, data)
+    tip, _ = compute_tip(build_body_model(robot), np.zeros(1))
+    np.testing.assert_allclose(tip, data.body("tcp").xpos, atol=1e-9)
+
+
+def test_an_equality_with_a_joint_of_another_body_is_noted(tmp_path: Path) -> None:
+    table = '<body name="table"><joint name="far"/><geom size="0.1"/></body>'
+    file = write_loop(tmp_path, '<joint name="e" joint1="a" joint2="far"/>', table)
+    made, _ = take(file, tmp_path, tip="tcp")
+    assert made.joints == ["a", "b"]
+    assert "left out: equality 'e', of which a part does not belong to the robot" in made.notes
+
+
+@pytest.mark.parametrize(("part", "says"), [
+    ("<static>true</static>", "left out: <static> of the model, which does not move in the file"),
+    ('<joint name="stand" type="fixed"><parent>world</parent><child>base</child></joint>',
+     "left out: joint 'stand' between the world and link 'base'"),
+])  # fmt: skip
+def test_what_holds_a_model_of_sdf_in_the_world_is_noted(
+    tmp_path: Path, part: str, says: str
+) -> None:
+    file = models.write_hexa(tmp_path, ("</model>", f"{part}</model>"))
+    made, _ = take(file, tmp_path)
+    assert says in made.notes
+
+
+def write_propellers(folder: Path, name: str, more: str = "") -> Path:
+    """A hexarotor with a spinning propeller at each motor; `name` of the joints, with {i}."""
+    file = write_tilting(folder, "mjcf", "fixed")
+    text = file.read_text()
+    for i in range(6):
+        joint = f'<joint {name.format(i=i)} axis="0 0 {(-1) ** i}"/>'
+        text = text.replace(f'<site name="s{i}"', f'{joint}<site name="s{i}"')
+    file.write_text(text.replace('<site name="s5"/>', f'<site name="s5"/>{more}'))
+    return file
+
+
+@pytest.mark.parametrize("name", ['name="spin{i}"', ""])
+def test_joints_that_turn_propellers_are_frozen(tmp_path: Path, name: str) -> None:
+    """Motors act on sites of the propellers; an arm keeps its joints."""
+    file = write_propellers(tmp_path, name)
+    made, robot = take(file, tmp_path)
+    names = [f"spin{i}" if name else f"joint of hub{i}" for i in range(6)]
+    assert made.joints == []
+    assert f"joint {', '.join(names)} is frozen: it turns a propeller only" in made.notes
+    rotors = build_rotors(robot.rotors)
+    np.testing.assert_allclose(rotors.position[:, :2], PLACES, atol=1e-9)
+    np.testing.assert_allclose(rotors.axis, np.tile([0.0, 0.0, 1.0], (6, 1)), atol=1e-9)
+    _, fixed = take(write_tilting(tmp_path / "fixed", "mjcf", "fixed"), tmp_path / "fixed")
+    assert robot.platform == fixed.platform
+    arm = {"arm": models.urdf_arm(tmp_path), "mount": "0.05,0,-0.05,180,0,0"}
+    made, _ = take(write_propellers(tmp_path, name), tmp_path / "arm", **arm)
+    assert made.joints == [f"arm/joint{i}" for i in range(1, 5)]
+
+
+def test_a_joint_that_turns_more_than_a_propeller_is_not_frozen(tmp_path: Path) -> None:
+    """Below the rotor hangs a link with a joint of its own."""
+    knee = '<joint name="knee" axis="0 1 0" range="-1 1"/>'
+    limb = f'<body name="limb" pos="0 0 -.1">{knee}{MASS}</body>'
+    made, _ = take(write_propellers(tmp_path, 'name="spin{i}"', limb), tmp_path)
+    assert made.joints == ["spin5", "knee"]

@@ -84,8 +84,8 @@ def test_infinite_limits_are_none(tmp_path: Path, limits: str, low: float, high:
     ("limits", "says"),
     [
         ("<lower>nan</lower>", "'shoulder': lower is 'nan'"),
-        ("<velocity>nan</velocity>", "limit of .*'shoulder'.* 'nan'"),
-        ("<effort>-inf</effort>", "limit of .*'shoulder'.* -inf"),
+        ("<velocity>nan</velocity>", "joint 'shoulder': velocity of <limit> is 'nan'"),
+        ("<effort>-inf</effort>", "joint 'shoulder': effort of <limit> is -inf"),
         ("<lower>inf</lower><upper>inf</upper>", "'shoulder': both limits are inf"),
         ("<lower>inf</lower><upper>-inf</upper>", "'shoulder': lower limit inf is above"),
     ],

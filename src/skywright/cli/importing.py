@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -86,7 +87,9 @@ def import_(
     postures = made.deviations.postures
     click.echo(f"largest deviation from MuJoCo at {postures} postures: {worst:.1e} ({what})")
     click.echo(f"{made.path}")
-    click.echo(f"next: skywright check {folder}, skywright run waypoints --robot {made.path}")
+    check = shlex.join(["skywright", "check", str(folder)])
+    fly = shlex.join(["skywright", "run", "waypoints", "--robot", str(made.path)])
+    click.echo(f"next: {check}, {fly}")
 
 
 def _describe(made: Imported) -> dict[str, Any]:

@@ -15,13 +15,14 @@ import numpy as np
 
 from skywright.core.arrays import Array
 from skywright.core.types import MAX_JOINTS
-from skywright.errors import InputError
+from skywright.errors import InputError, neighbours
 from skywright.models.importing.fingers import (
     SHORTEST,
     Gripper,
     find_ends,
     find_fingers,
     find_gripper,
+    find_held,
     joints_to,
     list_coupled,
 )
@@ -93,9 +94,11 @@ def find_chain(
 ) -> Chain:
     """Return platform and arm. `weld` names joints to freeze, "*" all; raises InputError.
 
-    `locked` joints, whose limits are equal, are frozen too.
+    `locked` joints, whose limits are equal or which an equality holds, are frozen too.
     """
-    known = {model.joint(j).name for j in range(model.njnt)}
+    held = find_held(model, root)
+    movable = model.jnt_type != mujoco.mjtJoint.mjJNT_FREE
+    known = {model.joint(int(j)).name for j in np.flatnonzero(movable)}
     unknown = sorted(weld - known - {"*"})
     if unknown:
         raise InputError(f"--weld {unknown[0]!r} is no joint; valid: {', '.join(sorted(known))}")
@@ -107,7 +110,8 @@ def find_chain(
         if name in rotor_joints:
             frozen[j] = ""
         elif name in locked:
-            frozen[j] = f"both its limits are {locked[name]:g}"
+            why = "an equality holds it at" if name in held else "both its limits are"
+            frozen[j] = f"{why} {locked[name]:g}"
         elif name in weld or "*" in weld:
             frozen[j] = "as asked"
         elif model.body_jntnum[body] > 1:
@@ -196,15 +200,19 @@ def _find_tip(
     tip: str | None,
 ) -> tuple[int, Array, str]:
     """Return the body of the tip, the tip's position (3,) m in it, and its name."""
-    if tip is not None:
-        body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, tip)
-        if body >= 0:
-            return body, np.zeros(3), tip
-        site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, tip)
-        if site < 0:
-            raise InputError(f"--tip {tip!r} is neither a body (link) nor a site of the model")
-        return int(model.site_bodyid[site]), model.site_pos[site].copy(), tip
     mine = [b for b in range(1, model.nbody) if model.body_rootid[b] == root]
+    if tip is not None:
+        bodies = {model.body(b).name: b for b in mine}
+        sites = {model.site(k).name: k for k in range(model.nsite) if model.site_bodyid[k] in mine}
+        if tip in bodies:
+            return bodies[tip], np.zeros(3), tip
+        if tip not in sites:
+            raise InputError(
+                f"--tip {tip!r} is neither a body (link) nor a site of the robot; valid: "
+                + neighbours(tip, filter(None, {*bodies, *sites}), 10)
+            )
+        site = sites[tip]
+        return int(model.site_bodyid[site]), model.site_pos[site].copy(), tip
     length = {b: len(joints_to(model, b, frozen)) for b in mine}
     deepest = max(length.values())
     ends = [b for b in mine if length[b] == deepest]

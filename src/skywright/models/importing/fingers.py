@@ -56,6 +56,22 @@ class Coupled(NamedTuple):
     fingers: bool  # they move fingers; otherwise links of an arm, a leg or a linkage
 
 
+def find_held(model: mujoco.MjModel, root: int) -> dict[str, float]:
+    """Return the named joints that an equality holds at a position (rad or m).
+
+    MuJoCo's equality of one joint: its position is `ref` plus the first number of `polycoef`.
+    """
+    out = {}
+    for e in range(model.neq):
+        j = int(model.eq_obj1id[e])
+        held = model.eq_type[e] == mujoco.mjtEq.mjEQ_JOINT and model.eq_obj2id[e] < 0
+        mine = held and model.body_rootid[model.jnt_bodyid[j]] == root
+        if mine and model.eq_active0[e] and model.joint(j).name:
+            at = model.qpos0[model.jnt_qposadr[j]] + model.eq_data[e, 0]
+            out[model.joint(j).name] = float(at)
+    return out
+
+
 def list_coupled(model: mujoco.MjModel, root: int) -> list[Coupled]:
     """Return the groups of coupled joints of the tree of `root`.
 
@@ -158,7 +174,7 @@ def _find_turn(model: mujoco.MjModel, data: mujoco.MjData, pair: list[int]) -> T
     below = [b for b in range(model.nbody) if int(model.body_parentid[b]) in bodies]
     if (
         any(model.jnt_type[j] != mujoco.mjtJoint.mjJNT_HINGE for j in pair)
-        or any(_has_joint(model, b) for b in below)
+        or any(has_joint(model, b) for b in below)
         or spans is None
         or abs(data.xaxis[pair[0]] @ data.xaxis[pair[1]]) < ALONG
     ):
@@ -198,10 +214,10 @@ def _find_turn(model: mujoco.MjModel, data: mujoco.MjData, pair: list[int]) -> T
     return Turn(pivot, length, closed, most, z)
 
 
-def _has_joint(model: mujoco.MjModel, body: int) -> bool:
-    """Whether a body or one of its descendants has a joint."""
-    return bool(model.body_jntnum[body]) or any(
-        _has_joint(model, b) for b in range(body + 1, model.nbody) if model.body_parentid[b] == body
+def has_joint(model: mujoco.MjModel, body: int, own: int = 0) -> bool:
+    """Whether a body or one of its descendants has a joint, besides `own` ones of the body."""
+    return bool(model.body_jntnum[body] > own) or any(
+        has_joint(model, b) for b in range(body + 1, model.nbody) if model.body_parentid[b] == body
     )
 
 

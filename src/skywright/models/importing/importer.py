@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,7 +24,8 @@ from skywright.models.capability import check_can_fly
 from skywright.models.importing.assumed import mark_assumed
 from skywright.models.importing.chain import find_chain, freeze
 from skywright.models.importing.comparing import TOLERANCE, Deviations, compare
-from skywright.models.importing.limits import read_limits
+from skywright.models.importing.fingers import find_held
+from skywright.models.importing.limits import note_limits, read_limits
 from skywright.models.importing.mounting import ARM, mount_arm
 from skywright.models.importing.moving import check_loops, check_rotors
 from skywright.models.importing.opening import compile_spec, hear_mujoco, open_file
@@ -33,6 +35,10 @@ from skywright.models.importing.trees import check_mass, choose_arm, choose_plat
 from skywright.models.importing.values import Question, Value
 from skywright.models.importing.visuals import build_meshes
 from skywright.models.rotors import build_rotors
+
+MOST_LAG = 0.05
+"""s of the rotors: up to it two imported robots met all requirements of `waypoints`; at 0.08 s
+each of them lost control at take-off."""
 
 
 class Request(NamedTuple):
@@ -103,18 +109,24 @@ def _import(request: Request, folder: Path, ask: Ask | None) -> Imported:
     if arm is not None:
         locked |= {ARM + name: at for name, at in arm.locked.items()}
         assumed |= {ARM + name: what for name, what in arm.assumed.items()}
-    data = freeze(model, root, locked)
+    locked |= find_held(model, root)
     given = [parse_rotor(text) for text in request.rotors]
+    where = f"{request.file}" if request.arm is None else f"{request.file} with {request.arm}"
+    with _name_file(where):
+        data = freeze(model, root, locked)
     rotors = find_rotors(opened, model, data, root, given)
-    check_rotors(request.file, model, data, rotors.rotors, {*locked, *request.weld})
+    spun = check_rotors(request.file, model, data, rotors.rotors, {*locked, *request.weld})
     turning = {rotor.joint for rotor in rotors.rotors if rotor.joint}
-    chain = find_chain(model, data, root, turning, locked, set(request.weld), request.tip)
-    loops = check_loops(request.file, model, root, chain.joints)
+    spun -= turning
+    turning |= spun
     origin = request.file.name + ("" if request.arm is None else f" and {request.arm.name}")
     limits = read_limits(opened, "", model) | ({} if arm is None else read_limits(arm, ARM, model))
     name = request.name or folder.name
     label, weld = f"{origin} ({opened.kind})", set(request.weld)
-    tables = build_tables(name, label, chain, rotors, limits)
+    with _name_file(where):
+        chain = find_chain(model, data, root, turning, locked, weld, request.tip)
+        tables = build_tables(name, label, chain, rotors, limits)
+    loops = check_loops(request.file, model, root, chain.joints)
 
     def rebuild(other: mujoco.MjModel) -> Tables:
         data = freeze(other, root, locked)
@@ -124,10 +136,13 @@ def _import(request: Request, folder: Path, ask: Ask | None) -> Imported:
 
     tables = mark_assumed(tables, model, assumed, rebuild)
     notes = [*opened.notes, *([] if arm is None else arm.notes), *rotors.notes, *chain.frozen]
+    if spun:
+        notes.append(f"joint {', '.join(sorted(spun))} is frozen: it turns a propeller only")
     notes += loops
+    files = [(opened, ""), *([] if arm is None else [(arm, ARM)])]
+    notes += note_limits(files, chain, limits)
     notes.append("contacts: capsules along the links, a hub and propeller discs")
     if request.meshes:
-        files = [(opened, ""), *([] if arm is None else [(arm, ARM)])]
         looks, left_out = build_meshes(
             files, model, data, chain, tables.frames, ["platform", *tables.links]
         )
@@ -161,14 +176,29 @@ def _import(request: Request, folder: Path, ask: Ask | None) -> Imported:
     )  # fmt: skip
 
 
+@contextmanager
+def _name_file(where: str) -> Iterator[None]:
+    """Put the files (`where`) in front of errors about their joints and links."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
 def _find_weakness(robot: Robot) -> list[str]:
-    """Return why a robot that agrees with its file does not fly; empty if it does."""
+    """Return why a robot that agrees with its file does not fly; empty if nothing is known."""
+    notes, lag = [], robot.rotors.time_constant_s
     try:
         build_allocator(build_rotors(robot.rotors))
         check_can_fly(robot)
     except SkywrightError as error:
-        return [f"does not fly as the file describes it: {error}"]
-    return []
+        notes.append(f"does not fly as the file describes it: {error}")
+    if lag > MOST_LAG:
+        notes.append(
+            f"flights lose control: the rotors lag by {lag:g} s (robot.rotors.time_constant_s), "
+            f"and the gains of an imported robot are sufficient up to {MOST_LAG:g} s"
+        )
+    return notes
 
 
 class _Draft:

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import mujoco
-import numpy as np
 
+from skywright.core.arrays import Array
 from skywright.errors import InputError
+from skywright.models.importing.chain import Chain
+from skywright.models.importing.forces import find_force
 from skywright.models.importing.opening import Opened
-from skywright.models.importing.sdf import read_limit
+from skywright.models.importing.sdf import TURN, read_limit
 
-PLAIN = {
-    int(kind)
-    for kind in (
-        mujoco.mjtDyn.mjDYN_NONE, mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT
-    )
-}  # fmt: skip
-"""Dynamics of actuators whose force at rest is proportional to the control."""
+SMALL = 1e-6
+"""Relative difference of limits, and rad beyond a turn, that are ignored."""
 AT_JOINT = {int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)}
 
 Limits = dict[str, tuple[float | None, float | None]]
@@ -33,19 +31,66 @@ def read_limits(opened: Opened, prefix: str, model: mujoco.MjModel) -> Limits:
     out: Limits = {}
     for joint in opened.root.findall("joint"):
         limit = joint.find("limit")
-        name, where = joint.get("name", ""), f"{opened.path}: limit of {joint.get('name')!r}"
+        name, where = joint.get("name", ""), f"{opened.path}: joint {joint.get('name')!r}"
         if limit is not None:
             texts = (limit.get("effort"), limit.get("velocity"))
         else:
             texts = (joint.findtext("axis/limit/effort"), joint.findtext("axis/limit/velocity"))
-        effort, speed = (read_limit(text, where, 0.0) for text in texts)
-        if -math.inf in (effort, speed):
-            raise InputError(f"{where} is -inf; valid: a number, or inf for no limit")
+        effort, speed = (
+            _read_most(text, f"{where}: {key} of <limit>")
+            for key, text in zip(("effort", "velocity"), texts, strict=True)
+        )
         out[prefix + name] = (
             effort if 0.0 != effort < math.inf else None,
             speed if 0.0 != speed < math.inf else None,
         )
     return out
+
+
+def note_limits(files: Sequence[tuple[Opened, str]], chain: Chain, limits: Limits) -> list[str]:
+    """Return notes on limits of the arm and its gripper that the robot file does not keep.
+
+    `files` are the files with the prefixes of their names in `chain`.
+    """
+    open_ended = {
+        prefix + joint.get("name", "")
+        for opened, prefix in files
+        if opened.kind == "URDF"
+        for joint in opened.root.findall("joint")
+        if joint.get("type") in ("revolute", "prismatic")
+    }
+    out = []
+    for part in chain.parts[1:]:
+        most = "0.1 m" if part.slide else "180 deg"
+        if part.span is None and part.joint in open_ended:
+            out.append(
+                f"joint {part.joint} has no lower and upper limit, which URDF reads as 0 and 0 "
+                f"(locked): -{most} to {most} are assumed; --weld {part.joint} locks it"
+            )
+        elif part.span is not None and not part.slide and max(map(abs, part.span)) > TURN + SMALL:
+            low, high = part.span
+            out.append(
+                f"joint {part.joint} has limits of {low:.4g} and {high:.4g} rad, cut to a turn: "
+                "are they in degrees?"
+            )
+    if chain.gripper is not None:
+        for what, k in (("efforts", 0), ("speeds", 1)):
+            both = [limits.get(name, (None, None))[k] for name in chain.gripper.joints]
+            found = sorted(value for value in both if value is not None)
+            if len(found) == 2 and found[1] - found[0] > SMALL * found[1]:
+                out.append(
+                    f"joints {' and '.join(chain.gripper.joints)} of the gripper have {what} of "
+                    f"{found[0]:g} and {found[1]:g}: the smaller one counts"
+                )
+    return out
+
+
+def _read_most(text: str | None, what: str) -> float:
+    """Return a limit, 0 without one; InputError names `what`."""
+    value = read_limit(text, what, 0.0)
+    if value == -math.inf:
+        raise InputError(f"{what} is -inf; valid: a number, or inf for no limit")
+    return value
 
 
 def _list_efforts(model: mujoco.MjModel, prefix: str) -> dict[str, float]:
@@ -56,10 +101,13 @@ def _list_efforts(model: mujoco.MjModel, prefix: str) -> dict[str, float]:
     the strongest counts.
     """
     out: dict[str, float] = {}
-    for a in range(model.nu):
+    for a in range(model.nactuator):
         if int(model.actuator_trntype[a]) in AT_JOINT:
-            name, most = model.joint(int(model.actuator_trnid[a, 0])).name, _find_force(model, a)
-            if most is not None:
+            name, most = (
+                model.joint(int(model.actuator_trnid[a, 0])).name,
+                _reach(find_force(model, a)),
+            )
+            if most < math.inf:
                 out[name] = max(out.get(name, 0.0), most * abs(float(model.actuator_gear[a, 0])))
     for j in range(model.njnt):
         if model.jnt_actfrclimited[j]:
@@ -68,23 +116,7 @@ def _list_efforts(model: mujoco.MjModel, prefix: str) -> dict[str, float]:
     return {name: most for name, most in out.items() if name.startswith(prefix) and most > 0.0}
 
 
-def _find_force(model: mujoco.MjModel, a: int) -> float | None:
-    """Return the largest force of an actuator, before its gear; None without a limit."""
-    out = math.inf
-    if model.actuator_forcelimited[a]:
-        out = _reach(model.actuator_forcerange[a])
-    plain = (
-        model.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_FIXED
-        and model.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_NONE
-        and int(model.actuator_dyntype[a]) in PLAIN
-    )
-    if plain and model.actuator_ctrllimited[a]:
-        gain = abs(float(model.actuator_gainprm[a, 0]))
-        out = min(out, gain * _reach(model.actuator_ctrlrange[a]))
-    return out if out < math.inf else None
-
-
-def _reach(span: np.ndarray) -> float:
+def _reach(span: Sequence[float] | Array) -> float:
     """Return what a range (2,) gives in both directions; in its one direction if it has one."""
     low, high = float(span[0]), float(span[1])
     return min(-low, high) if low < 0.0 < high else max(abs(low), abs(high))

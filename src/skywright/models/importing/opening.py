@@ -18,7 +18,7 @@ import numpy as np
 
 from skywright.errors import InputError
 from skywright.models.importing.mjcf_files import MAX_BODIES, check_files
-from skywright.models.importing.sdf import read_sdf
+from skywright.models.importing.sdf import read_limit, read_sdf
 from skywright.models.importing.xml_input import check_span, read_numbers, read_xml
 
 _GEOM = mujoco.mjtGeom
@@ -85,6 +85,7 @@ def _open_mjcf(path: Path) -> mujoco.MjSpec:
     spec = read_mjcf(path)
     _check_size(path, spec)
     _check_ranges(path, spec)
+    _name_joints(spec)
     folder = path.parent / spec.meshdir
     files = {mesh.name or Path(mesh.file).stem: mesh.file for mesh in spec.meshes}
     used = set()
@@ -111,6 +112,19 @@ def _open_mjcf(path: Path) -> mujoco.MjSpec:
         for thing in list(things):
             spec.delete(thing)
     return spec
+
+
+def _name_joints(spec: mujoco.MjSpec) -> None:
+    """Give joints without a name one that notes and --weld can use."""
+    known = {joint.name for joint in spec.joints}
+    for body in spec.bodies:
+        for joint in body.joints:
+            if not joint.name and joint.type != mujoco.mjtJoint.mjJNT_FREE:
+                name = f"joint of {body.name or 'a body'}"
+                while name in known:
+                    name += " (2)"
+                joint.name = name
+                known.add(name)
 
 
 def _check_ranges(path: Path, spec: mujoco.MjSpec) -> None:
@@ -140,9 +154,14 @@ def _find_locked(path: Path, root: ET.Element) -> dict[str, float]:
         if limit is None or joint.get("type") not in ("revolute", "prismatic"):
             continue
         texts, where = (limit.get("lower"), limit.get("upper")), f"{path}: joint {name!r}"
+        for key in ("effort", "velocity"):  # MuJoCo's message names no joint
+            read_limit(limit.get(key), f"{where}: {key} of <limit>", 0.0)
         if texts == (None, None):
             continue
-        low, high = (read_numbers(text, 1, where, [0.0])[0] for text in texts)
+        low, high = (
+            read_numbers(text, 1, f"{where}: {end} of <limit>", [0.0])[0]
+            for end, text in zip(("lower", "upper"), texts, strict=True)
+        )
         check_span(low, high, where)
         if low == high:
             out[name] = low
@@ -159,6 +178,8 @@ def _is_weighed(spec: mujoco.MjSpec, body: mujoco.MjsBody, geom: mujoco.MjsGeom)
 
 def _open_urdf(path: Path, root: ET.Element, locked: Collection[str]) -> mujoco.MjSpec:
     """Read links and joints; shapes have no effect on the inertia of a URDF link."""
+    for tag in ("link", "joint"):
+        _check_names(path, root, tag)
     _check_roots(path, root)
     copy = ET.Element("robot", name=root.get("name") or path.stem)
     for element in root:
@@ -189,10 +210,22 @@ def _open_urdf(path: Path, root: ET.Element, locked: Collection[str]) -> mujoco.
         raise InputError(f"{path}: holds no link")
     # several trees only below a link `world`; a free body must have a mass
     heavy = [b for b in trees if any(part.mass > 0.0 for part in (b, *b.find_all("body")))]
-    for i, body in enumerate(heavy or trees):
+    for body in heavy or trees:
         if not body.joints:
-            body.add_freejoint(name=f"free root {i + 1}" if i else "free root")
+            body.add_freejoint()  # without a name, which a joint of the file may have
     return spec
+
+
+def _check_names(path: Path, root: ET.Element, tag: str) -> None:
+    """Raise InputError if two links or two joints (`tag`) of a URDF file have the same name."""
+    seen: set[str] = set()
+    for element in root.findall(tag):
+        name = element.get("name", "")
+        if name in seen:
+            raise InputError(
+                f"{path}: two {tag}s are named {name!r}; valid: a name of its own for each {tag}"
+            )
+        seen.add(name)
 
 
 def _check_roots(path: Path, root: ET.Element) -> None:

@@ -7,6 +7,7 @@ model in SDF and URDF (`motorConstant`, `momentConstant`, `maxRotVelocity`, `tim
 
 from __future__ import annotations
 
+import math
 import re
 import xml.etree.ElementTree as ET
 from typing import NamedTuple
@@ -16,6 +17,7 @@ import numpy as np
 
 from skywright.core.arrays import Array
 from skywright.errors import InputError
+from skywright.models.importing.forces import find_thrust
 from skywright.models.importing.opening import Opened
 from skywright.models.importing.xml_input import read_numbers
 
@@ -91,7 +93,7 @@ def _list_rotors(
     opened: Opened, model: mujoco.MjModel, data: mujoco.MjData, root: int, notes: list[str]
 ) -> tuple[list[FoundRotor], str]:
     """Return the rotors of the tree of `root`, by the first source that has some, and its name."""
-    found = _of_actuators(opened, model, data, root)
+    found = _of_actuators(opened, model, data, root, notes)
     if found:
         return found, "actuators at sites"
     found = [
@@ -127,43 +129,37 @@ def parse_rotor(text: str) -> FoundRotor:
 
 
 def _of_actuators(
-    opened: Opened, model: mujoco.MjModel, data: mujoco.MjData, root: int
+    opened: Opened, model: mujoco.MjModel, data: mujoco.MjData, root: int, notes: list[str]
 ) -> list[FoundRotor]:
-    out = []
-    for a in range(model.nu):
+    out, left_out = [], set[str]()
+    for a in range(model.nactuator):
         if model.actuator_trntype[a] != mujoco.mjtTrn.mjTRN_SITE:
             continue
-        site, gear = int(model.actuator_trnid[a, 0]), model.actuator_gear[a]
-        gain = float(model.actuator_gainprm[a, 0])
-        push = gain * gear[:3]
-        size = float(np.linalg.norm(push))
-        if model.body_rootid[model.site_bodyid[site]] != root or size < 1e-12:
+        site = int(model.actuator_trnid[a, 0])
+        body = int(model.site_bodyid[site])
+        if model.body_rootid[body] != root:
             continue
-        name = model.actuator(a).name
-        axis, torque = push / size, gain * gear[3:] / size
-        along = float(torque @ axis)
-        if np.linalg.norm(torque - along * axis) > SAME:
-            raise InputError(
-                f"{opened.path}: actuator {name!r} makes a torque across its thrust, which no "
-                "rotor does; give the rotors with --rotor"
-            )
-        constants = {}
-        if along:
-            constants["torque_per_thrust_m"] = abs(along)
-        if model.actuator_ctrllimited[a]:
-            low, high = (size * float(x) for x in model.actuator_ctrlrange[a])
+        thrust = find_thrust(model, a, str(opened.path), left_out)
+        if thrust is None:
+            continue
+        constants = {"torque_per_thrust_m": abs(thrust.torque), "time_constant_s": thrust.lag}
+        constants = {key: value for key, value in constants.items() if value > 0.0}
+        if all(map(math.isfinite, thrust.span)):
+            low, high = thrust.span
             constants |= {"thrust_min_n": max(low, 0.0), "thrust_max_n": high}
         R = data.site_xmat[site].reshape(3, 3)
-        spin = "" if along == 0.0 else "cw" if along > 0.0 else "ccw"
-        body = int(model.site_bodyid[site])
-        out.append(FoundRotor(data.site_xpos[site].copy(), R @ axis, spin, "", constants, body))
+        spin = "" if thrust.torque == 0.0 else "cw" if thrust.torque > 0.0 else "ccw"
+        out.append(
+            FoundRotor(data.site_xpos[site].copy(), R @ thrust.axis, spin, "", constants, body)
+        )
+    notes += [f"left out: {what}" for what in sorted(left_out)]
     return out
 
 
 def _of_plugins(
     opened: Opened, model: mujoco.MjModel, data: mujoco.MjData, notes: list[str]
 ) -> list[FoundRotor]:
-    out, left_out = [], set()
+    out, left_out, reversed_ = [], set(), []
     for plugin in opened.root.iter("plugin"):
         link, joint = (_text(plugin, tag) for tag in ("linkName", "jointName"))
         if plugin.find("motorConstant") is None or not link:
@@ -184,6 +180,9 @@ def _of_plugins(
         for tag, value in number.items():
             if value < 0.0 and tag != "momentConstant":
                 raise InputError(f"{where}: {tag} is {value:g}; valid: 0 or more")
+        if number["momentConstant"] < 0.0:  # Gazebo: torque = -direction * thrust * momentConstant
+            spin = {"ccw": "cw", "cw": "ccw"}[spin]
+            reversed_.append(link)
         k, fastest = number["motorConstant"], number["maxRotVelocity"]
         constants = {
             "thrust_coefficient_n_per_rad2s2": k, "thrust_max_n": k * fastest**2,
@@ -205,6 +204,11 @@ def _of_plugins(
         up = data.xmat[body].reshape(3, 3)[:, 2]
         out.append(FoundRotor(data.xpos[body].copy(), up.copy(), spin, joint, constants, body))
     notes += [f"left out: {what}" for what in sorted(left_out)]
+    if reversed_:
+        notes.append(
+            f"momentConstant is negative: {', '.join(reversed_)} turn against turningDirection, so "
+            "that the drag torque is that of the file"
+        )
     return out
 
 

@@ -30,6 +30,8 @@ from skywright.models.part_masses import set_inertia
 TYPES = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "fixed": "fixed"}
 TURN, FAR = 2.0 * math.pi, 100.0
 """rad and m: limits beyond are ignored; SDF writes 1e16, or inf."""
+DEGREES = 1e3
+"""rad: limits between a turn and this number may be in degrees."""
 
 
 class SdfJoint(NamedTuple):
@@ -86,7 +88,7 @@ class _Builder:
         """Return the specification with a free root link."""
         path = self.path
         links = {e.get("name", ""): e for e in self.model.findall("link")}
-        joints = [j for e in self.model.findall("joint") if (j := self._joint(e)).parent != "world"]
+        joints = self._read_joints()
         above: dict[str, SdfJoint] = {}
         for joint in joints:
             if joint.child in above:
@@ -113,7 +115,7 @@ class _Builder:
             body = parent.add_body(name=name, pos=local.p, quat=quat_from_rot(local.R))
             self._fill(body, name, links[name])
             if name == roots[0]:
-                body.add_freejoint(name="free root")
+                body.add_freejoint()  # without a name, which a joint of the file may have
             elif above[name].kind != "fixed":
                 self._add_joint(body, above[name], X_ML)
             todo += [(j.child, body, X_ML) for j in below.get(name, [])]
@@ -122,6 +124,21 @@ class _Builder:
             if element.get("name") in movable:
                 self._couple(spec, element, movable)
         return spec
+
+    def _read_joints(self) -> list[SdfJoint]:
+        """Return the joints between links, and note what holds the model in the world."""
+        if (self.model.findtext("static") or "").strip().lower() in ("1", "true"):
+            self.notes.append("left out: <static> of the model, which does not move in the file")
+        out = []
+        for element in self.model.findall("joint"):
+            joint = self._joint(element)
+            if joint.parent != "world":
+                out.append(joint)
+            else:
+                self.notes.append(
+                    f"left out: joint {joint.name!r} between the world and link {joint.child!r}"
+                )
+        return out
 
     def _couple(self, spec: mujoco.MjSpec, element: ET.Element, movable: Container[str]) -> None:
         """Add the coupling of a joint to the one that it mimics (SDF 1.11), as an equality."""
@@ -175,6 +192,11 @@ class _Builder:
             self.locked[name] = low
         far = TURN if kind == "hinge" else FAR
         free = low == high or (low < -far and high > far)
+        if kind == "hinge" and far < max(-low, high) < DEGREES:
+            self.notes.append(
+                f"joint {name} has limits of {low:g} and {high:g} rad, beyond a turn: are they in "
+                "degrees?"
+            )
         span = None if free else (max(low, -far), min(high, far))
         return SdfJoint(name, kind, parent, child, at.p, way / np.linalg.norm(way), span)
 

@@ -108,7 +108,11 @@ def build_gripper(
     out = {"kind": Value("gripper"), **shape, "mass_kg": mass}
     out["length_m"] = Value(length, "assumed", "from the fingers' joints to the tip", (0.01, 0.2))
     out["friction"] = Value(0.5, "assumed", "rubber pads on a dry object", (0.2, 1.0))
-    force, speed = limits.get(gripper.joints[0], (None, None))
+    both = [limits.get(name, (None, None)) for name in gripper.joints]
+    force, speed = (
+        min((value for value in values if value is not None), default=None)
+        for values in zip(*both, strict=True)
+    )
     for key, value, factor, text, guess, usual in (
         ("grip_force_n", force, 1.0 / lever, "force of each finger of the gripper, N", 20.0,
          PLACEHOLDER),
