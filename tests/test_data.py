@@ -215,6 +215,15 @@ def test_scan_asks_what_the_paper_asks() -> None:
     }
 
 
+@pytest.mark.parametrize("name", [entry.name for entry in list_missions()])
+def test_every_limit_of_a_mission_names_a_paper_or_the_reason_of_the_choice(name: str) -> None:
+    paper = r"(Caballero 2018|Sanchez-Cuevas 2020|Suarez 2020|Tognon 2018), section "
+    for metric, requirement in load_description(name).mission.requirements.items():
+        assert re.match(paper + r"|chosen: \S+ \S+", requirement.source), (
+            f"{name}: {metric}: {requirement.source!r} is neither a section of a paper nor a reason"
+        )
+
+
 def _pad(q: np.ndarray) -> np.ndarray:
     out = np.zeros(8)
     out[: len(q)] = q
