@@ -224,11 +224,11 @@ def check(file: str, as_json: bool) -> int:
         return 0 if report.valid else 2
     for line in report.problems:
         click.echo(line, err=True)
-    for line in report.notes:
-        click.echo(line)
     if report.valid:
         click.echo(f"{report.label}: a valid {report.kind}")
-        return 0
-    count = len(report.problems)
-    click.echo(f"{report.label}: {count} problem{'s' if count != 1 else ''}", err=True)
-    return 2
+    else:
+        count = len(report.problems)
+        click.echo(f"{report.label}: {count} problem{'s' if count != 1 else ''}", err=True)
+    for line in report.notes:
+        click.echo(line)
+    return 0 if report.valid else 2
