@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -168,6 +169,13 @@ def test_every_limit_of_a_mission_names_a_paper_or_the_reason_of_the_choice(name
         assert re.match(paper + r"|chosen: \S+ \S+", requirement.source), (
             f"{name}: {metric}: {requirement.source!r} is neither a section of a paper nor a reason"
         )
+
+
+def test_no_limit_of_the_package_or_an_example_has_the_source_ours() -> None:
+    root = Path(__file__).parent.parent
+    files = [*(root / "src").rglob("*.toml"), *(root / "examples").rglob("*.toml")]
+    found = [f for f in files if re.search(r'limit = .*source = "ours', f.read_text("utf-8"))]
+    assert files and not found
 
 
 def _pad(q: np.ndarray) -> np.ndarray:

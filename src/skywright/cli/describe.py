@@ -213,8 +213,8 @@ def new(what: str, name: str) -> None:
 def check(file: str, as_json: bool) -> int:
     """List all errors of a robot, world or mission.
 
-    It also lists assumed values and states whether the robot can lift its weight. In a folder, it
-    checks robot.toml, world.toml and mission.toml.
+    It also lists the assumed values of the file, counts those of other files, and states whether
+    the robot can lift its weight. In a folder, it checks robot.toml, world.toml and mission.toml.
     """
     from skywright.run.check import check_file
 
