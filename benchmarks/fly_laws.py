@@ -1,11 +1,12 @@
 """Fly comparisons of benchmarks/laws/laws.toml and write their results beside it.
 
-    python benchmarks/fly_laws.py [NAME...] [--runs N] [--out FOLDER] [--workers N]
+    python benchmarks/fly_laws.py [NAME...] [--runs N] [--out FOLDER] [--workers N] [--judge]
 
 Without NAME all are flown. An interrupted comparison in FOLDER is continued. NAME.json contains the
 commit, the date, and the output of `skywright compare laws --json`. `--runs 0` flies nothing and
 only finds the laws that are refused before take-off. `--cost` flies nothing and measures the
-computing times of the laws again, for an idle machine.
+computing times of the laws again, for an idle machine. `--judge` flies nothing and computes the
+differences again from the rows in FOLDER; commit and date stay those of the flights.
 """
 
 from __future__ import annotations
@@ -18,15 +19,25 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from skywright.analysis.campaign.store import decode_row
 from skywright.analysis.compare_laws.cases import list_law_sets
-from skywright.analysis.compare_laws.compare import compare_laws
+from skywright.analysis.compare_laws.compare import (
+    Flown,
+    build_json,
+    choose_reference,
+    compare_flown,
+    compare_laws,
+)
 from skywright.analysis.compare_laws.cost import measure_cost
+from skywright.analysis.compare_laws.paired import find_significant
 from skywright.analysis.compare_laws.report import tell_step, write_laws_page
 from skywright.core.find import list_kinds
 from skywright.description.loader import load_description
 from skywright.errors import InputError
 from skywright.evidence.bench.machine import describe_machine
+from skywright.run.parts import get_law
 from skywright.run.planning import plan_mission
+from skywright.run.setup import Setup
 
 ROOT = Path(__file__).resolve().parent.parent
 KEPT = Path(__file__).resolve().parent / "laws"
@@ -36,13 +47,22 @@ ALL = "all"
 """Replaces a list of laws: all built-in ones."""
 
 
+def list_laws(c: dict[str, Any]) -> list[str]:
+    """Return the laws of a comparison; of all laws, the one of the mission or its robot first."""
+    if c["laws"] != ALL:
+        return list(c["laws"])
+    d = load_description(c["mission"], c.get("robot"), None, c.get("sets", ()), 1)
+    own = get_law(d, Setup(d)).kind
+    return [own, *(law for law in list_kinds("law") if law != own)]
+
+
 def fly(name: str, runs: int, out: Path, workers: int) -> str:
     """Fly one comparison and write its file; return the number of successful flights as text."""
     c = COMPARISONS[name]
-    laws = list_kinds("law") if c["laws"] == ALL else c["laws"]
     found = compare_laws(
-        laws, c["mission"], robot=c.get("robot"), sets=c.get("sets", ()), vary=c.get("vary", ()),
-        cases=c["cases"], runs=runs, seed=1, out=out / name, workers=workers, step=tell_step,
+        list_laws(c), c["mission"], robot=c.get("robot"), sets=c.get("sets", ()),
+        vary=c.get("vary", ()), cases=c["cases"], runs=runs, seed=1, out=out / name,
+        workers=workers, step=tell_step,
     )  # fmt: skip
     write_laws_page(found, out / f"{name}.html")
     write(name, found.to_json())
@@ -53,7 +73,7 @@ def fly(name: str, runs: int, out: Path, workers: int) -> str:
 def refuse(name: str) -> str:
     """Write the refusal of each law of a comparison without flights; return a count as text."""
     c = COMPARISONS[name]
-    laws = list_kinds("law") if c["laws"] == ALL else c["laws"]
+    laws = list_laws(c)
     refused = {law: find_refusal(c, law) for law in laws}
     d = load_description(c["mission"], c.get("robot"), None, c.get("sets", ()), 1)
     write(name, {
@@ -76,6 +96,27 @@ def find_refusal(c: dict[str, Any], law: str) -> str:
     except InputError as error:
         return str(error)
     return "" if plan.feasible else str(plan.blocked_by)
+
+
+def judge(name: str, out: Path) -> str:
+    """Compute the differences of a comparison again; return their number as text."""
+    c, file = COMPARISONS[name], KEPT / f"{name}.json"
+    found, flown = json.loads(file.read_text(encoding="utf-8")), []
+    for f in found["flown"]:
+        kept = out / name / f["law"] / f["case"] / "runs.jsonl"
+        lines = kept.read_text(encoding="utf-8").splitlines() if f["runs"] else ()
+        rows = sorted((decode_row(json.loads(line)) for line in lines), key=lambda row: row.run)
+        flown.append(Flown(f["law"], f["case"], rows[: f["runs"]], f["refused"] or ""))
+        told = {m: x for m, x in f["medians"].items() if x is not None}
+        again = {m: flown[-1].compute_median(m) for m in told}
+        if (flown[-1].succeeded, again) != (f["succeeded"], told):
+            raise SystemExit(f"{kept}: not the flights of {file.name}; give their --out")
+    metrics = list(dict.fromkeys(m for f in found["flown"] for m in f["medians"]))
+    found["reference"] = choose_reference(list_laws(c), flown)
+    differences = compare_flown(found["reference"], metrics, flown)
+    found["differences"] = build_json(differences, find_significant(differences))
+    file.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    return f"{name}: {len(differences)} differences to {found['reference']}"
 
 
 def measure(name: str) -> str:
@@ -110,6 +151,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=ROOT / "runs" / "laws")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--cost", action="store_true", help="measure computing times only")
+    parser.add_argument("--judge", action="store_true", help="compute the differences again only")
     args = parser.parse_args()
     if unknown := set(args.names) - set(COMPARISONS):
         parser.error(
@@ -119,12 +161,17 @@ def main() -> None:
         parser.error(
             f"--runs {args.runs} --workers {args.workers}; valid: 0 runs or more, 1 worker or more"
         )
-    if missing := [n for n in args.names if args.cost and not (KEPT / f"{n}.json").is_file()]:
-        parser.error(f"--cost {missing[0]}: not flown yet; fly it first, without --cost")
-    flown = [name for name in COMPARISONS if not args.cost or (KEPT / f"{name}.json").is_file()]
+    if missing := [
+        n for n in args.names if (args.cost or args.judge) and not (KEPT / f"{n}.json").is_file()
+    ]:
+        parser.error(f"{missing[0]}: not flown yet; fly it first, without --cost and --judge")
+    old = args.cost or args.judge
+    flown = [name for name in COMPARISONS if not old or (KEPT / f"{name}.json").is_file()]
     for name in args.names or flown:
         if args.cost:
             say = measure(name)
+        elif args.judge:
+            say = judge(name, args.out)
         else:
             say = fly(name, args.runs, args.out, args.workers) if args.runs else refuse(name)
         print(say, flush=True)

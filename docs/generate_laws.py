@@ -164,7 +164,8 @@ def build_table(name: str, asked: dict[str, Any], refusals: Refusals) -> str:
             ]
             done = f"{f['succeeded']} of {f['runs']}"
             cells.append(tell_number(found["cost_us"].get(law)))
-            lines.append(f"| `{law}` | {f['case']} | {done} | {' | '.join(cells)} |")
+            mark = " (reference)" if law == found["reference"] and f is mine[0] else ""
+            lines.append(f"| `{law}`{mark} | {f['case']} | {done} | {' | '.join(cells)} |")
     if lost:
         lines += ["", "Most frequent reason of the runs that did not succeed:", "", *lost]
     return "\n".join(lines)

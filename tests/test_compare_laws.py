@@ -27,7 +27,13 @@ from skywright.analysis.compare_laws.cases import (
     list_law_sets,
 )
 from skywright.analysis.compare_laws.check import check_law
-from skywright.analysis.compare_laws.compare import Flown, LawComparison, compare_laws
+from skywright.analysis.compare_laws.compare import (
+    Flown,
+    LawComparison,
+    choose_reference,
+    compare_flown,
+    compare_laws,
+)
 from skywright.analysis.compare_laws.cost import measure_cost
 from skywright.analysis.compare_laws.figures import draw_medians
 from skywright.analysis.compare_laws.paired import (
@@ -161,6 +167,32 @@ def test_aborted_flights_are_hollow_dots_and_count_in_the_median(tmp_path: Path)
     text = (tmp_path / "laws.html").read_text()
     assert "did not reach their end; the median includes them" in text
     assert "Incomplete flights" not in text
+
+
+def test_differences_are_to_the_first_law_that_succeeds(tmp_path: Path) -> None:
+    good = [build_row(k, x=1.0 + k) for k in range(3)]
+    bad = [row._replace(outcome="failed") for row in good]
+    cut = [row._replace(outcome="aborted") for row in good]
+    flown = [
+        Flown("a", "nominal", [], "no force sensor"), Flown("b", "nominal", cut, ""),
+        Flown("c", "nominal", bad, ""), Flown("d", "nominal", good, ""),
+        Flown("e", "nominal", [row._replace(metrics={"x": 0.5}) for row in good], ""),
+    ]  # fmt: skip
+    for count, reference in ((5, "d"), (3, "c"), (2, "b"), (1, "a")):
+        laws = [f.law for f in flown[:count]]
+        assert choose_reference(laws, flown[:count]) == reference
+    found = compare_flown("d", ["x"], flown)
+    assert [(d.law, d.pairs, d.median) for d in found] == [("c", 3, 0.0), ("e", 3, -1.5)]
+    comparison = build_comparison(["a", "b", "c", "d", "e"], differences=found)
+    comparison = comparison._replace(flown=flown)
+    assert comparison.to_json()["reference"] == "d"
+    write_laws_page(comparison, tmp_path / "laws.html")
+    text = (tmp_path / "laws.html").read_text()
+    assert "The differences are to d: no nominal flight of a met every requirement." in text
+    assert "e minus d" in text and "d minus d" not in text
+    none = comparison._replace(flown=flown[:2], laws=["a", "b"], differences=[])
+    write_laws_page(none, tmp_path / "laws.html")
+    assert "flown to its end by two laws" in (tmp_path / "laws.html").read_text()
 
 
 def test_nothing_of_the_page_is_cut_off(

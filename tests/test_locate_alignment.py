@@ -174,7 +174,7 @@ def test_noise_is_found_again():
         assert found.station == pytest.approx(true.station, rel=0.1)
         total = compute_walk(found, dt, path).sum()
         assert total == pytest.approx(walk.sum(), rel=0.25)
-        assert find_outliers(r, found.station, compute_walk(found, dt, path), 21.1)[100] == 1.0
+        assert find_outliers(r, found.station, compute_walk(found, dt, path), 21.1)[0][100] == 1.0
 
 
 def test_noise_that_the_walk_hides_comes_from_the_data_sheet():

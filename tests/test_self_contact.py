@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import mujoco
 import numpy as np
 import pytest
@@ -18,7 +20,14 @@ from skywright.models.self_contact import POSTURES, build_self_contacts, find_se
 from skywright.planning.inverse_kinematics import build_state
 from skywright.planning.local_planner import Edge, plan_free_edge
 from skywright.planning.patterns import build_time_law
-from skywright.planning.problem import CLEARANCE, Limits, build_problem, describe_failure
+from skywright.planning.problem import (
+    CLEARANCE,
+    JOINT,
+    Failure,
+    Limits,
+    build_problem,
+    describe_failure,
+)
 from skywright.run.setup import Setup
 
 SETUP = Setup(load_description("waypoints", robot="tilthex-arm"))
@@ -125,6 +134,16 @@ def test_an_arm_does_not_pass_through_a_propeller_far_from_the_world() -> None:
     assert edge.failure is not None and edge.failure.code == CLEARANCE
     assert "propeller" in describe_failure(edge.failure, SETUP.clearance, ())
     assert "mission.self_clearance_m" in describe_failure(edge.failure, SETUP.clearance, ())
+
+
+def test_a_slide_beyond_its_limit_is_told_in_metres() -> None:
+    """1 cm beyond a limit of a slide was told as 1 deg."""
+    failure = Failure(JOINT, -0.01, 0.0, 0, math.nan, math.nan, HERE, "")
+    model = SETUP.model.copy()
+    assert "a at -1 deg" in describe_failure(failure, SETUP.clearance, ("a",), model)
+    model[0]["slide"][model[0]["joint"] == 0] = 1
+    said = describe_failure(failure, SETUP.clearance, ("a",), model)
+    assert "joint a at -0.0100 m exceeds its limit of 0.0000 m" in said
 
 
 def test_accepted_moves_of_an_arm_keep_their_distance() -> None:

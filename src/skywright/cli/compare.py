@@ -148,9 +148,9 @@ def laws(
 ) -> None:  # fmt: skip
     """Fly control laws on the same seeds and conditions, and compare them in pairs.
 
-    A law is a name or FILE.py:CLASS; :KEY=VALUE behind it sets a key of [mission.law]. The first
-    law is the reference. The flights are campaigns in a folder beside the page; the same command
-    continues an interrupted comparison.
+    A law is a name or FILE.py:CLASS; :KEY=VALUE behind it sets a key of [mission.law]. The
+    differences are to the first law whose nominal flights succeed. The flights are campaigns in a
+    folder beside the page; the same command continues an interrupted comparison.
     """
     from skywright.analysis.compare_laws.compare import compare_laws
     from skywright.analysis.compare_laws.report import print_laws, tell_step, write_laws_page

@@ -102,7 +102,7 @@ def add_arm(
         bodies.append(body)
     tip = find_tip(robot, limbs)
     for side, i in zip(_sides(limbs), last, strict=True):
-        if robot.probe is None or i != tip:
+        if robot.probe is None or side != limbs[tip].side:  # an arm has a hand or the probe
             _add_hand(bodies[i], side, limbs[i].link, robot, dev, plant, is_tip=i == tip)
     if robot.probe is not None:
         _add_probe(spec, bodies[tip], limbs[tip], robot, dev, plant)
@@ -120,7 +120,9 @@ def _shell_end(robot: Robot, limbs: list[Limb], i: int, is_last: bool) -> Array:
     the link."""
     assert robot.arm is not None
     end, hand, link = np.array(end_of(limbs[i].link)), robot.arm.hand, limbs[i].link
-    if not is_last or hand.mass_kg == 0.0 or (robot.probe and i == find_tip(robot, limbs)):
+    if not is_last or hand.mass_kg == 0.0:
+        return end
+    if robot.probe is not None and limbs[i].side == limbs[find_tip(robot, limbs)].side:
         return end
     ball = hand.radius_m + link.radius_m
     return end * max(min(1.0, 1.0 + (hand.length_m - ball) / link.length_m), 0.1)

@@ -25,6 +25,7 @@ from skywright.description.robot.limbs import SIDES, list_joints, list_limbs
 from skywright.description.robot.spec import Robot
 from skywright.errors import InputError
 from skywright.models.arm_nearest import arm_point, distance, search_nearest
+from skywright.models.rigid_body import build_body_model
 
 REACHED, OUT_OF_REACH, AT_A_LIMIT = 0, 1, 2
 """Status of a solution: exact; beyond (or within) the span of the links; or feasible only with
@@ -34,6 +35,7 @@ STATUS_NAMES = ("reached", "out of reach", "at a joint limit")
 EXACT = 1e-10  # m, largest distance that counts as reached
 ROLLS = 48  # number of rolls tried if the requested one violates a limit
 TRIALS = ROLLS + 1
+SAME = 1e-9  # m, largest difference of lengths that count as equal
 
 
 class ArmChain(NamedTuple):
@@ -60,16 +62,50 @@ def has_arm_chain(robot: Robot) -> bool:
     """Whether the arms of the robot have the joints that the closed form assumes."""
     if robot.arm is None:
         return False
-    joints = [x for x in list_joints(robot) if x.side == 0]
     if any(x.link.is_turned or x.link.side != "both" for x in list_limbs(robot)):
         return False
-    if [(x.link.axis, x.link.along, x.link.joint) for x in joints] != [
-        (axis, "-z", "hinge") for axis in "yxzy"
-    ]:
-        return False
-    elbow = (0.0, 0.0, -joints[2].link.length_m)
-    shoulder = all(x.offset == (0.0, 0.0, 0.0) for x in joints[1:3])
-    return shoulder and joints[3].offset == elbow
+    found = [_measure_chain(robot, side) for side in range(robot.arm.sides)]
+    lengths = [(x.upper, x.fore) for x in found if x is not None]
+    # the laws of both arms use the same lengths: a probe on one of two arms makes them differ
+    return len(lengths) == robot.arm.sides and float(np.ptp(lengths, axis=0).max()) < SAME
+
+
+class _Measured(NamedTuple):
+    """Lengths (m) of an arm, and its shoulder (3,) m in the frame of its base."""
+
+    upper: float
+    fore: float
+    p_shoulder: Array
+
+
+def _measure_chain(robot: Robot, side: int) -> _Measured | None:
+    """Return the lengths of an arm whose links are not turned, or None if the form does not fit.
+
+    Fixed links may lie before, between and after the joints. The hand is the probe's tip if the arm
+    carries the probe.
+    """
+    limbs, model = list_limbs(robot), build_body_model(robot)[0]
+    joints: list[tuple[str, str, str]] = []
+    gaps: list[Array] = []  # from each joint to the next one, and from the elbow to the hand
+    gap = np.array(model["hand_offset"][side])  # backwards, from the hand to the base
+    i = int(model["hand_link"][side])
+    while i >= 0 and limbs[i].side == side:
+        link = limbs[i].link
+        if link.joint != "fixed":
+            joints.insert(0, (link.axis, link.along, link.joint))
+            gaps.insert(0, gap)
+            gap = np.zeros(3)
+        gap = gap + limbs[i].offset
+        i = limbs[i].parent
+    mine = sum(x.side == side for x in list_joints(robot))
+    if joints != [(axis, "-z", "hinge") for axis in "yxzy"] or mine != len(joints):
+        return None
+    aside = np.array(gaps)  # (4, 3)
+    aside[2:, 2] = 0.0
+    upper, fore = -float(gaps[2][2]), -float(gaps[3][2])
+    if np.abs(aside).max() > SAME or min(upper, fore) <= 0.0:
+        return None
+    return _Measured(upper, fore, gap)
 
 
 def build_arm_chain(robot: Robot, side: int = 0) -> ArmChain:
@@ -78,7 +114,8 @@ def build_arm_chain(robot: Robot, side: int = 0) -> ArmChain:
         raise InputError(
             f"robot {robot.name!r}: inverse kinematics require arms of four hinges about "
             "y, x, z, y (shoulder pitch, roll, yaw, elbow pitch) with links along -z and "
-            "shoulder axes that intersect in one point"
+            "shoulder axes that intersect in one point, equal on both sides, and a hand (or the "
+            "tip of a probe) in line with the forearm"
         )
     assert robot.arm is not None
     if side not in range(robot.arm.sides):
@@ -86,11 +123,12 @@ def build_arm_chain(robot: Robot, side: int = 0) -> ArmChain:
         raise InputError(f"robot {robot.name!r} has no arm {side!r}; valid: {valid}")
     everything = list_joints(robot)
     first = next(i for i, x in enumerate(everything) if x.side == side)
-    joints = everything[first : first + 4]
+    joints, found = everything[first : first + 4], _measure_chain(robot, side)
+    assert found is not None
     return ArmChain(
-        joints[2].link.length_m,
-        joints[3].link.length_m + robot.arm.hand.length_m,
-        np.array(joints[0].offset),
+        found.upper,
+        found.fore,
+        found.p_shoulder,
         np.array([x.link.reach[0] for x in joints]),
         np.array([x.link.reach[1] for x in joints]),
         first,

@@ -11,6 +11,7 @@ import numpy as np
 from skywright.description.robot.spec import Robot
 from skywright.models.arm_body import OWN, ROBOT, WORLD
 from skywright.models.bar import compute_bar_inertia
+from skywright.models.rigid_body import compute_hands_apart
 
 BAR = "bar"
 GRIP = [0.02, 1.0]
@@ -20,7 +21,7 @@ GRIP = [0.02, 1.0]
 def add_bar(spec: mujoco.MjSpec, robot: Robot, mass_factor: float, plant: bool) -> None:
     """Add the robot's bar, held by both hands."""
     assert robot.arm is not None and robot.arm.bar is not None
-    bar, y = robot.arm.bar, 0.5 * robot.arm.separation_m
+    bar, y = robot.arm.bar, 0.5 * compute_hands_apart(robot)
     body = spec.body("hand0").add_body(name=BAR, pos=[0.0, -y, 0.0])
     body.mass = bar.mass_kg * mass_factor
     body.ipos = np.zeros(3)

@@ -30,6 +30,8 @@ BESIDE_FEET = 0.02
 """m, of reach that is given up if docking feet are beside the tip. The remaining reach keeps the
 feet 15 mm off the surface. If friction holds the tip, it comes no nearer to the robot's axis, and
 the elbow's stop leaves 7 of the 20 mm to the arm of f550-bridge."""
+LEVER_MIN = 0.01
+"""m/rad: 1 N of press is then 10 mN m at a joint, the dry friction of a small gear."""
 GRID = 91
 """Angles per joint in the grid of postures of an arm with up to three joints."""
 SAMPLES = 300_000
@@ -110,15 +112,30 @@ def find_free_stance(robot: Robot, facing: str) -> ContactStance:
     return max(near, key=lambda stance: _compute_lever(model, stance))
 
 
+def check_lever(robot: Robot, stance: ContactStance) -> None:
+    """Raise InputError if no joint moves the tip of a stance along the probe: no press is felt."""
+    lever = _compute_lever(build_body_model(robot), stance)
+    if lever < LEVER_MIN:
+        raise InputError(
+            f"the joints of {robot.name!r} move the tip along the probe by {1e3 * lever:.1f} mm "
+            f"for each rad where it presses; valid: from {1e3 * LEVER_MIN:g} mm. Mount the arm or "
+            "the probe (robot.probe.pitch_deg) such that a joint moves the tip along the probe"
+        )
+
+
 def _compute_lever(model: NDArray[Any], stance: ContactStance) -> float:
-    """Return the speed (m/s) of the tip along the probe for a unit speed of the joints."""
+    """Return the speed (m/s) of the tip along the probe for a unit speed of the joints.
+
+    The joints move such that the tip moves along the probe, as far as they can: 0 if they cannot.
+    """
     n, step = len(stance.q), 1e-6
     J = np.empty((3, n))
     for j in range(n):
         moved = stance.q.copy()
         moved[j] += step
         J[:, j] = (compute_tip(model, moved)[0] - stance.tip) / step
-    return 1.0 / max(float(np.linalg.norm(np.linalg.pinv(J, rcond=1e-6) @ stance.axis)), 1e-9)
+    qd = np.linalg.pinv(J, rcond=1e-6) @ stance.axis
+    return float(stance.axis @ J @ qd) / max(float(np.linalg.norm(qd)), 1e-9)
 
 
 def compute_flying_press(

@@ -83,7 +83,8 @@ def build_planar_lrm(scene: Scene, robot: Robot) -> PlanarLrm:
     m_b, c_b, i_b = _composite(model, joints[0].name)
     m_u, c_u, i_u = _composite(model, joints[1].name)
     m_f, c_f, i_f = _composite(model, joints[2].name)
-    hinge, upper, fore = (model.body(joints[i].name).pos for i in (0, 1, 2))
+    names = ["platform", *(joint.name for joint in joints[:3])]
+    hinge, upper, fore = (_place(model, *names[i : i + 2]) for i in (0, 1, 2))
     for c in (c_a, c_b, c_u, c_f, hinge - c_a, upper, fore):
         if abs(c[0]) > 1e-9:
             raise InputError(
@@ -94,6 +95,16 @@ def build_planar_lrm(scene: Scene, robot: Robot) -> PlanarLrm:
         m_a, m_b, m_u, m_f, i_a, i_b, i_u, i_f, float(c_a[2] - hinge[2]), float(-upper[2]),
         float(-c_b[2]), float(-fore[2]), float(-c_u[2]), float(-c_f[2]),
     )  # fmt: skip
+
+
+def _place(model: mujoco.MjModel, base: str, name: str) -> Array:
+    """Return the position (3,) m of a body in the frame of `base`; fixed links between them have
+    the same axes."""
+    p, body = np.zeros(3), model.body(name).id
+    while body != model.body(base).id:
+        p += model.body_pos[body]
+        body = model.body_parentid[body]
+    return p
 
 
 def _composite(model: mujoco.MjModel, name: str) -> tuple[float, Array, float]:

@@ -30,7 +30,7 @@ from skywright.description.robot.limbs import (
     turn_of,
 )
 from skywright.description.robot.spec import Probe, Robot
-from skywright.models.bar import compute_bar_share
+from skywright.models.bar import check_bar_span, compute_bar_share, compute_span
 from skywright.models.body_records import MAX_LINKS, Body, BodyModel, Kinematics
 from skywright.models.part_masses import (
     SLIDER_INERTIA,
@@ -120,7 +120,18 @@ def build_body_model(robot: Robot, gravity: float = 9.81) -> NDArray[Any]:
     else:
         m["tip_offset"], m["tip_rot"] = m["hand_offset"][0], m["hand_rot"][0]
     m["tip_link"] = tip
+    if robot.arm.bar is not None:
+        poses = [compute_kinematics(out, posture(robot, which)) for which in ("working", "folded")]
+        check_bar_span(robot.name, *poses)
+        mass, inertia = compute_bar_share(robot.arm.bar, compute_span(poses[0]))
+        for i, place in zip(m["hand_link"], m["hand_offset"][:2], strict=False):
+            _weld(m, i, [(mass, place, inertia)])
     return out
+
+
+def compute_hands_apart(robot: Robot) -> float:
+    """Return the distance (m) of the two hands in the working posture."""
+    return compute_span(compute_kinematics(build_body_model(robot), posture(robot, "working")))
 
 
 def _set_hands(m: Any, robot: Robot, limbs: list[Limb]) -> None:
@@ -139,9 +150,6 @@ def _set_hands(m: Any, robot: Robot, limbs: list[Limb]) -> None:
             com, inertia = build_hand_body(hand)
             R = m["hand_rot"][side]
             _weld(m, i, [(hand.mass_kg, m["hand_offset"][side] + R @ com, R @ inertia @ R.T)])
-        if robot.arm.bar is not None:
-            mass, inertia = compute_bar_share(robot.arm.bar, robot.arm.separation_m)
-            _weld(m, i, [(mass, m["hand_offset"][side], inertia)])
 
 
 def _add_docking(m: Any, docking: Docking) -> None:

@@ -41,7 +41,7 @@ def compute_inertia_beyond(robot: Robot, index: int) -> float:
             middle = start + link.length_m + 0.5 * robot.probe.length_m
             mass += robot.probe.mass_kg
             total += robot.probe.mass_kg * middle**2
-        elif i in ends:
+        elif i in ends and not (robot.probe is not None and limbs[i].side == limbs[tip].side):
             mass += hand.mass_kg
             total += hand.mass_kg * (start + link.length_m + hand.length_m) ** 2
         moved += mass

@@ -42,7 +42,7 @@ from skywright.models.part_masses import (
     rod_inertia,
     tip_rotation,
 )
-from skywright.models.rigid_body import build_body_model, find_tip
+from skywright.models.rigid_body import build_body_model, compute_hands_apart, find_tip
 from skywright.models.rotors import build_rotors
 
 FREE_SPEED = 1000.0  # rad/s: URDF requires a largest speed of every joint; a passive joint has none
@@ -91,8 +91,8 @@ def _add_ends(out: _Writer, robot: Robot, limbs: list[Limb]) -> None:
     hand, tip = robot.arm.hand, find_tip(robot, limbs)
     for side in range(robot.arm.sides):
         i = max(n for n, limb in enumerate(limbs) if limb.side == side)
-        if robot.probe is not None and i == tip:
-            continue
+        if robot.probe is not None and side == limbs[tip].side:
+            continue  # the arm ends in the probe
         name = f"{SIDES[side]}_hand" if robot.arm.sides == 2 else "hand"
         link, turn = limbs[i].link, tip_rotation(limbs[i].link)
         place = (link.length_m + hand.length_m) * link_direction(link)
@@ -110,7 +110,8 @@ def _add_ends(out: _Writer, robot: Robot, limbs: list[Limb]) -> None:
             out.add_fixed("tip", name, np.zeros(3), np.eye(3))
         if side == 0 and robot.arm.bar is not None:  # on the left hand, as in the scene
             inertia = compute_bar_inertia(robot.arm.bar)
-            out.add_fixed(BAR, name, np.array([0.0, -0.5 * robot.arm.separation_m, 0.0]), np.eye(3))
+            middle = np.array([0.0, -0.5 * compute_hands_apart(robot), 0.0])
+            out.add_fixed(BAR, name, middle, np.eye(3))
             out.fill_link(BAR, robot.arm.bar.mass_kg, np.zeros(3), inertia, out.shapes[BAR])
     if robot.probe is None:
         return

@@ -92,8 +92,13 @@ def build_problem(
     )  # fmt: skip
 
 
-def describe_failure(f: Failure, query: ClearanceQuery, joints: tuple[str, ...]) -> str:
-    """Return one sentence that states the constraint with its numbers."""
+def describe_failure(
+    f: Failure, query: ClearanceQuery, joints: tuple[str, ...], model: NDArray[Any] | None = None
+) -> str:
+    """Return one sentence that states the constraint with its numbers.
+
+    `model` is a (1,) array of `BodyModel`, which states the joints that slide.
+    """
     if math.isfinite(f.s):
         where = f" at s = {f.s:.3f} m, phi = {math.degrees(f.phi):.0f} deg"
     else:
@@ -106,6 +111,9 @@ def describe_failure(f: Failure, query: ClearanceQuery, joints: tuple[str, ...])
     if f.code == ROTOR:
         sign = ">" if f.value > f.limit else "<"
         return f"rotor {f.which} requires {f.value:.2f} N {sign} {f.limit:.2f} N{where}"
+    slides = model is not None and model[0]["slide"][model[0]["joint"] == f.which].any()
+    if f.code == JOINT and slides:
+        return f"joint {name} at {f.value:.4f} m exceeds its limit of {f.limit:.4f} m{where}"
     if f.code == JOINT:
         at, limit = math.degrees(f.value), math.degrees(f.limit)
         return f"joint {name} at {at:.0f} deg exceeds its limit of {limit:.0f} deg{where}"

@@ -225,4 +225,4 @@ class Search:
         """Return the sentence of a failure; a string is returned unchanged."""
         if isinstance(failure, str):
             return failure
-        return describe_failure(failure, self.query, self.joints)
+        return describe_failure(failure, self.query, self.joints, self.prob.model)

@@ -82,7 +82,8 @@ def plan_waypoints(
                 break
             edges, failure = plan_legs(prob, way, limits.margin_transit)
         if failure is not None:
-            blocked = f"way-point {i + 1}: {describe_failure(failure, query, joints)}"
+            why = describe_failure(failure, query, joints, model)
+            blocked = f"way-point {i + 1}: {why}"
             break
         if rest > 0.0:
             edges.append(build_rest(edges[-1], -1, rest))

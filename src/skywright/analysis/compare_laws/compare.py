@@ -7,7 +7,7 @@ import math
 import re
 import shutil
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -87,7 +87,7 @@ class Flown(NamedTuple):
 
 
 class LawComparison(NamedTuple):
-    """Comparison of laws on the same flights; the first law is the reference of all differences."""
+    """Comparison of laws on the same flights, as differences to one of them."""
 
     mission: str
     robot: str
@@ -104,6 +104,11 @@ class LawComparison(NamedTuple):
     significant: set[tuple[str, str, str]]
     cost_s: dict[str, float]  # time of a step; NaN: not measured
     left_out: tuple[LeftOut, ...] = ()  # built-in cases that are not flown
+
+    @property
+    def reference(self) -> str:
+        """The law to which all differences are: see `choose_reference`."""
+        return choose_reference(self.laws, self.flown)
 
     def list_constant(self) -> dict[str, float]:
         """Return the metrics with equal values in all flights, and their values."""
@@ -126,12 +131,9 @@ class LawComparison(NamedTuple):
     def to_json(self) -> dict[str, Any]:
         """Return the object of `skywright compare laws --json`."""
 
-        def number(x: float) -> float | None:
-            return x if math.isfinite(x) else None
-
         return {
             "mission": self.mission, "robot": self.robot, "world": self.world, "seed": self.seed,
-            "reference": self.laws[0],
+            "reference": self.reference,
             "cases": {c.name: list(c.sets) for c in self.cases},
             "left_out": {x.case.name: list(x.keys) for x in self.left_out},
             "flown": [
@@ -139,20 +141,12 @@ class LawComparison(NamedTuple):
                     "law": f.law, "case": f.case, "runs": len(f.rows), "succeeded": f.succeeded,
                     "refused": f.refused or None,
                     "reason": None if f.refused else f.reason or None,
-                    "medians": {m: number(f.compute_median(m)) for m in self.metrics},
+                    "medians": {m: _or_null(f.compute_median(m)) for m in self.metrics},
                 }
                 for f in self.flown
             ],
-            "differences": [
-                {
-                    **{k: getattr(d, k) for k in ("law", "case", "metric", "pairs", "median")},
-                    "interval": [d.low, d.high] if math.isfinite(d.low) else None,
-                    "p": number(d.p),
-                    "significant": (d.law, d.case, d.metric) in self.significant,
-                }
-                for d in self.differences
-            ],
-            "cost_us": {law: number(1e6 * s) for law, s in self.cost_s.items()},
+            "differences": build_json(self.differences, self.significant),
+            "cost_us": {law: _or_null(1e6 * s) for law, s in self.cost_s.items()},
         }  # fmt: skip
 
 
@@ -240,7 +234,7 @@ def compare_laws(
     measures = dict(list_measures(base.mission.kind))
     seen = {name for f in flown for r in f.rows for name in r.metrics}
     metrics = [m for m in dict.fromkeys([*required, *SHOWN]) if m in seen]
-    differences = list(_compare(names, chosen, metrics, flown))
+    differences = compare_flown(choose_reference(names, flown), metrics, flown)
     return LawComparison(
         base.mission.name, base.robot.name, base.world.name, base.mission.seed, runs, names,
         chosen, dict(required), metrics, measures, flown, differences,
@@ -267,18 +261,52 @@ def _find_refusal(rows: Sequence[Row]) -> str:
     return rows[0].reason if rows else ""
 
 
-def _compare(
-    laws: Sequence[str], cases: Sequence[Case], metrics: Sequence[str], flown: Sequence[Flown]
+def build_json(
+    differences: Sequence[Difference], significant: Container[tuple[str, str, str]]
+) -> list[dict[str, Any]]:
+    """Return the differences as JSON objects; `significant`: their (law, case, metric)."""
+    return [
+        {
+            **{k: getattr(d, k) for k in ("law", "case", "metric", "pairs", "median")},
+            "interval": [d.low, d.high] if math.isfinite(d.low) else None,
+            "p": _or_null(d.p),
+            "significant": (d.law, d.case, d.metric) in significant,
+        }
+        for d in differences
+    ]
+
+
+def _or_null(x: float) -> float | None:
+    return x if math.isfinite(x) else None
+
+
+def choose_reference(laws: Sequence[str], flown: Sequence[Flown]) -> str:
+    """Return the first law with a nominal flight that met every requirement.
+
+    Without one, the first law with a nominal flight to its end, else the first that flew.
+    """
+    by = {f.law: f for f in flown if f.case == NOMINAL}
+    for holds in (
+        lambda f: f.succeeded, lambda f: any(r.completed for r in f.rows), lambda f: not f.refused,
+    ):  # fmt: skip
+        for law in laws:
+            if law in by and holds(by[law]):
+                return law
+    return laws[0]
+
+
+def compare_flown(
+    reference: str, metrics: Sequence[str], flown: Sequence[Flown]
 ) -> list[Difference]:
-    by = {(f.law, f.case): f.rows for f in flown}
+    """Return the differences of all other laws to the law `reference`, where there are pairs."""
+    by = {f.case: f.rows for f in flown if f.law == reference}
     out = []
-    for law in laws[1:]:
-        for case in cases:
-            for metric in metrics:
-                pair = pair_rows(by[laws[0], case.name], by[law, case.name], metric)
-                found = compare_metric(law, case.name, metric, *pair)
-                if found is not None:
-                    out.append(found)
+    for f in flown:
+        for metric in metrics if f.law != reference and f.case in by else ():
+            pair = pair_rows(by[f.case], f.rows, metric)
+            found = compare_metric(f.law, f.case, metric, *pair)
+            if found is not None:
+                out.append(found)
     return out
 
 

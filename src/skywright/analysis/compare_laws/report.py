@@ -34,8 +34,8 @@ def write_laws_page(c: LawComparison, path: Path) -> None:
     write_page(path, render_page(
         "compare_laws.html.j2", c=c, picture=picture, same=c.list_constant(),
         left_out=tell_left_out(c.left_out), number=format_number, fewest=FEWEST,
-        tell=tell_difference, state=tell_state, confidence=f"{CONFIDENCE:.0%}",
-        versions=collect_versions(),
+        tell=tell_difference, state=tell_state, reference=tell_reference(c),
+        confidence=f"{CONFIDENCE:.0%}", versions=collect_versions(),
     ))  # fmt: skip
 
 
@@ -55,9 +55,9 @@ def print_laws(c: LawComparison, page: Path) -> None:
     console.print(table)
     found = [d for d in c.differences if (d.law, d.case, d.metric) in c.significant]
     table = new_table(
-        f"Differences to {c.laws[0]} beyond chance ({len(found)} of {len(c.differences)})",
-        "law", "case", "metric", c.laws[0], "difference", f"{CONFIDENCE:.0%} interval",
-        right=(c.laws[0], "difference"),
+        f"Differences to {c.reference} beyond chance ({len(found)} of {len(c.differences)})",
+        "law", "case", "metric", c.reference, "difference", f"{CONFIDENCE:.0%} interval",
+        right=(c.reference, "difference"),
     )  # fmt: skip
     for d in found:
         table.add_row(
@@ -67,7 +67,9 @@ def print_laws(c: LawComparison, page: Path) -> None:
     if found:
         console.print(table)
     elif c.runs >= FEWEST:
-        console.print(f"No difference to {c.laws[0]} is beyond chance (of {len(c.differences)}).")
+        console.print(f"No difference to {c.reference} is beyond chance (of {len(c.differences)}).")
+    if note := tell_reference(c):
+        console.print(note)
     for f in c.flown:
         if f.refused or f.reason:
             console.print(f"{f.law}, {f.case}: {f.refused or f.reason}")
@@ -77,6 +79,18 @@ def print_laws(c: LawComparison, page: Path) -> None:
             "medians"
         )
     console.print(f"page: {page}")
+
+
+def tell_reference(c: LawComparison) -> str:
+    """Return why the reference is not the first law, or that there are no pairs; else ""."""
+    if not c.differences:
+        return "No run was flown to its end by two laws, so there are no differences."
+    if c.reference == c.laws[0]:
+        return ""
+    return (
+        f"The differences are to {c.reference}: no nominal flight of {c.laws[0]} met every "
+        "requirement."
+    )
 
 
 def tell_state(f: Flown) -> str:

@@ -133,11 +133,16 @@ def build_model(camera: Trajectory, c: Calibration) -> DriftModel:
 def fuse(
     station: Trajectory, camera: Trajectory, c: Calibration
 ) -> tuple[Events, Fused, DriftModel]:
-    """Run the drift-aware filter over both recordings, with the drift scaled by the outages."""
+    """Run the drift-aware filter over both recordings, with the drift scaled by the outages.
+
+    The filter itself rejects a reflection only for a few samples, because it does not use later
+    ones. The calibration does: the filter omits the samples that it left out.
+    """
     events, model = collect_events(station, camera, c), build_model(camera, c)
     outages = find_outages(station, float(station.t[0]), float(events.t[-1]))
-    model = scale_drift(events.t, events.kind, events.z, outages, model)
-    fused = run_drift_filter(events.t, events.kind, events.z, model)
+    used = (events.kind == CAMERA) | ~np.isin(events.t, c.left_out)
+    model = scale_drift(events.t[used], events.kind[used], events.z[used], outages, model)
+    fused = run_drift_filter(events.t, events.kind, events.z, model, used)
     unknown = compute_unknown_turn(events, fused, c.geometry.open_axes)
     return events, fused._replace(p_std=np.sqrt(fused.p_std**2 + unknown)), model
 

@@ -250,13 +250,15 @@ class Arm(Spec):
 
     `belt` is J_AM of Tognon 2018: joint speeds = J_AM * motor speeds (default: identity). With
     `sides = 2` the links describe the left arm; the right one is its mirror image, and the two
-    shoulders are `separation_m` apart. A link or servo with `side = "left"` or `"right"` belongs to
-    that arm only and is not mirrored, so the two arms may differ.
+    shoulders are `separation_m` apart, and farther by `mount_y_m` on each side. A link or servo
+    with `side = "left"` or `"right"` belongs to that arm only and is not mirrored, so the two arms
+    may differ.
     """
 
     inline_tables: ClassVar[tuple[str, ...]] = ("links", "servos")
 
-    # origin of the first joint; with a pendulum the end of its link replaces x and z
+    # origin of the first joint; a pendulum carries the arm at the end of its link: x and z must be
+    # 0
     mount_x_m: Offset = 0.0
     mount_y_m: Offset = 0.0
     mount_z_m: Offset = 0.0

@@ -74,6 +74,15 @@ def list_limbs(robot: Robot) -> list[Limb]:
     return out
 
 
+def list_way(limbs: list[Limb], i: int) -> list[int]:
+    """Return the indices of link `i` and of the links that carry it, back to the platform."""
+    out = []
+    while i >= 0:
+        out.append(i)
+        i = limbs[i].parent
+    return out
+
+
 def list_joints(robot: Robot) -> list[Limb]:
     """Return the links with a movable joint, in the order of q."""
     return [limb for limb in list_limbs(robot) if limb.link.joint != "fixed"]
@@ -98,9 +107,9 @@ def list_grippers(robot: Robot) -> list[str]:
     """Return the hands that are grippers; an arm may end in the probe instead."""
     if robot.arm is None or robot.arm.hand.kind != "gripper":
         return []
-    ends = {limb.side: limb.name for limb in list_limbs(robot) if limb.side >= 0}
-    probed = None if robot.probe is None else robot.probe.on or ends[0]
-    return [SIDES[side] for side, name in ends.items() if name != probed]
+    sides = {limb.name: limb.side for limb in list_limbs(robot)}
+    probed = -1 if robot.probe is None else sides.get(robot.probe.on or "", 0)
+    return [SIDES[side] for side in range(robot.arm.sides) if side != probed]
 
 
 def takes_torque(robot: Robot) -> bool:

@@ -281,6 +281,12 @@ class Robot(Spec):
             return self
         if self.arm is None:
             raise ValueError("a pendulum requires an arm")
+        for name in ("mount_x_m", "mount_z_m"):
+            if value := getattr(self.arm, name):
+                raise ValueError(
+                    f"arm.{name} is {value:g}; valid: 0, since a pendulum carries the arm at its "
+                    f"end: pendulum.{name[6:]} and pendulum.length_m place it"
+                )
         moving = sum(link.joint != "fixed" for s in self.arm.chains for link in s.values())
         if moving + 1 > MAX_JOINTS:
             raise ValueError(f"{moving + 1} joints; at most {MAX_JOINTS} are supported")
@@ -311,6 +317,11 @@ class Robot(Spec):
             on, valid = self.probe.on, self._list_limbs()
             if on is not None and on not in valid:
                 raise ValueError(f"probe.on is {on!r}; valid: {valid}")
+            if self.arm.bar is not None:
+                raise ValueError(
+                    f"arm.bar needs two hands, but the {(on or 'left').split('_')[0]} arm has the "
+                    "probe instead: remove [robot.probe] or [robot.arm.bar]"
+                )
         return self
 
     @model_validator(mode="after")

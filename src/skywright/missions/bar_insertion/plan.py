@@ -20,7 +20,7 @@ from skywright.description.world.spec import World
 from skywright.description.world.things import locate_thing
 from skywright.errors import InputError
 from skywright.missions.bar_insertion.task import BarInsertion
-from skywright.missions.skills.hook_grip import build_grip, check_hooks
+from skywright.missions.skills.hook_grip import build_grip, check_hooks, compute_hooks_apart
 from skywright.missions.skills.operated import load_operator
 from skywright.missions.skills.tool_handling import (
     DROP,
@@ -129,7 +129,7 @@ def _find_misfit(robot: Robot, world: World, task: BarInsertion) -> str | None:
             f"the bar weighs {peg.mass_kg:g} kg, more than the payload limit "
             f"(mission.task.payload_max_kg = {task.payload_max_kg:g})"
         )
-    apart = robot.arm.separation_m
+    apart = compute_hooks_apart(robot)
     needed = apart + 2.0 * (robot.arm.hand.radius_m + HAND_ROOM)
     if peg.handle_length_m < needed:
         return (

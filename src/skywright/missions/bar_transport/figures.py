@@ -18,6 +18,7 @@ from skywright.missions.bar_transport.metrics import (
     compute_tip_errors,
 )
 from skywright.missions.bar_transport.task import BarTransport
+from skywright.models.rigid_body import compute_hands_apart
 from skywright.reports.figures.style import (
     BLACK,
     BLUE,
@@ -180,7 +181,7 @@ def _bar_ends(s: Samples, result: RunResult[BarTransport, None]) -> Array:
     left, right = s["left_p_WH"], s["right_p_WH"]
     grow = 0.0
     if arm is not None and arm.bar is not None:
-        grow = 0.5 * (arm.bar.length_m / arm.separation_m - 1.0)
+        grow = 0.5 * (arm.bar.length_m / compute_hands_apart(result.description.robot) - 1.0)
     return np.asarray(
         np.stack([left + grow * (left - right), right - grow * (left - right)], axis=2)
     )  # fmt: skip

@@ -18,7 +18,7 @@ from skywright.errors import InfeasibleError, InputError
 from skywright.missions.bar_transport.task import BarTransport
 from skywright.missions.skills.plan_flight import find_closest, load_checked_plan
 from skywright.missions.skills.plan_table import build_plan_table
-from skywright.models.rigid_body import posture
+from skywright.models.rigid_body import compute_hands_apart, posture
 from skywright.planning.motion.plan_file import PlanFile
 from skywright.planning.motion.transport import Transport, TransportProblem, build_transport
 from skywright.planning.motion.transport_plan import (
@@ -85,7 +85,7 @@ def build_problem(d: Description[BarTransport]) -> TransportProblem:
     _check_localisation(world, task.margin_m)
     pose = posture(robot, "working")[1:3]
     if task.bar_length_m > 0.0 and robot.arm is not None:
-        least = robot.arm.separation_m
+        least = compute_hands_apart(robot)
         if task.bar_length_m < least:
             raise InputError(
                 f"mission.task.bar_length_m = {task.bar_length_m:g}: the hands of {robot.name!r} "

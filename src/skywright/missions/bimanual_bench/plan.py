@@ -16,6 +16,7 @@ from skywright.description.world.things import find_first, locate_thing
 from skywright.errors import InputError
 from skywright.missions.bimanual_bench.buckling import compute_grasp
 from skywright.missions.bimanual_bench.task import BimanualBench
+from skywright.missions.skills.hook_grip import check_hands_free
 from skywright.models.arm_inverse_kinematics import has_arm_chain
 from skywright.models.compliant_arms import is_compliant
 from skywright.models.rigid_body import posture
@@ -44,6 +45,7 @@ class BenchPlan(NamedTuple):
 def plan(setup: Setup[BimanualBench]) -> MissionPlan[BenchPlan]:
     """Check that robot and world suit a bench; no path is planned."""
     robot, world, task = setup.robot, setup.world, setup.task
+    check_hands_free(robot, "bimanual-bench")
     if not is_compliant(robot) or not has_arm_chain(robot) or robot.arm is None:
         raise InputError(
             f"robot {robot.name!r} has no compliant arms of pitch, roll, yaw and elbow: "
@@ -51,6 +53,11 @@ def plan(setup: Setup[BimanualBench]) -> MissionPlan[BenchPlan]:
         )
     if robot.arm.sides != 2:
         raise InputError(f"robot {robot.name!r} has one arm; bimanual-bench requires two")
+    if robot.arm.hand.kind != "ball":
+        raise InputError(
+            f"robot.arm.hand.kind is {robot.arm.hand.kind!r}; valid for bimanual-bench: 'ball', "
+            "since it holds things between two pads"
+        )
     if find_first(world.things, Bench) is None:
         raise InputError(f"world {world.name!r} has no bench: add a thing of kind 'bench'")
     needs = {

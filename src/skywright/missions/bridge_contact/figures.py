@@ -86,7 +86,8 @@ def draw_force(result: RunResult[BridgeContact, ContactPlan]) -> Figure | None:
             p = part["p_WB"]
             away = 1e3 * np.linalg.norm(p - p[held][0], axis=1)
             draw_line(axes[-1], part["t"], np.where(held, away, np.nan), color=color, label=label)
-    axes[-1].legend(loc="upper left")
+    if axes[-1].get_legend_handles_labels()[0]:
+        axes[-1].legend(loc="upper left")
     return figure
 
 

@@ -244,7 +244,9 @@ def _find_turn(samples: Samples, phases: list[PhaseRecord], normal: Array) -> fl
 
 
 def _find_touches(samples: Samples, phases: list[PhaseRecord], normal: Array) -> Array:
-    """Return the speeds (m/s) towards the deck just before each touch of the feet."""
+    """Return the speeds (m/s) towards the deck just before each touch of the feet, if any."""
+    if not has_columns(samples, "f_docking_W"):  # a robot without docking gear
+        return np.zeros(0)
     docking = DOCKING.select(samples, phases)
     on = docking & (np.linalg.norm(samples["f_docking_W"], axis=1) > TOUCHING)
     starts = np.flatnonzero(on[1:] & ~on[:-1]) + 1

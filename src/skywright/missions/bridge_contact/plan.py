@@ -34,6 +34,7 @@ from skywright.missions.skills.pressing import TIP_GAP, check_can_press
 from skywright.missions.skills.surveyed import get_map_error, is_surveyed
 from skywright.models.contact_stance import (
     ContactStance,
+    check_lever,
     compute_flying_press,
     find_free_stance,
     find_tip_pose,
@@ -97,6 +98,7 @@ def _plan_on(setup: Setup[BridgeContact], surveyed: bool, level: bool) -> Missio
     free = None
     if not task.dock or task.without_gear:
         free = find_free_stance(robot, structure.facing)
+        check_lever(robot, free)
     dock_tip, q_ready, q_touch = np.full(3, math.nan), working, working
     if robot.docking is not None and structure.facing == "down":
         tip = compute_tip(model, working)[0]

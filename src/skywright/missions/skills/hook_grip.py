@@ -21,6 +21,7 @@ CLEAR = 0.09  # m, from the landing gear to the handle's axis
 
 def check_hooks(robot: Robot, mission: str) -> None:
     """Raise InputError if a robot does not have two compliant arms with hooks on its platform."""
+    check_hands_free(robot, mission)
     if not is_compliant(robot) or not has_arm_chain(robot) or robot.arm is None:
         raise InputError(
             f"robot {robot.name!r} has no compliant arms of pitch, roll, yaw and elbow: "
@@ -36,6 +37,23 @@ def check_hooks(robot: Robot, mission: str) -> None:
             f"robot {robot.name!r} has its arms on a passive joint: a load in front of it "
             f"would swing the link back; {mission} requires arms on the platform, see "
             "bimanual"
+        )
+
+
+def compute_hooks_apart(robot: Robot) -> float:
+    """Return the distance (m) of the hooks of a grip, in which both arms hang from the shoulders
+    without roll and yaw."""
+    left, right = (build_arm_chain(robot, side).p_shoulder for side in range(2))
+    return float(left[1] - right[1])
+
+
+def check_hands_free(robot: Robot, mission: str) -> None:
+    """Raise InputError if one of two arms ends in the probe instead of a hand."""
+    if robot.probe is not None and robot.arm is not None and robot.arm.sides == 2:
+        end = robot.probe.on or "its left arm"
+        raise InputError(
+            f"robot {robot.name!r} has a probe instead of a hand on {end}: {mission} requires two "
+            "hands, so the robot must have no [robot.probe]"
         )
 
 

@@ -9,11 +9,12 @@ import numpy as np
 from skywright.core.arrays import Array, Table
 from skywright.core.find import find, list_kinds
 from skywright.description.mission.spec import Mission
-from skywright.description.robot.limbs import takes_torque
+from skywright.description.robot.limbs import list_limbs, list_way, takes_torque
 from skywright.description.robot.spec import Robot
 from skywright.description.world.structure import Structure, build_surface, find_place
 from skywright.errors import InputError
 from skywright.missions.skills.moves import build_move, set_rest
+from skywright.models.rigid_body import find_tip
 from skywright.run.records import Measurement
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.rest_to_rest import ROW_PERIOD
@@ -47,12 +48,21 @@ def check_can_press(robot: Robot, mission: Mission) -> None:
 
     A press holds the platform (in flight, on its feet, on the bench) and sets a force in the block
     Press; no row of the reference lies inside the surface. A law that presses with the platform, by
-    a tip reference behind the surface, would exert no force.
+    a tip reference behind the surface, would exert no force; nor would a tip that no driven joint
+    moves.
     """
     if robot.probe is None or robot.force_sensor is None:
         raise InputError(
             f"robot {robot.name!r} does not measure the force of a probe: it requires "
             "[robot.probe] and [robot.force_sensor]"
+        )
+    limbs = list_limbs(robot)
+    tip = find_tip(robot, limbs)
+    if not any(limbs[i].servo >= 0 for i in list_way(limbs, tip)):
+        raise InputError(
+            f"robot {robot.name!r} carries its probe on {limbs[tip].name!r}, which no driven joint "
+            f"moves: mission {mission.name!r} presses with the arm, so a link between the platform "
+            "and the probe must have joint = 'hinge' or 'slide' and a servo"
         )
     law = mission.law.kind if mission.law is not None else robot.control.law
     if law is None or not find("law", law).cls.presses_with_arm:

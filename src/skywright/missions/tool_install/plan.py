@@ -23,7 +23,7 @@ from skywright.description.world.surface import build_cylinder, level_axes
 from skywright.description.world.things import locate_thing
 from skywright.description.world.wind import compute_speed
 from skywright.errors import InputError
-from skywright.missions.skills.hook_grip import build_grip, check_hooks
+from skywright.missions.skills.hook_grip import build_grip, check_hooks, compute_hooks_apart
 from skywright.missions.skills.operated import load_operator
 from skywright.missions.skills.tool_handling import (
     ACCELERATION,
@@ -208,7 +208,7 @@ def _find_misfit(robot: Robot, world: World, task: ToolInstall) -> str | None:
             f"the tool's feet fit pipes of {low:.3f} to {high:.3f} m in diameter; the pipe has "
             f"{pipe.diameter_m:g} m"
         )
-    apart, hook = robot.arm.separation_m, robot.arm.hand.radius_m + HAND_ROOM
+    apart, hook = compute_hooks_apart(robot), robot.arm.hand.radius_m + HAND_ROOM
     inner, outer = 0.5 * tool.box_y_m + hook, 0.5 * tool.handle_length_m - hook
     if not inner <= 0.5 * apart <= outer:
         return (

@@ -74,6 +74,7 @@ class Calibration(NamedTuple):
     rms: float  # m, residual of the frame alignment alone, without outliers
     pairs: int
     outliers: int
+    left_out: Array  # (m,) s, station's clock: its samples that contradict those around them
     span: tuple[float, float]  # s, station's clock
     paper: FrameAlignment  # the twelve numbers on the same pairs
     notes: tuple[str, ...]
@@ -143,7 +144,7 @@ def calibrate(
     )  # fmt: skip
     middle = x.mean(axis=0)
     noise = DriftNoise(0.005, 0.02, 0.0)
-    outlier = np.zeros(len(used.t))
+    outlier, change = np.zeros(len(used.t)), np.zeros(len(used.t))
     covariance = np.eye(1)
     names: list[str] = []
     for turn in range(12):
@@ -152,10 +153,13 @@ def calibrate(
         if turn in (0, 2, 4, 8):
             noise = estimate_noise(r[known], dt[known], path[known], station_noise)
             walk = compute_walk(noise, dt, path)
-            outlier = np.ones(len(r))
-            outlier[known] = find_outliers(r[known], noise.station, walk[known], GATE)
+            outlier, change = np.ones(len(r)), np.zeros(len(r))
+            outlier[known], change[known] = find_outliers(
+                r[known], noise.station, walk[known], GATE
+            )
         outlier[~known] = 1.0
-        step, covariance = _solve(r, J, noise, compute_walk(noise, dt, path), outlier, names, state)
+        walk = compute_walk(noise, dt, path) + change
+        step, covariance = _solve(r, J, noise, walk, outlier, names, state)
         state = _apply(state, step, names)
         if np.max(np.abs(step)) < 1e-7 and turn > 8:
             break
@@ -185,8 +189,8 @@ def calibrate(
     return Calibration(
         frame, state.delay, state.skew, epoch, state.lever, noise, geometry, float(rotation_std),
         float(fitted_std), float(std.get("scale", 0.0)), float(std.get("delay", 0.0)),
-        rms, int(good.sum()),
-        int(np.count_nonzero(~good)), (float(used.t[0]), float(used.t[-1])), paper, tuple(notes),
+        rms, int(good.sum()), int(np.count_nonzero(~good)), used.t[known & (outlier > 0.0)],
+        (float(used.t[0]), float(used.t[-1])), paper, tuple(notes),
     )  # fmt: skip
 
 

@@ -154,11 +154,14 @@ def _reset_turn(x: Array, R: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _run(t: Array, kind: Array, z: Array, n: Array, start: Array, out: Array, R_out: Array) -> None:
+def _run(
+    t: Array, kind: Array, z: Array, used: Array, n: Array, start: Array, out: Array, R_out: Array
+) -> None:
     """Filter events in order; `out` (n, 15): p, v, b, scale, std of p, innovation, accepted."""
     x, cov, R, e = np.zeros(SIZE), np.zeros((SIZE, SIZE)), np.eye(3), np.empty(3)
+    first = np.argmax(used)
     for i in range(3):
-        x[P + i] = z[0, i]
+        x[P + i] = z[first, i]
         cov[P + i, P + i] = start[2] ** 2
         cov[V + i, V + i] = 1.0
         cov[B + i, B + i] = start[2] ** 2
@@ -175,8 +178,10 @@ def _run(t: Array, kind: Array, z: Array, n: Array, start: Array, out: Array, R_
         camera = kind[k] == CAMERA
         white = n[1] if camera else n[0]
         size = _innovate(x, cov, z[k], camera, white, e)
-        good = True
-        if camera and size > GATE_CAMERA:  # the camera has jumped, not the robot
+        good = bool(used[k])
+        if not good:
+            pass
+        elif camera and size > GATE_CAMERA:  # the camera has jumped, not the robot
             good = False
             jump = (e[0] ** 2 + e[1] ** 2 + e[2] ** 2) / 3.0
             for i in range(3):
@@ -209,19 +214,23 @@ def _run(t: Array, kind: Array, z: Array, n: Array, start: Array, out: Array, R_
         R_out[k] = R
 
 
-def run_drift_filter(t: Array, kind: Ints, z: Array, model: DriftModel) -> Fused:
+def run_drift_filter(
+    t: Array, kind: Ints, z: Array, model: DriftModel, used: Mask | None = None
+) -> Fused:
     """Filter measurements in order of time.
 
     t (n,) s; kind (n,) CAMERA or STATION; z (n, 3) m: the aligned camera's position, or the
-    station's of the same point (the prism's offset removed).
+    station's of the same point (the prism's offset removed). Where `used` (n,) is False, the
+    estimate is a prediction; by default all measurements are used.
     """
+    used = np.ones(len(t), dtype=np.bool_) if used is None else used
     out, R = np.empty((len(t), 15)), np.empty((len(t), 3, 3))
     noise = np.array([
         model.station, model.camera, model.walk_per_sqrt_s, model.walk_per_sqrt_m,
         model.acceleration, model.yaw, model.tilt, model.scale,
     ])  # fmt: skip
     start = np.array([model.rotation_0, model.scale_0, model.drift_0])
-    _run(t, kind, np.ascontiguousarray(z), noise, start, out, R)
+    _run(t, kind, np.ascontiguousarray(z), used, noise, start, out, R)
     turn = Rotation.from_matrix(R).as_rotvec()
     return Fused(
         t, kind, out[:, 0:3], out[:, 3:6], out[:, 6:9], turn, np.exp(out[:, 9]), out[:, 10:13],

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from skywright.core.types import MAX_JOINTS
 from skywright.description.robot.limbs import list_joints, list_limbs, list_servos
 from skywright.description.robot.spec import Robot
-from skywright.models.arm_inverse_kinematics import has_arm_chain
+from skywright.models.arm_inverse_kinematics import build_arm_chain, has_arm_chain
 from skywright.models.compliant_arms import count_command_ticks, is_compliant
 from skywright.models.rigid_body import find_tip
 from skywright.models.scene import home_pose
@@ -110,6 +110,9 @@ def build_arm_model(robot: Robot, springs: Springs | None = None) -> NDArray[Any
         if robot.probe is not None and limbs[find_tip(robot, limbs)].side == side:
             arm["pad"][side] = 0.0
             arm["fore"] = links[-1].length_m + robot.probe.length_m
+        if arm["chain"]:  # fixed links lengthen the arms, too
+            chain = build_arm_chain(robot, side)
+            arm["upper"], arm["fore"], arm["p_BS"][side] = chain.upper, chain.fore, chain.p_shoulder
     for j, limb in enumerate(joints):
         link = limb.link
         arm["q_min"][j], arm["q_max"][j] = link.reach
