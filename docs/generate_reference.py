@@ -81,7 +81,7 @@ nominal model. Each layer overrides the one before it: robot, world, mission, `-
   `mass_kg = { value = 1.6, source = "paper", note = "Tognon 2018, Table I" }`. The source is
   `paper`, `derived`, `datasheet`, `assumed` (which needs a `range = [low, high]`), `set`,
   `imported` (from an imported file) or `asked` (entered during the import). Built-in robots have
-  one on every number.
+  one on every number that applies to them.
 - Unknown keys are rejected, with the nearest valid ones.
 - `NAME` stands for a name that you choose.
 - Keys of components (laws, estimators, sensors, actuators, effects, faults, rules) are on the pages

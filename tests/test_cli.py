@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -214,7 +215,7 @@ def test_show(name: str, tmp_path: Path) -> None:
             "hover power",
             "endurance",
             "gyroscope",
-            "Guesses",
+            "Assumed values (",
         ):
             assert word in result.stdout
 
@@ -362,10 +363,35 @@ def test_check_tells_of_things_that_overlap(tmp_path: Path) -> None:
     assert "'stand' and 'tool' overlap by" in done.stderr
 
 
-def test_check_tells_the_guesses() -> None:
+def test_check_states_the_verdict_and_then_the_assumed_values() -> None:
+    """No number of a built-in robot lacks a source; keys that do not apply to it need none."""
     result = call("check", "othex")
     assert result.exit_code == 0
+    assert result.stdout.startswith("othex: a valid robot\n")
     assert "assumed robot.probe.spring_n_per_m = 200 (range 100 to 500)" in result.stdout
+    assert "no source" not in result.stdout + call("show", "othex").stdout
+
+
+def test_check_counts_the_assumed_values_of_files_that_it_does_not_check(tmp_path: Path) -> None:
+    call("new", "mission", "mine")
+    path = tmp_path / "mine/mission.toml"
+    drift = '{ value = 0.02, source = "assumed", range = [0.0, 0.05] }'
+    path.write_text(path.read_text() + f"map_error_m = {drift}\n")
+    lines = call("check", "mine").stdout.splitlines()
+    assert lines[0] == "mine: a valid mission"
+    assert [x for x in lines if x.startswith("assumed")] == [
+        "assumed plant.map_error_m = 0.02 (range 0 to 0.05)"
+    ]
+    assert re.fullmatch(r"\d\d assumed values of other files \(.*\)", lines[-1])
+
+
+def test_check_of_a_folder_states_a_problem_of_its_robot_once(tmp_path: Path) -> None:
+    call("new", "robot", "mine")
+    path = tmp_path / "mine/robot.toml"
+    path.write_text(path.read_text().replace("mass_kg = 1.5 ", "mass_kg = 9.0 "))
+    lines = call("check", "mine").stderr.splitlines()
+    assert len(lines) == 2 and lines[1] == "mine: 1 problem"
+    assert lines[0].startswith("mine/robot.toml: robot 'mine' cannot lift its weight")
 
 
 def test_user_files_work_where_names_do(tmp_path: Path) -> None:

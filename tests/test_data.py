@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,19 +13,12 @@ from skywright.core.keys import iterate_leaves
 from skywright.core.toml_files import iterate_numbers
 from skywright.description.loader import list_missions, load_description
 from skywright.description.robot.loader import list_robots, load_robot
-from skywright.description.robot.spec import Robot
+from skywright.description.robot.sourced import list_needing_source
 from skywright.description.world.loader import list_worlds, load_world
 from skywright.models.capability import check_can_fly, compute_capability
-from skywright.models.compliant_arms import is_compliant
 from skywright.models.rigid_body import build_body_model, compute_body, compute_tip, posture
 from skywright.models.rotors import build_rotors
 from skywright.models.sweep import strip_robot
-
-UNTURNED = re.compile(
-    r"robot\.(platform|pendulum|arm\.links\.\w+|arm\.\w+)"
-    r"\.((roll|pitch|yaw)_deg|(folded|working)_m|inertia_(xy|xz|yz)_kgm2)"
-)
-"""Frames that are not turned, slides that are none, and axes that are principal ones."""
 
 ROBOTS = [entry.name for entry in list_robots()]
 
@@ -33,11 +27,9 @@ ROBOTS = [entry.name for entry in list_robots()]
 def test_every_number_of_a_robot_has_a_source(name: str) -> None:
     """Also those that would otherwise be silent defaults; a guess states its range and why."""
     robot, sources = load_robot(name)
-    for key, value in iterate_leaves(robot, "robot"):
-        if value is None or isinstance(value, str | bool) or not list(iterate_numbers(value)):
-            continue
-        if not applies(robot, key) or (value == 0.0 and UNTURNED.match(key)):
-            continue
+    values = dict(iterate_leaves(robot, "robot"))
+    for key in list_needing_source(robot):
+        value = values[key]
         assert key in sources, f"{name}: {key} = {value} has no source"
         source = sources[key]
         assert source.note, f"{name}: {key} does not say where its number comes from"
@@ -46,51 +38,6 @@ def test_every_number_of_a_robot_has_a_source(name: str) -> None:
             low, high = source.range
             assert low < high
             assert all(low <= number <= high for number in iterate_numbers(value))
-
-
-def applies(robot: Robot, key: str) -> bool:
-    """Whether a number at its default says anything about this robot."""
-    part, _, leaf = key.rpartition(".")
-    name = part.rpartition(".")[2]
-    arm = robot.arm
-    if leaf in ("loop_separation", "phase_margin_deg", "swing_damping"):
-        return robot.control.law == "cascade"
-    if leaf == "motion_sensitivity":  # off
-        return False
-    if leaf == "drag_coefficient":
-        return arm is not None and arm.drag_coefficient > 0.0
-    if leaf in ("torque_bandwidth_rad_s", "deflection_bandwidth_rad_s", "hand_speed_max_mps"):
-        return is_compliant(robot)
-    if arm is None or part.startswith("robot.control"):
-        return not key.startswith("robot.control.law")
-    if part == "robot.arm":
-        return arm.sides == 2 if leaf == "separation_m" else leaf not in ("sides", "mount_y_m")
-    if part == "robot.arm.hand":
-        hand = arm.hand
-        if leaf in ("pivot_m", "open_deg", "closed_deg"):
-            return hand.kind == "gripper" and hand.finger == "turn"
-        if leaf in ("stroke_m", "grip_speed_mps", "grip_force_n"):
-            return hand.kind == "gripper"
-        return hand.mass_kg > 0.0 and not (hand.kind == "ball" and "hook" in leaf)
-    if name in arm.servos:
-        other = {"velocity": ("position_", "command_", "resolution_", "backlash_"),
-                 "position": ("velocity_",),
-                 "torque": ("position_", "command_", "resolution_", "backlash_")}  # fmt: skip
-        if leaf == "friction_nm" and arm.servos[name].friction_nm == 0.0:
-            return False
-        return not leaf.startswith(other[arm.servos[name].mode])
-    link = robot.pendulum if part == "robot.pendulum" else arm.links.get(name)
-    if link is None:
-        return True
-    if leaf.startswith("lateral_"):
-        return link.lateral_stiffness_nm_per_rad is not None
-    if leaf in ("damping_nms_per_rad", "friction_nm"):
-        return link.passive
-    if leaf.startswith("flex_"):
-        ratio = leaf == "flex_damping_ratio" and link.flex_damping_nms_per_rad is not None
-        hard = leaf == "flex_hardening" and link.flex_linear_deg is None
-        return link.flex_stiffness_nm_per_rad is not None and not ratio and not hard
-    return True
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -213,6 +160,22 @@ def test_scan_asks_what_the_paper_asks() -> None:
         "flight.saturated_max_s": ("<=", 0.5),
         "arm.saturated_max_s": ("<=", 0.5),
     }
+
+
+@pytest.mark.parametrize("name", [entry.name for entry in list_missions()])
+def test_every_limit_of_a_mission_names_a_paper_or_the_reason_of_the_choice(name: str) -> None:
+    paper = r"(Caballero 2018|Sanchez-Cuevas 2020|Suarez 2020|Tognon 2018), section "
+    for metric, requirement in load_description(name).mission.requirements.items():
+        assert re.match(paper + r"|chosen: \S+ \S+", requirement.source), (
+            f"{name}: {metric}: {requirement.source!r} is neither a section of a paper nor a reason"
+        )
+
+
+def test_no_limit_of_the_package_or_an_example_has_the_source_ours() -> None:
+    root = Path(__file__).parent.parent
+    files = [*(root / "src").rglob("*.toml"), *(root / "examples").rglob("*.toml")]
+    found = [f for f in files if re.search(r'limit = .*source = "ours', f.read_text("utf-8"))]
+    assert files and not found
 
 
 def _pad(q: np.ndarray) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -49,6 +50,25 @@ def othex_force():
 @pytest.fixture(scope="module")
 def contact(othex_force):
     return build_contact(othex_force.robot, othex_force.world, DirectForce.Table(), DT, 0.001)
+
+
+def test_the_page_states_the_gains_of_othex_force(contact: Contact) -> None:
+    page = Path(__file__).parent.parent / "docs/howto/press-with-a-force-sensor.md"
+    lines = page.read_text(encoding="utf-8").splitlines()
+    rows = [[cell.strip() for cell in x.split(" | ")] for x in lines if x.startswith("| ")]
+    stated = {row[0].removeprefix("| "): row[2].removesuffix(" |") for row in rows}
+    w, damper, kp, ki = compute_gains(contact, DirectForce.Table())
+    assert stated["stiffness k"] == (
+        f"{contact.k:.0f} N/m; {contact.k_hard:.0f} N/m with the slider at an end stop"
+    )
+    assert stated["bandwidth ω"] == f"{w:.1f} rad/s"
+    assert stated["damping D"] == f"{damper:.0f} N s/m"
+    assert stated["k_P"] == f"{kp:.2f}"
+    assert stated["k_I"] == f"{ki:.1f} 1/s"
+    times = (
+        f"rotor lag ({1e3 * contact.lag:.0f} ms) and a dead time of {1e3 * contact.delay:.0f} ms ("
+    )
+    assert times in "".join(lines)
 
 
 class Bench:

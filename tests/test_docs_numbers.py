@@ -7,6 +7,7 @@ import importlib
 import json
 import re
 import tomllib
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,9 @@ def read_names(number: dict[str, str]) -> dict[str, Any]:
     text = path.read_text(encoding="utf-8")
     if path.suffix == ".json":
         return {"found": json.loads(text)}
-    if path.suffix == ".txt":
-        return {"text": text, "find": lambda pattern: re.search(pattern, text, re.S).groups()}  # type: ignore[union-attr]
+    if path.suffix not in (".csv", ".jsonl"):
+        find = partial(re.search, string=text, flags=re.S | re.M)
+        return {"text": text, "find": lambda pattern: find(pattern).groups()}  # type: ignore[union-attr]
     lines = text.splitlines()
     rows = [json.loads(x) for x in lines] if path.suffix == ".jsonl" else [*csv.DictReader(lines)]
     assert rows

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -153,3 +155,12 @@ def test_a_coating_thinner_than_the_thinnest_shim_is_read() -> None:
     assert found == pytest.approx([0.0, 2e-5, 5e-5, 1.5e-4], abs=1e-12)
     with pytest.raises(InputError, match="both growing"):
         estimate_coating(setup, np.zeros(1), np.array([0.0, 1e-4]), np.zeros(2))
+
+
+def test_the_script_of_the_page_prints_what_the_page_states(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    page = Path(__file__).parent.parent / "docs/sensors/eddy-array.md"
+    (code,) = re.findall(r"^```python\n(.*?)^```", page.read_text("utf-8"), re.M | re.S)
+    exec(code, {})
+    assert f"# {capsys.readouterr().out}" in code

@@ -213,8 +213,8 @@ def new(what: str, name: str) -> None:
 def check(file: str, as_json: bool) -> int:
     """List all errors of a robot, world or mission.
 
-    It also lists assumed values and states whether the robot can lift its weight. In a folder, it
-    checks robot.toml, world.toml and mission.toml.
+    It also lists the assumed values of the file, counts those of other files, and states whether
+    the robot can lift its weight. In a folder, it checks robot.toml, world.toml and mission.toml.
     """
     from skywright.run.check import check_file
 
@@ -224,11 +224,11 @@ def check(file: str, as_json: bool) -> int:
         return 0 if report.valid else 2
     for line in report.problems:
         click.echo(line, err=True)
-    for line in report.notes:
-        click.echo(line)
     if report.valid:
         click.echo(f"{report.label}: a valid {report.kind}")
-        return 0
-    count = len(report.problems)
-    click.echo(f"{report.label}: {count} problem{'s' if count != 1 else ''}", err=True)
-    return 2
+    else:
+        count = len(report.problems)
+        click.echo(f"{report.label}: {count} problem{'s' if count != 1 else ''}", err=True)
+    for line in report.notes:
+        click.echo(line)
+    return 0 if report.valid else 2

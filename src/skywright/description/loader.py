@@ -78,6 +78,13 @@ class Description(NamedTuple, Generic[T]):
     """Dotted key -> the file (or `--set`) that set it; defaults are absent."""
 
     @property
+    def roots(self) -> dict[str, Spec]:
+        """The four roots by name."""
+        return {
+            "robot": self.robot, "world": self.world, "mission": self.mission, "plant": self.plant,
+        }  # fmt: skip
+
+    @property
     def true_world(self) -> World:
         """The true world; `world` is the map that the robot uses."""
         return displace_world(self.world, self.plant, self.mission.seed)

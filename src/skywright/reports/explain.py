@@ -9,6 +9,7 @@ import numpy as np
 
 from skywright.core.keys import iterate_leaves
 from skywright.description.robot.limbs import list_joints
+from skywright.description.robot.sourced import list_unsourced
 from skywright.description.world.datum import find_seen_datum
 from skywright.description.world.things import find_marker
 from skywright.models.deviated_sensors import draw_noise_factors
@@ -96,7 +97,7 @@ def list_assumptions(result: RunResult) -> list[Row]:
     """Return every assumed number of this run with its plausible range and note."""
     d = result.description
     rows = []
-    for root, spec in _roots(d):
+    for root, spec in d.roots.items():
         for key, value in iterate_leaves(spec, root):
             source = d.sources.get(key)
             if source is None or source.kind != "assumed":
@@ -111,9 +112,11 @@ def list_assumptions(result: RunResult) -> list[Row]:
 
 def count_unsourced(result: RunResult) -> int:
     """Return the number of values of this run without a source."""
-    return sum(
-        key not in result.description.sources
-        for root, spec in _roots(result.description)
+    d = result.description
+    return len(list_unsourced(d.robot, d.sources)) + sum(
+        key not in d.sources
+        for root, spec in d.roots.items()
+        if root != "robot"
         for key, value in iterate_leaves(spec, root)
         if isinstance(value, int | float) and not isinstance(value, bool)
     )
@@ -124,7 +127,7 @@ def list_changes(result: RunResult) -> list[Row]:
     d = result.description
     home = d.origin.get("mission.name", "")
     rows = []
-    for root, spec in _roots(d):
+    for root, spec in d.roots.items():
         for key, value in iterate_leaves(spec, root):
             origin = d.origin.get(key)
             if origin == "--set":
@@ -240,10 +243,6 @@ def list_timing(result: RunResult) -> list[Row]:
         if key in t:
             rows.append(Row(name, f"{format_value(t[key])} {unit}"))
     return rows
-
-
-def _roots(d: Description) -> list[tuple[str, Spec]]:
-    return [("robot", d.robot), ("world", d.world), ("plant", d.plant), ("mission", d.mission)]
 
 
 def _text(value: Any) -> str:

@@ -7,10 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skywright.core.keys import iterate_leaves
-from skywright.core.spec import Source, Spec
+from skywright.core.spec import Source
 from skywright.description.loader import Description
 from skywright.description.lookup import Subject
 from skywright.description.robot.limbs import list_limbs, list_servos
+from skywright.description.robot.sourced import list_unsourced
 from skywright.description.robot.spec import Robot, Sensors
 from skywright.description.world.gnss import Gnss
 from skywright.description.world.localisation import TotalStation
@@ -23,7 +24,7 @@ from skywright.models.capability import check_can_fly, compute_capability
 from skywright.models.docked import build_docked, compute_docked_press, find_stance
 from skywright.models.force_resolution import compute_force_resolution
 from skywright.models.rigid_body import build_body_model, compute_body, posture
-from skywright.run.check import list_guesses
+from skywright.run.check import count_unsourced, list_assumed
 
 
 class Section(NamedTuple):
@@ -40,7 +41,7 @@ class Summary(NamedTuple):
     name: str
     description: str
     sections: list[Section]
-    guesses: list[str]
+    assumed: list[str]
     picture: str | None = None
     urdf: str | None = None
 
@@ -51,7 +52,7 @@ class Summary(NamedTuple):
             "name": self.name,
             "description": self.description,
             "sections": {s.title: dict(s.rows) for s in self.sections},
-            "guesses": self.guesses,
+            "guesses": self.assumed,
             "picture": self.picture,
             "urdf": self.urdf,
         }
@@ -61,14 +62,15 @@ def build_summary(subject: Subject) -> Summary:
     """Summarise a robot, a world, or a mission with its robot and world."""
     if subject.robot is not None:
         robot = subject.robot
-        sections = [*describe_robot(robot), describe_sources(robot, "robot", subject.sources)]
-        guesses = list_guesses(robot, "robot", subject.sources)
+        sections = [*describe_robot(robot), describe_sources(robot, subject.sources)]
+        assumed = list_assumed({"robot": robot}, subject.sources)
+        assumed += count_unsourced(robot, subject.sources)
         text = robot.description + (f" ({robot.paper})" if robot.paper else "")
-        return Summary("robot", robot.name, text, sections, guesses)
+        return Summary("robot", robot.name, text, sections, assumed)
     if subject.world is not None:
         world = subject.world
-        guesses = list_guesses(world, "world", subject.sources)
-        return Summary("world", world.name, world.description, describe_world(world), guesses)
+        assumed = list_assumed({"world": world}, subject.sources)
+        return Summary("world", world.name, world.description, describe_world(world), assumed)
     assert subject.description is not None
     return _summarise_mission(subject.description)
 
@@ -80,9 +82,9 @@ def _summarise_mission(description: Description) -> Summary:
         *describe_world(description.world),
         *describe_robot(description.robot),
     ]
-    guesses = list_guesses(description.robot, "robot", description.sources)
-    guesses += list_guesses(description.world, "world", description.sources)
-    return Summary("mission", mission.name, mission.description, sections, guesses)
+    assumed = list_assumed(description.roots, description.sources)
+    assumed += count_unsourced(description.robot, description.sources)
+    return Summary("mission", mission.name, mission.description, sections, assumed)
 
 
 def describe_mission(description: Description) -> list[Section]:
@@ -372,15 +374,11 @@ def _describe_limits(robot: Robot) -> Section:
     return Section("Limits (computed)", rows)
 
 
-def describe_sources(spec: Spec, root: str, sources: dict[str, Source]) -> Section:
+def describe_sources(robot: Robot, sources: dict[str, Source]) -> Section:
     """Count the numbers by the kind of their source."""
     counts = Counter(source.kind for source in sources.values())
     rows = [(kind, str(count)) for kind, count in counts.most_common()]
-    bare = sum(
-        1
-        for key, value in iterate_leaves(spec, root)
-        if key not in sources and isinstance(value, int | float) and not isinstance(value, bool)
-    )
+    bare = len(list_unsourced(robot, sources))
     if bare:
         rows.append(("no source", str(bare)))
     return Section("Sources of the numbers", rows)

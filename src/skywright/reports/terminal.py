@@ -196,10 +196,10 @@ def print_summary(summary: Summary) -> None:
         width = max(len(name) for name, _ in section.rows)
         for name, value in section.rows:
             console.print(f"  {name:{width}}  {value}")
-    if summary.guesses:
-        assumed = sum(line.startswith("assumed ") for line in summary.guesses)
-        console.print(f"\nGuesses ({assumed})", style="bold")
-        for line in summary.guesses:
+    if summary.assumed:
+        count = sum(line.startswith("assumed ") for line in summary.assumed)
+        console.print(f"\nAssumed values ({count})", style="bold")
+        for line in summary.assumed:
             console.print(f"  {line.removeprefix('assumed ')}")
     if summary.picture:
         console.print(f"\npicture: {summary.picture}")

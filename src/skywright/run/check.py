@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,6 +14,7 @@ from skywright.description.loader import SPECS, Description, list_layer_problems
 from skywright.description.lookup import KINDS, find_kind
 from skywright.description.parts import type_parts
 from skywright.description.robot.loader import find_robot, load_robot_layers
+from skywright.description.robot.sourced import list_unsourced
 from skywright.description.robot.spec import Robot
 from skywright.description.world.loader import find_world, load_world_layer
 from skywright.description.world.spec import World
@@ -42,15 +43,22 @@ def check_file(name: str) -> CheckReport:
     if not folder.is_dir() or path == name:
         return _check_one(name, kind, path)
     files = {k: folder / f"{k}.toml" for k in KINDS}
-    reports = [_check_one(str(f), k, str(f)) for k, f in files.items() if f.is_file()]
+    found = {str(f): k for k, f in files.items() if f.is_file()}
+    reports = [_check_one(f, k, f, frozenset(found)) for f, k in found.items()]
+    # a problem of the robot or of the world is one of the mission too: it is stated once
+    problems: dict[str, str] = {}
+    for r in reports:
+        for line in r.problems:
+            problems.setdefault(line.removeprefix(f"{r.label}: "), line)
     return CheckReport(
         name, " and ".join(r.kind for r in reports), all(r.valid for r in reports),
-        list(dict.fromkeys(line for r in reports for line in r.problems)),
+        list(problems.values()),
         list(dict.fromkeys(line for r in reports for line in r.notes)),
     )  # fmt: skip
 
 
-def _check_one(name: str, kind: str, path: str) -> CheckReport:
+def _check_one(name: str, kind: str, path: str, files: frozenset[str] = frozenset()) -> CheckReport:
+    """Check one file; `files` are the labels of those that are checked with it."""
     problems: list[str] = []
     notes: list[str] = []
     if kind == "mission":
@@ -63,8 +71,9 @@ def _check_one(name: str, kind: str, path: str) -> CheckReport:
             problems += _check_overlaps(description.robot, description.world, name)
             if not problems and _has_code_of_a_user(description):
                 problems += _check_compiles(description)
-            notes += list_guesses(description.robot, "robot", description.sources)
-            notes += list_guesses(description.mission, "mission", description.sources)
+            files |= {description.origin.get("mission.name", name)}
+            notes += list_assumed(description.roots, description.sources, description.origin, files)
+            notes += count_unsourced(description.robot, description.sources)
     else:
         label = (find_robot if kind == "robot" else find_world)(path).label
         tree, sources, origin = merge_layers(_load_layers(kind, path, problems))
@@ -72,7 +81,9 @@ def _check_one(name: str, kind: str, path: str) -> CheckReport:
         if "plant" in tree:
             _check_root(tree, "plant", origin, label, problems)
         if spec is not None:
-            notes += list_guesses(spec, kind, sources)
+            notes += list_assumed({kind: spec}, sources, origin, files | {label})
+        if isinstance(spec, Robot):
+            notes += count_unsourced(spec, sources)
         if isinstance(spec, Robot) and not problems:
             _check_lift(spec, 9.81, label, problems, notes)
         if isinstance(spec, World) and not problems:
@@ -104,10 +115,9 @@ def _check_overlaps(robot: Robot, world: World, label: str) -> list[str]:
 
 
 def _has_code_of_a_user(description: Description[Any]) -> bool:
-    roots = (description.robot, description.world, description.mission, description.plant)
     return any(
         isinstance(value, str) and ".py:" in value
-        for root in roots
+        for root in description.roots.values()
         for _, value in iterate_leaves(root, "")
     )
 
@@ -166,19 +176,37 @@ def _check_lift(
     )
 
 
-def list_guesses(spec: Spec, root: str, sources: dict[str, Source]) -> list[str]:
-    """List the assumed numbers with their ranges, and count the numbers without a source."""
+def list_assumed(
+    specs: Mapping[str, Spec],
+    sources: Mapping[str, Source],
+    origin: Mapping[str, str] | None = None,
+    files: frozenset[str] = frozenset(),
+) -> list[str]:
+    """List the assumed numbers of `specs` (by root) with their ranges.
+
+    With `origin`, which maps a key to the label of the file that sets it, those of other files
+    than `files` are counted only.
+    """
     lines = []
-    bare = 0
-    for key, value in iterate_leaves(spec, root):
-        source = sources.get(key)
-        if source is not None and source.kind == "assumed":
+    others = 0
+    for root, spec in specs.items():
+        for key, value in iterate_leaves(spec, root):
+            source = sources.get(key)
+            if source is None or source.kind != "assumed":
+                continue
+            if origin is not None and origin.get(key) not in files:
+                others += 1
+                continue
             span = f" (range {source.range[0]:g} to {source.range[1]:g})" if source.range else ""
             shown = f"{value:g}" if isinstance(value, int | float) else str(value)
             note = f": {source.note}" if source.note else ""
             lines.append(f"assumed {key} = {shown}{span}{note}")
-        elif source is None and isinstance(value, int | float) and not isinstance(value, bool):
-            bare += 1
-    if bare and root == "robot":
-        lines.append(f"{bare} numbers of the robot have no source (including defaults)")
+    if others:
+        lines.append(f"{others} assumed values of other files (`skywright show` lists them)")
     return lines
+
+
+def count_unsourced(robot: Robot, sources: dict[str, Source]) -> list[str]:
+    """Return one line with the number of a robot's numbers without a source, or nothing."""
+    bare = len(list_unsourced(robot, sources))
+    return [f"{bare} numbers of the robot have no source (including defaults)"] if bare else []

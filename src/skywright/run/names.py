@@ -68,11 +68,19 @@ COMMON: Measures = {
     "plan.cost": ("", "cost of the planned path, equation (6) of Caballero 2018"),
     "plan.lower_bound": ("", "lower bound of the cost of every path"),
     "plan.first_solution_s": ("s", "time until the planner found its first path"),
-    "plan.clearance_min_m": ("m", "smallest planned clearance"),
+    "plan.clearance_min_m": (
+        "m",
+        "smallest planned distance of robot and bar to anything but the robot, on the planner's "
+        "path; transports only",
+    ),
     "plan.swing_max_deg": ("deg", "largest planned swing about the equilibrium"),
     "plan.duration_s": ("s", "planned duration of the transport"),
     "plan.wall_s": ("s", "duration of planning, including collision checks"),
-    "plan.min_clearance_m": ("m", "smallest planned clearance, except the contact of the tip"),
+    "plan.min_clearance_m": (
+        "m",
+        "smallest planned distance to the world, except the contact of the tip; transports and "
+        "plan files: over the motion that is flown, with 0 if parts of the robot touch",
+    ),
     "plan.min_rotor_margin": (
         "",
         "smallest distance of a rotor's thrust to its limits, as a fraction of its range",
