@@ -49,10 +49,13 @@ def check_can_press(robot: Robot, mission: Mission) -> None:
     Press; no row of the reference lies inside the surface. A law that presses with the platform, by
     a tip reference behind the surface, would exert no force.
     """
-    if robot.probe is None or robot.force_sensor is None:
+    missing = [
+        f"[robot.{name}]" for name in ("probe", "force_sensor") if getattr(robot, name) is None
+    ]
+    if missing:
         raise InputError(
-            f"robot {robot.name!r} does not measure the force of a probe: it requires "
-            "[robot.probe] and [robot.force_sensor]"
+            f"robot {robot.name!r} has no force sensor in the slider of a probe: add "
+            f"{' and '.join(missing)} (a sensor in [robot.sensors] does not replace it)"
         )
     law = mission.law.kind if mission.law is not None else robot.control.law
     if law is None or not find("law", law).cls.presses_with_arm:
