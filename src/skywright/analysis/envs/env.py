@@ -64,6 +64,8 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
     """Reasons for the end of an episode, indexed by `Judgement.ended`; 0 continues."""
     values: ClassVar[tuple[Signal, ...]] = ()
     """Entries of `info`: means over the last step of `Judgement.values`, from the true state."""
+    has_goal: ClassVar[bool] = True
+    """Whether `Judgement.success` ends an episode; without a goal, users compare `values`."""
     penalty: ClassVar[float] = 20.0
     """Subtracted from the reward of a step that ends an episode early."""
     bonus: ClassVar[float] = 20.0
