@@ -12,7 +12,7 @@ unexport PYTHONDONTWRITEBYTECODE
 WORKERS := 4
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check test durations wheel pythons lint bench docs page lock pictures claims evidence clean
+.PHONY: help demo check test durations wheel pythons lint bench docs learn cuda page lock pictures claims evidence clean
 
 help:  ## list these targets
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 12
@@ -71,6 +71,13 @@ docs: $(STAMP)  ## build the documentation into site/ (site/index.html) and run 
 	$(BIN)/pytest -n 2 --dist worksteal -m docs -q $(RUN_BY_DOCS)
 	@echo "Open site/index.html"
 
+# Tests that `make test` leaves out: what they need is large, and kept in environments of its own.
+learn: $(STAMP)  ## train a policy for a few steps and judge it (installs PyTorch, some GB, once)
+	@sh scripts/try_left_out.sh $(VENV) learn
+
+cuda: $(STAMP)  ## compile steps for a GPU; needs none (installs NVIDIA's compilers, once)
+	@sh scripts/try_left_out.sh $(VENV) cuda
+
 page:  ## build the ground station's page from page/ (needs Node.js; the result is committed)
 	cd page && npm ci --ignore-scripts && node build.mjs
 
@@ -84,12 +91,13 @@ claims: $(STAMP)  ## measure the papers' claims again and write them into the do
 	cp runs/claims.json benchmarks/claims.json
 	$(BIN)/python docs/generate_claims.py
 
-evidence: $(STAMP)  ## mutations that no test notices; the station for 30 minutes; 20 flights by its page; Betaflight
+evidence: $(STAMP)  ## mutations that no test notices; the station for 30 minutes; 20 flights by its page; Betaflight; learn; cuda
 	$(BIN)/python scripts/mutants.py
 	$(BIN)/python docs/generate_mutants.py
 	$(BIN)/python benchmarks/soak_station.py --minutes 30
 	$(BIN)/python benchmarks/operate_station.py tool-install --runs 20
 	$(BIN)/python benchmarks/fly_betaflight.py
+	$(MAKE) learn cuda
 
 # Every extra but `learn`: PyTorch would add several gigabytes.
 EXTRAS := cluster parquet pandas nde mavlink dicom serial ros2 foxglove collada envs dev
@@ -102,6 +110,6 @@ lock:  ## resolve requirements.lock and requirements-run.lock again (needs uv)
 	echo hatchling | $(RESOLVE) - -c requirements.lock -o requirements-run.lock
 
 clean:  ## remove what make made, the runs excepted
-	rm -rf $(VENV) $(VENV)-3.* site build dist .mypy_cache .ruff_cache .pytest_cache \
+	rm -rf $(VENV) $(VENV)-3.* $(VENV)-learn $(VENV)-cuda site build dist .mypy_cache .ruff_cache .pytest_cache \
 	  .import_linter_cache .hypothesis
 	find src tests docs -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -57,18 +57,31 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--measure", metavar="FILE", help="append each test's processor time (s)")
 
 
+def find_left_out(config: pytest.Config) -> dict[str, str]:
+    """Return the marks whose tests do not run here, and what would run them.
+
+    These are no skips: nobody is asked to have an autopilot. CONTRIBUTING.md has the commands.
+    """
+    out = {}
+    if not os.environ.get("SKYWRIGHT_PX4"):
+        out["px4"] = "SKYWRIGHT_PX4"
+    if not os.environ.get("SKYWRIGHT_CUDA"):
+        out["cuda"] = "make cuda"
+    if find_spec("stable_baselines3") is None:
+        out["learn"] = "make learn"
+    asked = config.getoption("markexpr")
+    return out | {mark: f"-m {mark}" for mark in ("betaflight", "docs") if mark not in asked}
+
+
+def pytest_report_header(config: pytest.Config) -> str:
+    told = ", ".join(f"{mark} ({how})" for mark, how in find_left_out(config).items())
+    return f"marks left out: {told or 'none'}; see CONTRIBUTING.md"
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     listed = SLOW.read_text(encoding="utf-8").splitlines()
     slow = set(listed if config.getoption("--quick") else [])
-    without = []  # not a skip: nobody is asked to have an autopilot
-    if not os.environ.get("SKYWRIGHT_PX4"):
-        without.append("px4")
-    if not os.environ.get("SKYWRIGHT_CUDA"):
-        without.append("cuda")
-    if find_spec("stable_baselines3") is None:
-        without.append("learn")
-    asked = config.getoption("markexpr")
-    without += [mark for mark in ("betaflight", "docs") if mark not in asked]
+    without = find_left_out(config)
     left_out = [
         i for i in items
         if i.nodeid.partition("[")[0] in slow or any(i.get_closest_marker(m) for m in without)

@@ -23,7 +23,7 @@ from hypothesis import strategies as st
 
 from skywright import cli
 from skywright.errors import InputError
-from skywright.evidence.bench import clone, planning, registry, robots, runner, sensors, tick
+from skywright.evidence.bench import clone, laws, planning, registry, robots, runner, sensors, tick
 from skywright.evidence.bench.flights import (
     FULL_STRENGTH,
     count_ticks,
@@ -367,3 +367,17 @@ def test_a_fresh_clone_is_not_measured_without_git_or_a_checkout(
         monkeypatch.setattr(clone.shutil, "which", lambda tool, found=found: found)
         (row,) = clone.measure(Session("quick", tmp_path))
         assert row.value is None and row.note == why
+
+
+def test_each_law_is_measured_with_a_robot_that_it_can_fly(monkeypatch: pytest.MonkeyPatch) -> None:
+    kinds = ["push_and_slide", "direct_force", "backstepping_torque"]
+    first, *others = laws.measure_laws(kinds, 2)
+    assert first.name == "push_and_slide_us" and first.note == "a step, hovering"
+    assert [(row.name, row.note) for row in others] == [
+        ("direct_force_over_push_and_slide", "a step, with the robot othex-force"),
+        ("backstepping_torque_over_push_and_slide", "a step, with the robot f550-bridge-torque"),
+    ]
+    assert all(row.value is not None and row.value > 0.0 for row in (first, *others))
+    monkeypatch.setattr(laws, "ROBOTS", ("othex",))
+    *_, refused = laws.measure_laws(["push_and_slide", "direct_force"], 2)
+    assert refused.value is None and "'othex' has no force sensor there" in refused.note

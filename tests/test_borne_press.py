@@ -11,6 +11,7 @@ import pytest
 from exact_map import KNOWN
 from skywright.core.rotations import exp_so3
 from skywright.description.loader import load_description
+from skywright.errors import InputError
 from skywright.missions.skills.pressing import LAGS, lag_feet
 from skywright.models.docked import build_docked, find_stance
 from skywright.models.docked_balance import (
@@ -105,3 +106,17 @@ def test_the_load_of_the_feet_follows_with_a_first_order_lag() -> None:
     behind = 4.0 * (ramp["t"] - lag * (1.0 - np.exp(-ramp["t"] / lag)))
     np.testing.assert_allclose(ramp["f_feet_B"][:, 2], behind, atol=0.05)
     np.testing.assert_array_equal(out["f_feet_B"][-1], table["f_feet_B"][-1])
+
+
+@pytest.mark.parametrize(
+    ("robot", "missing"),
+    [
+        ("othex-force", "[robot.force_sensor]"),
+        ("hexarotor", "[robot.probe] and [robot.force_sensor]"),
+    ],
+)  # fmt: skip
+def test_a_robot_that_cannot_press_is_told_what_it_lacks(robot: str, missing: str) -> None:
+    """A probe, or a sensor of the tip's force elsewhere, is not said to be missing."""
+    with pytest.raises(InputError) as refused:
+        plan_mission(load_description("bridge-contact", robot=robot))
+    assert f"in the slider of a probe: add {missing} (a sensor in" in str(refused.value)

@@ -42,9 +42,11 @@ train = load_example()
         (["judge", "--episodes", "0"], "--episodes: '0'; valid"),
         (["train", "--seed", "-1"], "--seed: '-1'; valid: a whole number from 0 to 4294967295"),
         (["train", "--seed", "4294967296"], "--seed: '4294967296'; valid"),
+        *((["judge", f"--error={x}"], f"--error: '{x}'; valid: a force (N) above 0")
+          for x in ("nan", "inf", "-0.1", "0", "x")),
         (["fly"], "invalid choice"),
     ],
-)
+)  # fmt: skip
 def test_wrong_words_end_with_exit_code_2(
     words: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -82,6 +84,8 @@ def write_training(folder: Path, **told: Any) -> list[str]:
          "valid: --episodes up to 50, or a longer table"),
         ({**TOLD, "conditions": 80}, ["--other-conditions"],
          "used the first 64, and --episodes 100 needs 10 more; valid: a longer table, or"),
+        ({**TOLD, "env": "PegInHole"}, ["--env", "PegInHole", "--error", "0.2"],
+         "--error 0.2: the goal of PegInHole decides which episodes succeed; leave it out"),
         ({}, ["--policy", "nowhere.zip"], "--policy nowhere.zip: no such file"),
     ],
 )  # fmt: skip
@@ -188,6 +192,12 @@ def test_laws_are_compared_in_the_conditions_that_all_reached(
     for player in ("a", "learned", "b"):
         flown = [r["condition"] for r in told["episodes"] if r["player"] == player]
         assert flown == [25, 27, 25, 27]
+    assert "a: 4 of 4, median force error 0.100 N" in capsys.readouterr().out
+    monkeypatch.setattr(
+        train, "fly", lambda *args: {"condition": 25, "success": True, "force_error_n": None}
+    )
+    assert train.main([*words, "a,b"]) == 0
+    assert capsys.readouterr().out.splitlines() == ["a: 4 of 4", "learned: 4 of 4", "b: 4 of 4"]
     assert train.main([*words, "a,c"]) == 2
     assert "--laws a,c: no condition was reached by all; a: not a; c: not c" in (
         capsys.readouterr().err
@@ -217,6 +227,51 @@ def test_an_episode_is_judged_by_the_true_force() -> None:
     assert good["success"] and not bad["success"]
     assert good["seconds"] == pytest.approx(0.4) and 1.0 < good["force_mean_n"] < 3.0
     assert good["force_error_n"] == bad["force_error_n"]
+
+
+class FakeEnv:
+    """Episodes of three steps with the infos that are given."""
+
+    def __init__(self, has_goal: bool, infos: list[dict[str, Any]]) -> None:
+        self.has_goal, self.infos, self.k = has_goal, infos, 0
+
+    def reset(self, **options: Any) -> Any:
+        self.k = 0
+        return None, {"condition": 0}
+
+    def step(self, action: Any) -> Any:
+        self.k += 1
+        info = self.infos[self.k - 1]
+        return None, 1.0, "success" in info, self.k == 3, info
+
+
+FORCE = {"force_n": 2.0, "force_error_n": 0.1}
+
+
+@pytest.mark.parametrize(
+    ("has_goal", "infos", "success", "error"),
+    [
+        (True, [{"force_n": 2.0}] * 2 + [{"force_n": 2.0, "success": True}], True, None),
+        (True, [{"force_n": 2.0}] * 3, False, None),
+        (True, [FORCE] * 3, False, 0.1),  # a small error is not the goal
+        (False, [FORCE] * 3, True, 0.1),
+        (False, [FORCE, {**FORCE, "success": False}], False, 0.1),
+        (False, [{"reason": "diverged", "success": False}], False, None),
+    ],
+)
+def test_the_goal_of_an_environment_decides_and_missing_forces_are_null(
+    has_goal: bool, infos: list[dict[str, Any]], success: bool, error: float | None,
+    recwarn: pytest.WarningsRecorder,
+) -> None:  # fmt: skip
+    told = train.fly(FakeEnv(has_goal, infos), lambda seen: None, 1, 0, 0.15)
+    assert told["success"] is success and told["force_error_n"] == error
+    assert told["seconds"] == pytest.approx(0.02 * len(infos)) and not recwarn.list
+    json.dumps(told, allow_nan=False)
+
+
+@pytest.mark.parametrize(("name", "has_goal"), [("WeldPress", False), ("PegInHole", True)])
+def test_an_environment_says_whether_it_has_a_goal(name: str, has_goal: bool) -> None:
+    assert train.find_class(name).has_goal is has_goal
 
 
 @pytest.mark.learn

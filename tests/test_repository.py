@@ -373,6 +373,25 @@ def test_the_documentation_is_built_so_that_a_broken_link_fails() -> None:
     assert "--strict" in build and "-q" not in build
 
 
+def test_contributing_states_how_each_mark_that_is_left_out_is_run(
+    pytestconfig: pytest.Config, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = PYPROJECT["tool"]["pytest"]["ini_options"]["markers"]
+    marks = {text.split(":")[0] for text in told} - {"browser"}
+    text = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+    rows = dict(re.findall(r"^\| `(\w+)` \| .* \| ([^|]+) \|$", text, re.M))
+    assert set(rows) == marks
+    made = (ROOT / "Makefile").read_text("utf-8")
+    targets = [name for row in rows.values() for name in re.findall("`make ([a-z]+)`", row)]
+    assert targets and all(re.search(rf"^{name}:.*## ", made, re.M) for name in targets)
+    for name in ("SKYWRIGHT_PX4", "SKYWRIGHT_CUDA"):
+        monkeypatch.delenv(name, raising=False)
+    hooks = [hook for hook in pytestconfig.hook.pytest_report_header.get_hookimpls()
+            if hook.plugin_name.endswith("tests/conftest.py")]  # fmt: skip
+    header = hooks[0].function(pytestconfig)
+    assert "px4 (SKYWRIGHT_PX4)" in header and "cuda (make cuda)" in header
+
+
 def test_the_page_of_keys_is_the_generator_s() -> None:
     module = _load_file(ROOT / "docs" / "generate_reference.py")
     page = module.OUT.read_text(encoding="utf-8")

@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import csv
 import json
+import math
 import os
 import platform
 import sys
@@ -29,8 +30,10 @@ import numpy as np
 
 from skywright import InputError, __version__, envs
 from skywright.analysis.campaign.distributions import parse_variations
+from skywright.analysis.envs.registry import find_class
 from skywright.cli.options import check_folder, check_writable
 from skywright.evidence.bench.machine import read_commit
+from skywright.vehicle.plant import MISSION_TICK
 
 HERE = Path(__file__).parent
 GUSTS = str(HERE / "gusts.csv")
@@ -42,6 +45,8 @@ FINISHED, UNFINISHED = "finished", "unfinished"
 """States in training.json."""
 SEED_MAX = 2**32 - 1
 """Largest seed of NumPy's global generator, which stable-baselines3 seeds."""
+ERROR = 0.15
+"""N, mean force error below which an episode succeeds, in an environment without a goal."""
 CURVE = ("steps", "seconds", "return", "noise")
 """Columns of curve.csv."""
 
@@ -60,6 +65,17 @@ def read_seed(text: str) -> int:
     return int(text)
 
 
+def read_error(text: str) -> float:
+    """Read the limit of the mean force error (N)."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r}; valid: a force (N) above 0")
+    return value
+
+
 def parse(words: Sequence[str] | None = None) -> argparse.Namespace:
     """Read the command line; what is wrong in it ends the process with exit code 2."""
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
@@ -71,7 +87,11 @@ def parse(words: Sequence[str] | None = None) -> argparse.Namespace:
     p.add_argument("--envs", type=count, default=8, help="beside each other, to train")
     p.add_argument("--conditions", type=count, default=3, help="flown for each of them, to train")
     p.add_argument("--episodes", type=count, default=100, help="to judge")
-    p.add_argument("--error", type=float, default=0.15, help="N, mean, below which one succeeds")
+    p.add_argument(
+        "--error", type=read_error,
+        help=f"N, mean force error below which an episode succeeds (default: {ERROR:g}); only of "
+        "environments without a goal",
+    )  # fmt: skip
     p.add_argument("--laws", default="push_and_slide,direct_force", help="to compare with")
     p.add_argument("--policy", type=Path, help="to judge")
     p.add_argument(
@@ -251,25 +271,38 @@ def count_conditions(asked: argparse.Namespace) -> int:
 
 
 def fly(env: Any, choose: Any, seed: int, condition: int, error: float) -> dict[str, Any]:
-    """Fly one episode; returns how it went."""
+    """Fly one episode; returns how it went. Forces are None where the environment has none.
+
+    The goal of the environment decides whether it succeeded; without one, the mean force error is
+    compared with `error` (N).
+    """
     seen, begun = env.reset(seed=seed, options={"condition": condition})
-    errors, forces, total = [], [], 0.0
+    steps, errors, forces, total = 0, [], [], 0.0
     while True:
         seen, reward, terminated, truncated, info = env.step(choose(seen))
-        total += reward
+        total, steps = total + reward, steps + 1
         if "force_error_n" in info:
             errors.append(info["force_error_n"])
+        if "force_n" in info:
             forces.append(info["force_n"])
         if terminated or truncated:
             break
-    mean = float(np.mean(errors))
-    done = bool(info.get("success")) or (not terminated and mean < error)
+    mean = summarize(np.mean, errors)
+    if env.has_goal:
+        done = bool(info.get("success"))
+    else:
+        done = not terminated and mean is not None and mean < error
     return {
         "condition": begun["condition"], "seed": seed, "return": round(total, 3),
-        "force_error_n": round(mean, 4), "force_std_n": round(float(np.std(forces)), 4),
-        "force_mean_n": round(float(np.mean(forces)), 4), "seconds": len(errors) * 0.02,
+        "force_error_n": mean, "force_std_n": summarize(np.std, forces),
+        "force_mean_n": summarize(np.mean, forces), "seconds": round(steps * MISSION_TICK, 6),
         "reason": info.get("reason", ""), "success": done,
     }  # fmt: skip
+
+
+def summarize(how: Any, values: Sequence[float]) -> float | None:
+    """Return a rounded statistic of values, or None if there are none."""
+    return round(float(how(values)), 4) if values else None
 
 
 def find_common(flown: dict[str, Any]) -> list[int]:
@@ -286,6 +319,13 @@ def find_common(flown: dict[str, Any]) -> list[int]:
 
 def judge(asked: argparse.Namespace) -> None:
     """Fly the policy and the laws in the same fresh conditions; write how each episode went."""
+    has_goal = find_class(asked.env).has_goal
+    if has_goal and asked.error is not None:
+        raise InputError(
+            f"--error {asked.error:g}: the goal of {asked.env} decides which episodes succeed; "
+            "leave it out"
+        )
+    error = ERROR if asked.error is None else asked.error
     first = find_fresh(asked)
     learner = import_learner()
     try:
@@ -305,7 +345,7 @@ def judge(asked: argparse.Namespace) -> None:
     }  # fmt: skip
     common = find_common(flown)
     found: dict[str, Any] = {
-        **describe_task(asked), "error_n": asked.error, **describe_machine(),
+        **describe_task(asked), "error_n": None if has_goal else error, **describe_machine(),
         "refused": [f"{law}: {text}" for law, env in flown.items() for text in env.refused],
         "conditions": len(common),
     }  # fmt: skip
@@ -319,15 +359,14 @@ def judge(asked: argparse.Namespace) -> None:
         for name, choose in players.items():
             for k in range(asked.episodes):
                 i = index[common[k % len(common)]]
-                rows.append({"player": name, **fly(env, choose, 10_000 + k, i, asked.error)})
+                rows.append({"player": name, **fly(env, choose, 10_000 + k, i, error)})
     found["episodes"] = rows
     write_json(found, asked.out)
     for name in dict.fromkeys(r["player"] for r in rows):
         mine = [r for r in rows if r["player"] == name]
-        print(
-            f"{name}: {sum(r['success'] for r in mine)} of {len(mine)}, median force error "
-            f"{np.median([r['force_error_n'] for r in mine]):.3f} N"
-        )
+        errors = [r["force_error_n"] for r in mine if r["force_error_n"] is not None]
+        force = f", median force error {np.median(errors):.3f} N" if errors else ""
+        print(f"{name}: {sum(r['success'] for r in mine)} of {len(mine)}{force}")
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -336,7 +375,7 @@ def main(words: Sequence[str] | None = None) -> int:
     try:
         {"train": train, "judge": judge}[asked.what](asked)
     except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
+        print(f"error: {error.with_options or error}", file=sys.stderr)
         return error.exit_code
     return 0
 

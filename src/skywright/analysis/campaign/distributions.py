@@ -86,7 +86,7 @@ def parse_variation(text: str) -> Variation:
     key = key.strip()
     if not equals or not key:
         raise InputError(
-            f"--vary {text!r}: expected KEY=DIST, e.g. --vary 'world.pipe.diameter_m="
+            f"--vary {text!r}: expected KEY=DIST, e.g. 'world.pipe.diameter_m="
             "uniform(0.3,0.6)', or a CSV file whose columns are keys"
         )
     label = f"--vary {key}"

@@ -15,6 +15,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from skywright.analysis.envs.arguments import read_whole
 from skywright.analysis.envs.parts import (
     LIMIT,
     LOST,
@@ -33,7 +34,7 @@ from skywright.analysis.envs.starts import (
     build_starts,
 )
 from skywright.core.record import View
-from skywright.errors import InputError, SimulationError
+from skywright.errors import InputError, SimulationError, naming_arguments
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 from skywright.run.supervisor import Supervisor
@@ -63,11 +64,14 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
     """Reasons for the end of an episode, indexed by `Judgement.ended`; 0 continues."""
     values: ClassVar[tuple[Signal, ...]] = ()
     """Entries of `info`: means over the last step of `Judgement.values`, from the true state."""
+    has_goal: ClassVar[bool] = True
+    """Whether `Judgement.success` ends an episode; without a goal, users compare `values`."""
     penalty: ClassVar[float] = 20.0
     """Subtracted from the reward of a step that ends an episode early."""
     bonus: ClassVar[float] = 20.0
     """Added to the reward of the step that reaches the goal."""
 
+    @naming_arguments(sets="--set")
     def __init__(
         self,
         *,
@@ -93,14 +97,12 @@ class ContactEnv(gymnasium.Env[Numbers, Numbers]):
 
         Raises InputError on wrong input, if possible before a flight.
         """
-        for name, value, least in (
-            ("conditions", conditions, 1), ("states", states, 1), ("ticks", ticks, 1),
-            ("first", first, 0), ("every", every, 1),
-        ):  # fmt: skip
-            if not isinstance(value, int) or isinstance(value, bool) or value < least:
-                raise InputError(f"{name} = {value!r}; valid: a whole number from {least}")
+        conditions = read_whole("conditions", conditions, 1)
+        states, ticks = read_whole("states", states, 1), read_whole("ticks", ticks, 1)
+        first, every = read_whole("first", first, 0), read_whole("every", every, 1)
         length = self.episode_s if episode_s is None else episode_s
-        if not isinstance(length, int | float) or not MISSION_TICK <= length < np.inf:
+        is_number = isinstance(length, int | float | np.integer | np.floating)
+        if not is_number or isinstance(length, bool) or not MISSION_TICK <= length < np.inf:
             raise InputError(
                 f"episode_s = {episode_s!r}; valid: a duration (s), at least {MISSION_TICK:g}"
             )

@@ -92,7 +92,8 @@ def build_starts(
         except (InfeasibleError, InputError, SimulationError, _NeverReachedError) as error:
             if isinstance(error, InputError) and not campaign.variations:
                 raise  # the fixed input is wrong, in every condition
-            refused.append(f"condition {i}: {error}")
+            why = str(error).removeprefix("--set: ").removeprefix("--set ")  # of varied keys, too
+            refused.append(f"condition {i}: {why}")
     if not out:
         raise InputError(
             f"none of {len(conditions)} conditions of mission {campaign.mission!r} reached the "

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from skywright.analysis.campaign.forks import Fork, start_fork
 from skywright.analysis.campaign.local import count_cores
+from skywright.analysis.envs.arguments import read_whole
 from skywright.analysis.envs.env import DIVERGED
 from skywright.analysis.envs.parts import LIMIT
 from skywright.analysis.envs.registry import find_class, make
@@ -63,14 +64,11 @@ class VectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, Any]):
         self._mine: Share | None = None
         self._workers: list[_Worker] = []
         cls = find_class(name)
-        if not isinstance(num_envs, int) or isinstance(num_envs, bool) or num_envs < 1:
-            raise InputError(f"num_envs = {num_envs!r}; valid: a whole number from 1")
-        cores = count_cores()
-        n = min(cores, num_envs) if workers is None else workers
-        if not isinstance(n, int) or isinstance(n, bool) or not 1 <= n <= min(cores, num_envs):
-            raise InputError(f"workers = {workers!r}; valid: 1 to {min(cores, num_envs)}")
+        num_envs = read_whole("num_envs", num_envs, 1)
+        most = min(count_cores(), num_envs)
+        n = most if workers is None else read_whole("workers", workers, 1, most)
         modes = {"next_step": AutoresetMode.NEXT_STEP, "same_step": AutoresetMode.SAME_STEP}
-        if autoreset not in modes:
+        if not isinstance(autoreset, str) or autoreset not in modes:
             raise InputError(f"autoreset = {autoreset!r}; valid: {', '.join(modes)}")
         for key in ("first", "every"):
             if key in options:

@@ -133,7 +133,7 @@ class WeldPress(ContactEnv):
 
     mission, robot, phase = "pipe-weld-scan", "othex-force", "scan"
     sets = ("mission.law=push_and_slide", "mission.record_raw=false")
-    spread_s, episode_s = (1.0, 6.0), 6.0
+    spread_s, episode_s, has_goal = (1.0, 6.0), 6.0, False
     act, observe, judge = PushMore, SeeContact, JudgeContact
     reasons = ("", "contact lost", "force too high")
     values = (

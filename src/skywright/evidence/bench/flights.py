@@ -49,10 +49,10 @@ def count_ticks(seconds: float) -> int:
     return max(round(seconds / MISSION_TICK), 1)
 
 
-def load_scan(*sets: str) -> Description:
+def load_scan(*sets: str, robot: str | None = None) -> Description:
     """Load the scan with changes; the pipe is at its map position, so no survey is needed."""
     exact = [f"plant.{key}=0" for key in KEYS]
-    return load_description(SCAN, sets=[*exact, *sets])
+    return load_description(SCAN, robot, sets=[*exact, *sets])
 
 
 def fly_into_contact(description: Description) -> SimulatedVehicle:

@@ -1,6 +1,7 @@
 """Computing time of a step of each control law relative to the first one.
 
-Each law hovers in its own vehicle; only its row of the schedule is called, in compiled code.
+Each law hovers in its own vehicle, with the first of ROBOTS that it can fly; only its row of the
+schedule is called, in compiled code.
 `whole_body_qp` is also measured at a limit, where its solver runs.
 """
 
@@ -20,6 +21,8 @@ from skywright.vehicle.schedule import repeat_row
 from skywright.vehicle.stepped import LawStep
 
 FIRST = "push_and_slide"
+ROBOTS = ("othex", "othex-force", "f550-bridge-torque")
+"""The robot of the scan, it with a sensor of the probe's force, and one whose arm takes torques."""
 CALLS = 500
 BOUND = "whole_body_qp"
 DEEP = 0.5
@@ -27,45 +30,59 @@ DEEP = 0.5
 
 
 def measure(session: Session) -> list[Row]:
-    """Measure the laws that can fly the robot of the scan."""
+    """Measure every law."""
     return measure_laws(list_kinds("law"), session.pick(2, 15, 40))
 
 
 def measure_laws(kinds: Sequence[str], rounds: int) -> list[Row]:
     """Return one row per law: its time relative to `push_and_slide`, measured in turns.
 
-    A law that cannot fly this robot has a row with the reason.
+    A row names the robot where it is not that of `push_and_slide`. A law that can fly none of
+    ROBOTS has a row with the reason.
     """
-    laws: dict[str, LawStep] = {}
+    laws, notes = dict[str, LawStep](), dict[str, str]()
     refused = []
     for kind in [FIRST, *(k for k in kinds if k != FIRST)]:
         try:
-            laws[kind] = hover(kind)
+            laws[kind], robot = hover(kind)
         except InputError as error:
             refused.append(build_unmeasured_row(f"{kind}_over_{FIRST}", str(error)))
+        else:
+            notes[kind] = "a step" if robot == ROBOTS[0] else f"a step, with the robot {robot}"
     if BOUND in laws:
-        at_limits = hover(BOUND)
+        at_limits, _ = hover(BOUND)
         at_limits.reference.p_WB = at_limits.reference.p_WB + [DEEP, 0.0, 0.0]
         at_limits.step()
-        laws[f"{BOUND}.at_limits"] = at_limits
+        laws[f"{BOUND}.at_limits"], notes[f"{BOUND}.at_limits"] = at_limits, notes[BOUND]
     times = interleave({name: partial(time_step, law) for name, law in laws.items()}, rounds)
     first = times[FIRST]
     out = [
         build_row(f"{FIRST}_us", [1e6 * t / CALLS for t in first], "us", note="a step, hovering")
     ]
     out += [
-        build_row(f"{name}_over_{FIRST}", compute_ratios(spent, first), note="a step")
+        build_row(f"{name}_over_{FIRST}", compute_ratios(spent, first), note=notes[name])
         for name, spent in times.items()
         if name != FIRST
     ]
     return out + refused
 
 
-def hover(kind: str) -> LawStep:
-    """Build the scan's vehicle with a hovering law. Raises InputError if the law cannot fly it."""
-    law = LawStep(build_vehicle(load_scan(f"mission.law={kind}")))
-    law.step()
-    return law
+def hover(kind: str) -> tuple[LawStep, str]:
+    """Return a hovering law in the scan's vehicle, and the first of ROBOTS that it can fly.
+
+    Raises InputError with the reason of the first robot if it can fly none.
+    """
+    refused: InputError | None = None
+    for robot in ROBOTS:
+        try:
+            law = LawStep(build_vehicle(load_scan(f"mission.law={kind}", robot=robot)))
+        except InputError as error:
+            refused = refused or error
+        else:
+            law.step()
+            return law, robot
+    assert refused is not None
+    raise refused
 
 
 def time_step(law: LawStep) -> float:

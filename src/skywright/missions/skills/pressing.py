@@ -51,10 +51,13 @@ def check_can_press(robot: Robot, mission: Mission) -> None:
     a tip reference behind the surface, would exert no force; nor would a tip that no driven joint
     moves.
     """
-    if robot.probe is None or robot.force_sensor is None:
+    missing = [
+        f"[robot.{name}]" for name in ("probe", "force_sensor") if getattr(robot, name) is None
+    ]
+    if missing:
         raise InputError(
-            f"robot {robot.name!r} does not measure the force of a probe: it requires "
-            "[robot.probe] and [robot.force_sensor]"
+            f"robot {robot.name!r} has no force sensor in the slider of a probe: add "
+            f"{' and '.join(missing)} (a sensor in [robot.sensors] does not replace it)"
         )
     limbs = list_limbs(robot)
     tip = find_tip(robot, limbs)
