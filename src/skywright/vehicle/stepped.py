@@ -15,6 +15,7 @@ from skywright.recordings.period import compute_period
 from skywright.vehicle.bus import Allocated, Clock, Estimate, Reference, WrenchCommand
 from skywright.vehicle.component import Component, Draws
 from skywright.vehicle.estimates import EstimatorState
+from skywright.vehicle.failed_line import find_line
 from skywright.vehicle.native import read_error
 from skywright.vehicle.own_data import Innovations, check_record, check_units
 from skywright.vehicle.ports import READ
@@ -67,7 +68,9 @@ class Stepped:
             elif run_rows(at, i, i + 1, clock_at):
                 error, place = read_error(int(clock["error"]))
                 clock["error"] = 0
-                raise SimulationError(f"component {a.steps[i].label} raised: {error!r} ({place})")
+                place = place or find_line(a, i, error)
+                where = f" ({place})" if place else ""
+                raise SimulationError(f"component {a.steps[i].label} raised: {error!r}{where}")
         end_control(clock_at)
 
     def find(self, record: type[Record]) -> Any:
