@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import math
 import re
@@ -105,6 +106,36 @@ def test_script_is_what_the_page_shows(script):
 def test_the_page_names_all_that_is_public():
     assert {name for name in skywright.__all__ if f"`{name}" not in PAGE} == set()
     assert set(skywright.__all__) <= set(dir(skywright))
+
+
+def test_every_public_name_is_typed_and_imported_at_first_use():
+    """mypy finds the names below TYPE_CHECKING; `__getattr__` finds them in _PARTS."""
+    tree = ast.parse(Path(skywright.__file__).read_text("utf-8"))
+    block = next(n for n in tree.body if isinstance(n, ast.If) and "TYPE_CHECKING" in ast.dump(n))
+    typed = {a.name for n in block.body if isinstance(n, ast.ImportFrom) for a in n.names}
+    parts = {name for names in skywright._PARTS.values() for name in names}
+    assert parts <= typed and parts <= set(skywright.__all__)
+    results = {"Capability", "Description", "MissionPlan", "RunResult"}
+    results |= {"CampaignResult", "Identification", "LocateReport", "WeldReport"}
+    assert results <= parts
+    for name in results:
+        assert inspect.isclass(getattr(skywright, name)), name
+
+
+def test_run_is_documented_and_typed_after_its_package_is_imported():
+    code = """
+import inspect, pydoc, typing, skywright
+before = inspect.signature(skywright.run), inspect.getdoc(skywright.run)
+import skywright.run.results
+assert inspect.ismodule(skywright.run)
+assert (inspect.signature(skywright.run), inspect.getdoc(skywright.run)) == before
+assert "`backend` is" in pydoc.render_doc(skywright.run, renderer=pydoc.plaintext)
+hints = typing.get_type_hints(skywright.run)
+assert set(hints) == {*inspect.signature(skywright.run).parameters, "return"}
+assert hints["return"] is skywright.RunResult and hints["view"] is bool
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 def test_the_page_lists_the_keywords_of_the_commands():
