@@ -285,10 +285,13 @@ def test_the_records_of_a_law_show_their_values_and_name_wrong_ones():
     lines = repr(law.reference).splitlines()
     assert "v_WB = [0.5 0. 0.25]" in lines and "track_tip = 0.0" in lines
     assert [line.partition(" = ")[0] for line in lines] == list(law.reference.dtype.names)
-    with pytest.raises(ValueError, match=r"^p_WB: .*\(2,\)"):
+    wanted = r"; valid: an array of numbers of the shape \(3,\)$"
+    with pytest.raises(InputError, match=r"^estimate\.p_WB: got \[1, 2\]" + wanted):
         law.estimate.p_WB = [1, 2]
-    with pytest.raises(ValueError, match=r"^p_WB: "):
-        law.estimate.p_WB = "abc"
+    with pytest.raises(InputError, match=r"^reference\.p_WB: got 'abc'" + wanted):
+        law.reference["p_WB"] = "abc"
+    with pytest.raises(InputError, match=r"^reference\.active: got 'on'; valid: a number$"):
+        law.reference.active = "on"
     with pytest.raises(AttributeError, match=r"no field 'p_W'; valid: .*p_WB"):
         law.estimate.p_W = [1, 2, 3]
 
@@ -435,6 +438,12 @@ def test_arguments_of_locate_that_do_not_fit_are_refused(pair, given, words):
         (lambda: skywright.weld(np.zeros(3)), "^data: got ndarray"),
         (lambda: skywright.locate(np.zeros(3)), "^data: got ndarray"),
         (lambda: skywright.identify(np.zeros(3)), "^logs: got ndarray"),
+        (skywright.locate, "^no data; valid: a station's and a camera's file$"),
+        (lambda: skywright.Live(foxglove="a").check(), "^foxglove 'a'; valid: a port, 0 to 65535$"),
+        (
+            lambda: skywright.fly("hexarotor", live=skywright.Live(wait_s=1.0)),
+            "^wait_s requires ros2 or foxglove$",
+        ),
         (
             lambda: skywright.campaign(
                 "waypoints", 1, {"world.wind.mean_mps": "uniform(0, 1)"},

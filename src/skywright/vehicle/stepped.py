@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import reprlib
 from typing import Any
 
 import numpy as np
@@ -81,6 +82,28 @@ class Stepped:
         return None
 
 
+class InputView(View):
+    """A record that a caller fills: a value of a wrong type or shape raises InputError."""
+
+    __slots__ = ("_label",)
+
+    def __init__(self, row: Any, label: str) -> None:
+        super().__init__(row)
+        object.__setattr__(self, "_label", label)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        try:
+            super().__setattr__(name, value)
+        except ValueError:
+            shape = self.dtype[name].shape
+            wanted = f"an array of numbers of the shape {shape}" if shape else "a number"
+            raise InputError(
+                f"{self._label}.{name}: got {reprlib.repr(value)}; valid: {wanted}"
+            ) from None
+
+    __setitem__ = __setattr__
+
+
 class LawStep(Stepped):
     """A control law that runs alone: set `reference` and `estimate`, then call `step()`.
 
@@ -92,8 +115,8 @@ class LawStep(Stepped):
     def __init__(self, vehicle: SimulatedVehicle) -> None:
         super().__init__(vehicle, [vehicle.law])
         get = vehicle.assembly.get
-        self.reference: Any = View(get(Reference))
-        self.estimate: Any = View(get(Estimate))
+        self.reference: Any = InputView(get(Reference), "reference")
+        self.estimate: Any = InputView(get(Estimate), "estimate")
         self.command: Any = View(get(WrenchCommand))
         self.dt = vehicle.dt
         """Period (s) between steps."""
