@@ -157,8 +157,9 @@ def test_the_page_lists_the_keywords_of_the_commands():
 
 def test_the_page_lists_attributes_that_results_have():
     heads = {f" `{c.__name__}` |": c for c in (
-        RunResult, Capability, CampaignResult, WeldReport, WeldLine, LocateReport, Identification
-    )} | {"of a plan |": MissionPlan}  # fmt: skip
+        MissionPlan, RunResult, Capability, CampaignResult, WeldReport, WeldLine, LocateReport,
+        Identification,
+    )}  # fmt: skip
     for head, cls in heads.items():
         table = PAGE.partition(head)[2]
         rows = table.partition("\n\n")[0].splitlines()[2:]
