@@ -280,18 +280,24 @@ def test_a_step_that_raises_ends_the_run_and_leaves_its_recording(
     assert not (tmp_path / "out").exists() and 5 < len(stored.samples) < 20
 
 
-@pytest.mark.parametrize("group", ["law", "sensor"])
-def test_an_index_beyond_an_array_ends_the_run(tmp_path: Path, group: str) -> None:
+@pytest.mark.parametrize("group", ["law", "sensor", "estimator"])
+def test_an_index_beyond_an_array_ends_the_run_and_the_reason_has_its_line(
+    tmp_path: Path, group: str
+) -> None:
     """In compiled code too, which would otherwise read or write what lies behind the array."""
     port = "clock: Clock, est: Estimate, "
     lines = ("k = 0", "while k < 10.0 + clock.t:", "    k += 1", "out.x = est.p_WB[k]")
     if group == "law":
         lines = (*lines[:3], "out.f_B[k] = 1.0")
-    (tmp_path / "mine.py").write_text(write_class(group, port, *lines))
+    if group == "estimator":
+        port, lines = "clock: Clock, ", (*lines[:3], "out.p_WB[k] = 1.0")
+    text = write_class(group, port, *lines)
+    (tmp_path / "mine.py").write_text(text)
     code, told = run(tmp_path, group=group)
     assert code == 3, told
     reason = load_run(tmp_path / "out.partial").reason
-    assert "IndexError" in reason and "mine.py" in reason, reason
+    line = next(i for i, one in enumerate(text.splitlines(), 1) if "[k]" in one)
+    assert "IndexError" in reason and f"mine.py:{line})" in reason, reason
 
 
 @pytest.mark.parametrize("compiled", [True, False])

@@ -453,6 +453,8 @@ def test_bad_arguments_are_refused(othex: Robot, othex_capability: Capability) -
         compute_capability(othex, posture="stretched")
     with pytest.raises(InputError, match="2 joints"):
         compute_capability(othex, posture=[0.1])
+    with pytest.raises(InputError, match=r"^posture\[1\] is nan; valid: a finite angle"):
+        compute_capability(othex, posture=[0.1, math.nan])
     with pytest.raises(InputError, match="thrust_fraction"):
         compute_capability(othex, thrust_fraction=0.0)
     with pytest.raises(InputError, match="finite, non-zero"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import io
 import json
 import re
@@ -14,6 +15,7 @@ from click.testing import CliRunner, Result
 from rich.console import Console
 
 from skywright import cli
+from skywright.core.find import GROUPS, list_offers, load_built_in
 from skywright.reports.terminal import new_table
 
 
@@ -201,6 +203,32 @@ def test_capability_writes_a_picture(tmp_path: Path) -> None:
     assert result.exit_code == 0
     assert (tmp_path / "sub/k.png").read_bytes().startswith(b"\x89PNG")
     assert "hover power" in result.stdout and "sub/k.png" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("word", "name", "says"),
+    [
+        ("laws", "push_and_slide", "dislocated PID"),
+        ("arms-laws", "compliant", "arms"),
+        ("rules", "battery_low", "battery"),
+        ("effects", "drag", "Drag of body and rotors"),
+        ("sensors", "airspeed", "Pitot"),
+        ("kinds", "waypoints", "Fly through waypoints."),
+    ],
+)
+def test_a_list_of_parts_describes_each(word: str, name: str, says: str) -> None:
+    entries = json.loads(call("list", word, "--json").stdout)[word]
+    found = {entry["name"]: entry["description"] for entry in entries}
+    assert says in found[name]
+    assert all(len(text) > 10 and text != "built in" for text in found.values()), found
+
+
+def test_every_part_that_is_listed_has_a_class() -> None:
+    """A file that only helps others has a name with an underscore."""
+    for group in GROUPS:
+        for name, offers in list_offers(group).items():
+            if any(offer.point is None for offer in offers):
+                assert inspect.isclass(load_built_in(group, name))
 
 
 @pytest.mark.parametrize("name", ["othex", "pipe", "pipe-weld-scan", "waypoints"])

@@ -20,6 +20,7 @@ from rosbags.highlevel import AnyReader
 
 import skywright
 from skywright.analysis.compare_runs.overlay import compare_runs
+from skywright.analysis.compare_runs.report import format_setting as text_of
 from skywright.cli import main
 from skywright.cli.runs import FORMATS as OFFERED
 from skywright.errors import SimulationError
@@ -80,6 +81,8 @@ def test_a_trajectory_is_one_of_tum(runs, tmp_path):
         rows = np.loadtxt(tmp_path / file)
         np.testing.assert_allclose(rows[:, 1:4], run[f"{name}.p_W"], rtol=1e-7, atol=1e-9)
         np.testing.assert_allclose(rows[:, [7, 4, 5, 6]], run[f"{name}.q_W"], 1e-7, 1e-9)
+    said = refuse("export", runs[0], "--format", "csv", "--trajectory", "tip")
+    assert "--trajectory tip: not valid with --format csv; valid: tum" in said
     said = refuse("export", runs[0], "--format", "tum", "--trajectory", "platfrm")
     assert "platfrm" in said and "platform" in said
     judged = skywright.locate(tmp_path / "p.txt", reference=tmp_path / "r.txt", compare="none")
@@ -225,8 +228,13 @@ def test_two_runs_are_compared(runs, tmp_path):
     page = tmp_path / "c.html"
     said = call("compare", "runs", *runs, "--out", page).stdout
     assert "position.rms_m" in said and "world.wind.mean_mps: 0.0 | 1.5" in said
+    assert text_of(None) == "not set"
+    assert text_of([{"x_m": 1.5, "hold": True, "name": "a"}]) == (
+        '[{x_m = 1.5, hold = true, name = "a"}]'
+    )
     text = page.read_text(encoding="utf-8").replace("<wbr>", "")
     assert "position.rms_m" in text and "image/svg+xml" in text
+    assert text.index("Over time</h2>") < text.index("Settings that differ</h2>")
     assert "default-src 'none'" in text and not re.search(r"(src|href)=.http", text)
     printed = json.loads(call("compare", "runs", *runs, "--out", page, "--json").stdout)
     assert printed["metrics"]["position.rms_m"]["difference"] == rms.difference

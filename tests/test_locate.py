@@ -185,7 +185,7 @@ def files(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        ("", "no data; valid"),
+        ("", "no data; valid: a station's and a camera's file, or --demo"),
         ("station.csv", "one trajectory only"),
         ("station.csv camera.txt truth.csv", "3 files for station and camera"),
         ("nothere.csv camera.txt", "No such file"),

@@ -213,7 +213,7 @@ def test_one_more_file_is_one_more_part(group: str, tmp_path: Path) -> None:
         for cache in caches:
             cache.cache_clear()
         listed = CliRunner().invoke(cli.main, ["list", f"{group}s"]).stdout
-        assert re.search(rf"(?m)^{word} +built in$", listed)
+        assert re.search(rf"(?m)^{word} +\w.* {word.replace('_', '.')}\b", listed), listed
         key = {"law": "mission.law", "estimator": "mission.estimator"}.get(group)
         key = key or {"sensor": "robot.sensors.x", "effect": "world.effects.x",
                       "actuator": "robot.actuators.x"}.get(group)  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import math
 import re
@@ -107,6 +108,36 @@ def test_the_page_names_all_that_is_public():
     assert set(skywright.__all__) <= set(dir(skywright))
 
 
+def test_every_public_name_is_typed_and_imported_at_first_use():
+    """mypy finds the names below TYPE_CHECKING; `__getattr__` finds them in _PARTS."""
+    tree = ast.parse(Path(skywright.__file__).read_text("utf-8"))
+    block = next(n for n in tree.body if isinstance(n, ast.If) and "TYPE_CHECKING" in ast.dump(n))
+    typed = {a.name for n in block.body if isinstance(n, ast.ImportFrom) for a in n.names}
+    parts = {name for names in skywright._PARTS.values() for name in names}
+    assert parts <= typed and parts <= set(skywright.__all__)
+    results = {"Capability", "Description", "MissionPlan", "RunResult"}
+    results |= {"CampaignResult", "Identification", "LocateReport", "WeldReport"}
+    assert results <= parts
+    for name in results:
+        assert inspect.isclass(getattr(skywright, name)), name
+
+
+def test_run_is_documented_and_typed_after_its_package_is_imported():
+    code = """
+import inspect, pydoc, typing, skywright
+before = inspect.signature(skywright.run), inspect.getdoc(skywright.run)
+import skywright.run.results
+assert inspect.ismodule(skywright.run)
+assert (inspect.signature(skywright.run), inspect.getdoc(skywright.run)) == before
+assert "`backend` is" in pydoc.render_doc(skywright.run, renderer=pydoc.plaintext)
+hints = typing.get_type_hints(skywright.run)
+assert set(hints) == {*inspect.signature(skywright.run).parameters, "return"}
+assert hints["return"] is skywright.RunResult and hints["view"] is bool
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
 def test_the_page_lists_the_keywords_of_the_commands():
     listed: dict[str, list[str]] = {"weld": [], "locate": [], "identify": []}
     table = PAGE.partition("| function | keyword |")[2].partition("\n\n")[0].splitlines()[2:]
@@ -126,8 +157,9 @@ def test_the_page_lists_the_keywords_of_the_commands():
 
 def test_the_page_lists_attributes_that_results_have():
     heads = {f" `{c.__name__}` |": c for c in (
-        RunResult, Capability, CampaignResult, WeldReport, WeldLine, LocateReport, Identification
-    )} | {"of a plan |": MissionPlan}  # fmt: skip
+        MissionPlan, RunResult, Capability, CampaignResult, WeldReport, WeldLine, LocateReport,
+        Identification,
+    )}  # fmt: skip
     for head, cls in heads.items():
         table = PAGE.partition(head)[2]
         rows = table.partition("\n\n")[0].splitlines()[2:]
@@ -254,10 +286,13 @@ def test_the_records_of_a_law_show_their_values_and_name_wrong_ones():
     lines = repr(law.reference).splitlines()
     assert "v_WB = [0.5 0. 0.25]" in lines and "track_tip = 0.0" in lines
     assert [line.partition(" = ")[0] for line in lines] == list(law.reference.dtype.names)
-    with pytest.raises(ValueError, match=r"^p_WB: .*\(2,\)"):
+    wanted = r"; valid: an array of numbers of the shape \(3,\)$"
+    with pytest.raises(InputError, match=r"^estimate\.p_WB: got \[1, 2\]" + wanted):
         law.estimate.p_WB = [1, 2]
-    with pytest.raises(ValueError, match=r"^p_WB: "):
-        law.estimate.p_WB = "abc"
+    with pytest.raises(InputError, match=r"^reference\.p_WB: got 'abc'" + wanted):
+        law.reference["p_WB"] = "abc"
+    with pytest.raises(InputError, match=r"^reference\.active: got 'on'; valid: a number$"):
+        law.reference.active = "on"
     with pytest.raises(AttributeError, match=r"no field 'p_W'; valid: .*p_WB"):
         law.estimate.p_W = [1, 2, 3]
 
@@ -404,6 +439,12 @@ def test_arguments_of_locate_that_do_not_fit_are_refused(pair, given, words):
         (lambda: skywright.weld(np.zeros(3)), "^data: got ndarray"),
         (lambda: skywright.locate(np.zeros(3)), "^data: got ndarray"),
         (lambda: skywright.identify(np.zeros(3)), "^logs: got ndarray"),
+        (skywright.locate, "^no data; valid: a station's and a camera's file$"),
+        (lambda: skywright.Live(foxglove="a").check(), "^foxglove 'a'; valid: a port, 0 to 65535$"),
+        (
+            lambda: skywright.fly("hexarotor", live=skywright.Live(wait_s=1.0)),
+            "^wait_s requires ros2 or foxglove$",
+        ),
         (
             lambda: skywright.campaign(
                 "waypoints", 1, {"world.wind.mean_mps": "uniform(0, 1)"},

@@ -510,6 +510,16 @@ def test_progress_without_a_terminal_is_one_line_a_phase(flight: RunResult) -> N
     assert lines[0].startswith("planned in") and lines[2].split() == ["1.0", "s", "take", "off"]
 
 
+def test_progress_prints_no_line_between_two_phases(flight: RunResult) -> None:
+    buffer = io.StringIO()
+    progress = Progress(console=Console(file=buffer, width=80))
+    progress.on_plan(flight.plan, flight.description)
+    for t, phase in ((1.0, "take_off"), (3.1, ""), (3.2, "land")):
+        progress.on_tick(t, phase, None)  # type: ignore[arg-type]
+    lines = [line.split() for line in buffer.getvalue().splitlines()[1:]]
+    assert lines == [["1.0", "s", "take", "off"], ["3.2", "s", "land"]]
+
+
 def test_progress_on_a_terminal_tells_phase_and_factor(flight: RunResult) -> None:
     buffer = io.StringIO()
     _watch(Progress(console=Console(file=buffer, width=100, force_terminal=True)), flight)

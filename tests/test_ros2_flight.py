@@ -302,12 +302,12 @@ def test_address_that_is_taken_or_wrong_is_told() -> None:
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ({"ros2": 7447}, "--ros2 7447; valid: tcp/HOST:PORT"),
-        ({"ros2": "tcp/bad"}, "--ros2 'tcp/bad'; valid: tcp/HOST:PORT"),
-        ({"foxglove": "8765"}, "--foxglove '8765'; valid: a port"),
-        ({"foxglove": 70000}, "--foxglove 70000; valid: a port"),
-        ({"foxglove": True, "wait_s": math.nan}, "--await nan; valid: seconds"),
-        ({"foxglove": True, "wait_s": -1.0}, "--await -1.0; valid: seconds"),
+        ({"ros2": 7447}, "^ros2 7447; valid: tcp/HOST:PORT"),
+        ({"ros2": "tcp/bad"}, "^ros2 'tcp/bad'; valid: tcp/HOST:PORT"),
+        ({"foxglove": "8765"}, "^foxglove '8765'; valid: a port"),
+        ({"foxglove": 70000}, "^foxglove 70000; valid: a port"),
+        ({"foxglove": True, "wait_s": math.nan}, "^wait_s nan; valid: seconds"),
+        ({"foxglove": True, "wait_s": -1.0}, "^wait_s -1.0; valid: seconds"),
     ],
 )
 def test_wrong_options_are_told_before_a_process_starts(options: dict[str, Any], says: str) -> None:

@@ -98,7 +98,7 @@ def test_a_plain_python_law_flies(tmp_path):
     ("body", "message"),
     [
         ("raise ValueError('no idea')", "no idea"),
-        ("cmd.f_B[0] = float('nan')", "returned NaN"),
+        ("cmd.f_B[0] = float('nan')", r"control law law \(\w+\.step in my_law\.py\) returned NaN"),
         ("cmd.t_B[1] = float('inf')", "returned NaN or infinity"),
     ],
 )

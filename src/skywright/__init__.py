@@ -32,8 +32,13 @@ from skywright.errors import (
 if TYPE_CHECKING:
     import os
 
+    from skywright.analysis.campaign.campaign import CampaignResult
+    from skywright.analysis.identify.identify import Identification
+    from skywright.analysis.locate.locate import LocateReport
     from skywright.description.loader import Description, Sets
+    from skywright.inspection.weld_data import WeldReport
     from skywright.links.broadcast.options import Live
+    from skywright.models.capability import Capability
     from skywright.parts import (
         build_law,
         build_mjcf,
@@ -63,7 +68,13 @@ if TYPE_CHECKING:
     __version__: str
 
 _PARTS = {
+    "skywright.analysis.campaign.campaign": ("CampaignResult",),
+    "skywright.analysis.identify.identify": ("Identification",),
+    "skywright.analysis.locate.locate": ("LocateReport",),
+    "skywright.description.loader": ("Description",),
+    "skywright.inspection.weld_data": ("WeldReport",),
     "skywright.links.broadcast.options": ("Live",),
+    "skywright.models.capability": ("Capability",),
     "skywright.parts": (
         "build_law", "build_mjcf", "build_model", "build_urdf", "build_vehicle", "campaign",
         "compute_capability", "fly", "identify", "load_robot", "load_world", "locate",
@@ -71,6 +82,8 @@ _PARTS = {
     ),
     "skywright.planning.motion.transit": ("Configuration",),
     "skywright.planning.shapes": ("Box", "Cylinder", "Sphere"),
+    "skywright.run.planning": ("MissionPlan",),
+    "skywright.run.result": ("RunResult",),
     "skywright.run.results": ("Run", "open_run"),
     "skywright.run.supervisor": ("NoEstimate",),
     "skywright.vehicle.motions": ("Arrival",),
@@ -81,17 +94,25 @@ _PARTS = {
 __all__ = [
     "Arrival",
     "Box",
+    "CampaignResult",
+    "Capability",
     "Configuration",
     "Cylinder",
+    "Description",
+    "Identification",
     "InfeasibleError",
     "InputError",
     "Live",
+    "LocateReport",
+    "MissionPlan",
     "NoEstimate",
     "Run",
+    "RunResult",
     "SimulationError",
     "SkywrightError",
     "Sphere",
     "Uav",
+    "WeldReport",
     "build_law",
     "build_mjcf",
     "build_model",

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 from functools import wraps
 from typing import ParamSpec, TypeVar
 
-OPTION = re.compile(r"(?<![\w./-])(?<!skywright run )--[a-z][a-z-]*(?![\w./])")
+OPTION = re.compile(r"(?<![\w./-])(?<!skywright run )--[a-z][a-z0-9-]*(?![\w./])")
 """An option of the command line in a message, not of a command that it quotes; file names may
 contain the same characters."""
 P = ParamSpec("P")
@@ -92,13 +92,15 @@ def check_path(argument: str, value: object, also: str = "") -> None:
 def naming_arguments(**options: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Let the InputErrors of a function name its arguments in place of the command's options.
 
-    `options` has the options whose names are not those of the arguments: `sets="--set"`.
+    `options` has the options whose names are not those of the arguments: `sets="--set"`, and those
+    of values inside an argument.
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
         code = function.__code__
         names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
-        known = {options.get(n, "--" + n.replace("_", "-")): n for n in names}
+        named = {n: "--" + n.replace("_", "-") for n in names} | options
+        known = {option: n for n, option in named.items()}
 
         @wraps(function)
         def call(*args: P.args, **kwargs: P.kwargs) -> R:

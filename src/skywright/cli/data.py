@@ -129,6 +129,8 @@ def locate(
         out = out or Path("locate-demo")
         files = write_demo(check_folder(out))
         data, reference, compare = (str(files[0]), str(files[1])), str(files[2]), "none"
+    elif not (data or station or camera):
+        raise InputError("no data; valid: a station's and a camera's file, or --demo")
     if out is not None:
         check_folder(out)
     report = locate_files(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import importlib.util
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -116,8 +118,7 @@ def list_(kind: str | None, as_json: bool) -> None:
 
         found["claims"] = list_claims()
     if kind is not None and kind in PARTS:
-        offers = sorted(list_offers(PARTS[kind]).items())
-        found[kind] = [Entry(name, ", ".join(o.place for o in several)) for name, several in offers]
+        found[kind] = _list_parts(PARTS[kind])
     if as_json:
         print_json({name: [e._asdict() for e in entries] for name, entries in found.items()})
         return
@@ -131,6 +132,29 @@ def list_(kind: str | None, as_json: bool) -> None:
         click.echo(f"{entry.name:{width}}  {entry.description}")
 
 
+def _list_parts(group: str) -> list[Entry]:
+    """Return the kinds of a group: what a built-in one is, and the package of another one.
+
+    The sources are read and not imported: the laws would load numba, installed packages run code.
+    """
+    out = []
+    for name, offers in sorted(list_offers(group).items()):
+        said = [_read_summary(group, name) if o.point is None else o.place for o in offers]
+        out.append(Entry(name, ", ".join(said)))
+    return out
+
+
+def _read_summary(group: str, name: str) -> str:
+    """Return the first line that documents a built-in kind: of its file, or of a mission's
+    class."""
+    spec = importlib.util.find_spec(f"{GROUPS[group].package}.{name.replace('-', '_')}")
+    assert spec is not None and spec.origin is not None
+    tree: ast.Module | ast.ClassDef = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
+    if group == "kind":
+        tree = next(node for node in tree.body if isinstance(node, ast.ClassDef))
+    return (ast.get_docstring(tree) or "").partition("\n")[0]
+
+
 def _print_names(found: dict[str, list[Entry]]) -> None:
     """Print names by kind; for claims, which are many, the papers."""
     for kind, entries in found.items():
@@ -141,7 +165,8 @@ def _print_names(found: dict[str, list[Entry]]) -> None:
         text = click.wrap_text(", ".join(names), 88, f"{kind:10}", " " * 10)
         click.echo(text)
     click.echo(f"{'parts':10}{', '.join(PARTS)}")
-    click.echo("skywright list WORD describes each of a group; skywright show NAME describes one")
+    click.echo("skywright list WORD describes each of a group")
+    click.echo("skywright show NAME describes a robot, a world or a mission")
 
 
 @click.command()

@@ -50,21 +50,25 @@ def report(directory: Path, figures: Path | None, as_json: bool) -> None:
 @click.option("--format", "form", required=True, type=click.Choice(FORMATS), help="What to write.")
 @click.option("--out", type=click.Path(path_type=Path), help="File; of rosbag2 a folder.")
 @click.option(
-    "--trajectory", metavar="NAME", default="platform", show_default=True,
-    help="Of tum: whose poses, such as tip, estimate.platform, reference.tip.",
+    "--trajectory", metavar="NAME",
+    help="Of tum: whose poses, such as tip, estimate.platform.  [default: platform]",
 )  # fmt: skip
 @as_json_option
-def export(directory: Path, form: str, out: Path | None, trajectory: str, as_json: bool) -> None:
+def export(
+    directory: Path, form: str, out: Path | None, trajectory: str | None, as_json: bool
+) -> None:
     """Write the samples of RUN for other programs.
 
     csv, parquet and npz hold every column (SI, radians), tum a trajectory, rosbag2 a folder that
     `ros2 bag` opens.
     """
-    from skywright.run.export import export_run
+    from skywright.run.export import PLATFORM, export_run
     from skywright.run.results import open_run
 
+    if trajectory is not None and form != "tum":
+        raise InputError(f"--trajectory {trajectory}: not valid with --format {form}; valid: tum")
     run = open_run(directory)
-    path = export_run(run, form, out, trajectory)
+    path = export_run(run, form, out, PLATFORM if trajectory is None else trajectory)
     report_unfinished(directory, run.outcome, run.reason)
     if as_json:
         print_json({"run": str(directory), "format": form, "file": str(path)})

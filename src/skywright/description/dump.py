@@ -39,9 +39,13 @@ def write_literal(value: Any) -> str:
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(write_literal, value))}]"
     if isinstance(value, Mapping):
-        items = (f"{write_literal(name)} = {write_literal(v)}" for name, v in value.items())
+        items = (f"{_write_key(name)} = {write_literal(v)}" for name, v in value.items())
         return f"{{{', '.join(items)}}}"
     raise TypeError(f"{value!r} has no form in TOML")
+
+
+def _write_key(name: str) -> str:
+    return name if re.fullmatch(r"[\w-]+", name, re.ASCII) else write_literal(name)
 
 
 def list_sources(description: Description) -> list[Path]:

@@ -96,10 +96,12 @@ def choose_posture(
                 f"posture {choice!r}; valid: extended, folded, worst, or {len(worst_q)} angles "
                 "(rad)"
             )
-        if q.shape != worst_q.shape or not np.all(np.isfinite(q)):
-            raise InputError(
-                f"posture has {q.size} finite angles; the arm has {len(worst_q)} joints"
-            )
+        if q.shape != worst_q.shape:
+            given = f"{q.size} angles" if q.ndim == 1 else f"the shape {q.shape}"
+            raise InputError(f"posture has {given}; the arm has {len(worst_q)} joints")
+        if not np.all(np.isfinite(q)):
+            i = int(np.argmin(np.isfinite(q)))
+            raise InputError(f"posture[{i}] is {q[i]}; valid: a finite angle (rad)")
         return q, "given"
     if choice == "worst":
         return worst_q, choice

@@ -64,6 +64,7 @@ class Progress:
         """Update the bar, at most ten times per second of wall time."""
         if self._quiet:
             return
+        phase = phase or self._phase  # between two phases there is none
         if phase != self._phase:
             self._phase = phase
             if self._bar is None:

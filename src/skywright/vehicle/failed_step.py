@@ -109,14 +109,15 @@ class Watchdog:
                 rows[:] = first
 
 
-def explain_not_finite(assembly: Assembly, law: str, t: float) -> SimulationError:
+def explain_not_finite(assembly: Assembly, law: Law, t: float) -> SimulationError:
     """Return the error for a command or, if all are finite, a state that is not finite."""
     records = assembly.records
     given = [records[k, ""][0] for k in (WrenchCommand, ShaftCommand) if (k, "") in records]
     values = np.concatenate([np.ravel(r[name]) for r in given for name in r.dtype.names])
     if not np.all(np.isfinite(values)):
+        label = next((s.label for s in assembly.steps if s.component is law), law.name)
         return StepFailed(
-            f"control law {law!r} returned NaN or infinity at t = {t:.3f} s "
+            f"control law {label} returned NaN or infinity at t = {t:.3f} s "
             "(force, torque or joint command); the command was not applied"
         )
     return SimulationError(f"the simulation diverged at t = {t:.3f} s: the state is not finite")

@@ -54,4 +54,4 @@ def explain(vehicle: SimulatedVehicle) -> SimulationError:
         vehicle.ticker.check()
     except SimulationError as error:
         return error
-    return explain_not_finite(vehicle.assembly, vehicle.law.name, vehicle.t)
+    return explain_not_finite(vehicle.assembly, vehicle.law, vehicle.t)

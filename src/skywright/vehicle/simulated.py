@@ -243,7 +243,7 @@ class SimulatedVehicle(NoPilotSwitch):
             self.flush()
         fired = int(clock["fired"])
         if fired & NOT_FINITE:
-            raise explain_not_finite(self.assembly, self.law.name, self.t)
+            raise explain_not_finite(self.assembly, self.law, self.t)
         for c in self._after:
             with blame(type(c), f"component {c.name!r}: after_tick", SimulationError):
                 c.after_tick(self.t)

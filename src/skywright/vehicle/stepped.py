@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import reprlib
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from skywright.recordings.period import compute_period
 from skywright.vehicle.bus import Allocated, Clock, Estimate, Reference, WrenchCommand
 from skywright.vehicle.component import Component, Draws
 from skywright.vehicle.estimates import EstimatorState
+from skywright.vehicle.failed_line import find_line
 from skywright.vehicle.native import read_error
 from skywright.vehicle.own_data import Innovations, check_record, check_units
 from skywright.vehicle.ports import READ
@@ -67,7 +69,9 @@ class Stepped:
             elif run_rows(at, i, i + 1, clock_at):
                 error, place = read_error(int(clock["error"]))
                 clock["error"] = 0
-                raise SimulationError(f"component {a.steps[i].label} raised: {error!r} ({place})")
+                place = place or find_line(a, i, error)
+                where = f" ({place})" if place else ""
+                raise SimulationError(f"component {a.steps[i].label} raised: {error!r}{where}")
         end_control(clock_at)
 
     def find(self, record: type[Record]) -> Any:
@@ -76,6 +80,28 @@ class Stepped:
             if view.dtype == record.dtype:
                 return view
         return None
+
+
+class InputView(View):
+    """A record that a caller fills: a value of a wrong type or shape raises InputError."""
+
+    __slots__ = ("_label",)
+
+    def __init__(self, row: Any, label: str) -> None:
+        super().__init__(row)
+        object.__setattr__(self, "_label", label)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        try:
+            super().__setattr__(name, value)
+        except ValueError:
+            shape = self.dtype[name].shape
+            wanted = f"an array of numbers of the shape {shape}" if shape else "a number"
+            raise InputError(
+                f"{self._label}.{name}: got {reprlib.repr(value)}; valid: {wanted}"
+            ) from None
+
+    __setitem__ = __setattr__
 
 
 class LawStep(Stepped):
@@ -89,8 +115,8 @@ class LawStep(Stepped):
     def __init__(self, vehicle: SimulatedVehicle) -> None:
         super().__init__(vehicle, [vehicle.law])
         get = vehicle.assembly.get
-        self.reference: Any = View(get(Reference))
-        self.estimate: Any = View(get(Estimate))
+        self.reference: Any = InputView(get(Reference), "reference")
+        self.estimate: Any = InputView(get(Estimate), "estimate")
         self.command: Any = View(get(WrenchCommand))
         self.dt = vehicle.dt
         """Period (s) between steps."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-import traceback
 from fractions import Fraction
 from typing import Any, Protocol
 
@@ -12,6 +11,7 @@ from skywright.errors import SimulationError
 from skywright.vehicle.assembly import Assembly
 from skywright.vehicle.bus import Clock
 from skywright.vehicle.component import Component
+from skywright.vehicle.failed_line import find_line, name_line
 from skywright.vehicle.native import read_error
 from skywright.vehicle.schedule import MOST_CALLS, end_control, is_due, run_rows, run_ticks
 
@@ -104,10 +104,17 @@ class Ticker:
 
     def check(self) -> None:
         """Raise the error of a step that raised in compiled code."""
-        if self._error[0]:
-            error, place = read_error(int(self._error[0]))
-            self._error[0] = 0
-            raise self._explain(int(self._failed[0]), error, place)
+        if not self._error[0]:
+            return
+        error, place = read_error(int(self._error[0]))
+        self._error[0], row = 0, int(self._failed[0])
+        if not place:  # numba states none for its own exceptions, such as that of an index
+            self._python_row, self.since = row, time.monotonic()  # the time limit applies
+            try:
+                place = find_line(self.assembly, row, error)
+            finally:
+                self._python_row, self.since, self.stuck = -1, None, ""
+        raise self._explain(row, error, place)
 
     def _run_interactive(self, n: int) -> None:
         for _ in range(n):
@@ -139,8 +146,7 @@ class Ticker:
                 if self.stuck:
                     says, self.stuck = self.stuck, ""
                     raise self._fail(first, says) from error
-                at = traceback.extract_tb(error.__traceback__)[-1]
-                raise self._explain(first, error, f"{at.filename}:{at.lineno}") from error
+                raise self._explain(first, error, name_line(error)) from error
             self._python_row = -1
             if self._stop[0]:
                 return True

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 from skywright.analysis.compare_runs.figures import draw_overlay
 from skywright.analysis.compare_runs.overlay import Metric, Overlay
+from skywright.description.dump import write_literal
 from skywright.reports.figures.style import house_style
 from skywright.reports.page import build_picture, link_file, render_page, write_page
 from skywright.reports.terminal import new_console, new_table
@@ -23,7 +25,7 @@ def write_overlay_page(found: Overlay, path: Path) -> None:
         )  # fmt: skip
     write_page(path, render_page(
         "compare_runs.html.j2", found=found, names=names, reports=reports,
-        picture=picture or None, number=format_number,
+        picture=picture or None, number=format_number, setting=format_setting,
     ))  # fmt: skip
 
 
@@ -38,13 +40,19 @@ def print_overlay(found: Overlay, page: Path) -> None:
         table.add_row(m.name, *map(format_number, (m.a, m.b, m.difference)), _tell(m))
     console.print(table)
     for key, a, b in found.settings:
-        console.print(f"{key}: {a} | {b}")
+        values = f"{key}: {format_setting(a)} | {format_setting(b)}"
+        console.print(values, markup=False, highlight=False)
     console.print(f"page: {page}")
 
 
 def format_number(x: float) -> str:
     """Format with four digits; a dash for a missing value."""
     return f"{x:.4g}" if math.isfinite(x) else "–"
+
+
+def format_setting(value: Any) -> str:
+    """Format the value of a key as TOML; None is "not set"."""
+    return "not set" if value is None else write_literal(value)
 
 
 def _tell(m: Metric) -> str:

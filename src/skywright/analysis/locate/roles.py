@@ -46,7 +46,7 @@ def assign_roles(
         )
     truth = load_trajectory(reference) if reference is not None else None
     if given + len(data) < 1:
-        raise InputError("no data; valid: a station's and a camera's file, or --demo")
+        raise InputError("no data; valid: a station's and a camera's file")
     if given + len(data) == 1:
         only = load_trajectory((data + [station or camera or ""])[0])
         if truth is None:

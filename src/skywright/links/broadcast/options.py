@@ -8,12 +8,18 @@ import re
 from importlib.util import find_spec
 from typing import NamedTuple
 
-from skywright.errors import InputError
+from skywright.errors import InputError, naming_arguments
 
 DISTRO = "jazzy"
 ENDPOINT, PORT = "tcp/127.0.0.1:7447", 8765
 """Default address of the Zenoh router of ROS 2 nodes, and default port of Foxglove."""
 ADDRESS = re.compile(r"tcp/(\[[0-9a-fA-F:]+\]|[\w.-]+):(\d{1,5})")
+
+
+OPTIONS = {
+    "ros2": "--ros2", "distro": "--ros2-distro", "foxglove": "--foxglove", "wait_s": "--await",
+}  # fmt: skip
+"""Options of the command line by the attributes of Live."""
 
 
 class Live(NamedTuple):
@@ -37,14 +43,14 @@ class Live(NamedTuple):
 
     def list_arguments(self) -> tuple[str, ...]:
         """Return the equivalent options of `skywright run`."""
-        given = {
-            "--ros2": self.ros2, "--ros2-distro": self.distro, "--foxglove": self.foxglove,
-            "--await": self.wait_s or None,
-        }  # fmt: skip
-        return tuple(x for name, v in given.items() if v is not None for x in (name, str(v)))
+        given = {name: getattr(self, name) for name in OPTIONS} | {"wait_s": self.wait_s or None}
+        return tuple(
+            x for name, v in given.items() if v is not None for x in (OPTIONS[name], str(v))
+        )
 
+    @naming_arguments(**OPTIONS)
     def check(self) -> Live:
-        """Return the options with the domain; raises InputError if an extra or --ros2 is missing,
+        """Return the options with the domain; raises InputError if an extra or `ros2` is missing,
         or if a value is wrong."""
         ros2, foxglove = self.ros2, self.foxglove
         if not 0.0 <= self.wait_s < math.inf:

@@ -20,7 +20,7 @@ from skywright.description.world.things import find_marker
 from skywright.vehicle.arms.ports import MarkerImage
 from skywright.vehicle.bus import Clock, MuJoCo, Truth
 from skywright.vehicle.component import Component, Normal, Out, Recorded, Sensor, Streamed, helper
-from skywright.vehicle.sensors.target_place import TargetPlace, fill_place, move_place
+from skywright.vehicle.sensors._target_place import TargetPlace, fill_place, move_place
 from skywright.vehicle.topics import BODY
 
 

@@ -14,8 +14,8 @@ from skywright.description.world.spec import Mocap
 from skywright.vehicle.bus import MuJoCo
 from skywright.vehicle.component import Component, Normal, Out, Recorded, Sensor, Streamed
 from skywright.vehicle.readings import MocapSample, TargetCapture
+from skywright.vehicle.sensors._target_place import TargetPlace, fill_place, move_place
 from skywright.vehicle.sensors.mocap import capture_body
-from skywright.vehicle.sensors.target_place import TargetPlace, fill_place, move_place
 from skywright.vehicle.targets import list_tracked
 from skywright.vehicle.topics import MAP
 
