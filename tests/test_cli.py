@@ -232,7 +232,7 @@ def test_plan_json_has_the_keys_of_the_contract() -> None:
     keys = "feasible blocked_by plan_s duration_s flight_s min_clearance_m min_rotor_margin metrics"
     assert set(keys.split()) <= set(found)
     assert (found["feasible"], found["blocked_by"]) == (True, None)
-    assert "duration" in call("plan", "waypoints").stdout
+    assert "whole flight" in call("plan", "waypoints").stdout
 
 
 def test_plan_that_does_not_exist_is_exit_code_1() -> None:

@@ -101,7 +101,7 @@ def print_plan(plan: MissionPlan) -> None:
         console.print(f"no plan: {plan.blocked_by}", style="bold red")
         return
     table = new_table("Plan", "quantity", "value", right=("value",))
-    table.add_row("duration of the planned motion", format_number(plan.duration_s, "s"))
+    table.add_row("planned motion", format_number(plan.duration_s, "s"))
     table.add_row("smallest clearance", format_number(plan.min_clearance_m, "m"))
     table.add_row("smallest rotor margin", format_number(plan.min_rotor_margin))
     table.add_row("whole flight (estimate)", format_number(plan.flight_s, "s"))
