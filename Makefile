@@ -62,7 +62,7 @@ bench: $(STAMP)  ## measure what things cost, and write it into the docs
 	$(BIN)/python docs/generate_benchmarks.py
 
 # Tests of the mark `docs`.
-RUN_BY_DOCS := tests/test_docs_commands.py tests/test_examples.py tests/test_python_parts.py
+RUN_BY_DOCS := tests/test_docs_commands.py tests/test_docs_scripts.py tests/test_examples.py tests/test_python_parts.py
 
 # With --quiet, --strict sees no warnings: a broken link would pass.
 docs: $(STAMP)  ## build the documentation into site/ (site/index.html) and run its commands

@@ -258,10 +258,10 @@ def test_plan_json_has_the_keys_of_the_contract() -> None:
     result = call("plan", "waypoints", "--robot", "f550-bridge", "--json")
     assert result.exit_code == 0
     found = json.loads(result.stdout)
-    keys = "feasible blocked_by plan_s duration_s min_clearance_m min_rotor_margin metrics"
+    keys = "feasible blocked_by plan_s duration_s flight_s min_clearance_m min_rotor_margin metrics"
     assert set(keys.split()) <= set(found)
     assert (found["feasible"], found["blocked_by"]) == (True, None)
-    assert "duration" in call("plan", "waypoints").stdout
+    assert "whole flight" in call("plan", "waypoints").stdout
 
 
 def test_plan_that_does_not_exist_is_exit_code_1() -> None:

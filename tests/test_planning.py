@@ -175,8 +175,8 @@ def test_default_plan_has_all_segments_and_about_110_s_of_contact(default: Missi
         sum(rows["t"][-1] for rows in default.segments.values())
     )
     assert set(default.to_json()) == {
-        "feasible", "blocked_by", "plan_s", "duration_s", "min_clearance_m", "min_rotor_margin",
-        "need",
+        "feasible", "blocked_by", "plan_s", "duration_s", "flight_s", "min_clearance_m",
+        "min_rotor_margin", "need",
         "metrics",
     }  # fmt: skip
 

@@ -45,7 +45,7 @@ from skywright.reports.figures.style import (
 )
 from skywright.reports.page import add_contents
 from skywright.reports.phases import explain_phase
-from skywright.reports.progress import Progress
+from skywright.reports.progress import Progress, announce_planning
 from skywright.reports.report import (
     FILES,
     list_figures,
@@ -55,7 +55,6 @@ from skywright.reports.report import (
 )
 from skywright.run.flight import PhaseRecord
 from skywright.run.names import list_all_measures
-from skywright.run.need import OVERHEAD_S
 from skywright.run.requirements import judge
 from skywright.run.result import RunResult
 from skywright.run.run import run_mission
@@ -536,9 +535,19 @@ def test_progress_states_the_time_that_is_left(
     monkeypatch.setattr("skywright.reports.progress.time.perf_counter", lambda: now[0])
     buffer = io.StringIO()
     progress = Progress(console=Console(file=buffer, width=100, force_terminal=True))
-    plan = flight.plan._replace(duration_s=100.0 - OVERHEAD_S)
+    plan = flight.plan._replace(flight_s=100.0)
     progress.on_plan(plan, flight.description)
     now[0] = 2.0
     progress.on_tick(20.0, "take_off", None)  # type: ignore[arg-type]
-    progress.close()
     assert "10 x real time, about 8 s left" in buffer.getvalue()
+    now[0] = 11.0
+    progress.on_tick(110.0, "land", None)  # type: ignore[arg-type]
+    progress.close()
+    assert "110 of 110 s  10 x real time, longer than estimated" in buffer.getvalue()
+
+
+def test_planning_is_announced_on_a_terminal_only() -> None:
+    for terminal, told in ((True, "planning ..."), (False, "")):
+        buffer = io.StringIO()
+        announce_planning(Console(file=buffer, width=100, force_terminal=terminal))
+        assert buffer.getvalue().strip() == told

@@ -233,10 +233,11 @@ def run(
     observers: list[Observer] = []
     if progress:
         from skywright.models.capability import check_can_fly
-        from skywright.reports.progress import Progress, announce_compilation
+        from skywright.reports.progress import Progress, announce_compilation, announce_planning
 
         check_can_fly(description.robot, description.world.gravity_mps2)  # before any waiting
         announce_compilation()
+        announce_planning()
         observers.append(Progress())
     person: Any = None
     link = None

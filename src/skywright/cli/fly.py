@@ -125,6 +125,10 @@ def plan(
             raise InputError(f"{out}: a plan file is called NAME.csv or NAME.toml")
         check_folder(out.parent)
         check_replaceable(out)
+    if not as_json:
+        from skywright.reports.progress import announce_planning
+
+        announce_planning()
     found = skywright.plan(description)
     if out is not None and found.feasible:
         if found.file is None:

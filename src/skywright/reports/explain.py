@@ -224,6 +224,7 @@ def list_timing(result: RunResult) -> list[Row]:
     rows = [
         Row("planning time", f"{plan.plan_s:.2f} s"),
         Row("planned duration", f"{plan.duration_s:.1f} s", "without take-off, waits and landing"),
+        Row("estimated duration", f"{plan.flight_s:.1f} s", "of the whole flight"),
     ]
     if math.isfinite(plan.min_clearance_m):
         rows.append(Row("smallest planned clearance", f"{format_value(plan.min_clearance_m)} m"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,6 @@ from rich.progress import BarColumn, TaskID, TextColumn
 from rich.progress import Progress as Bar
 
 from skywright.reports.terminal import new_console
-from skywright.run.need import OVERHEAD_S
 from skywright.run.warm_up import is_compiled
 
 if TYPE_CHECKING:
@@ -38,15 +38,13 @@ class Progress:
         self._began = self._drawn = 0.0
 
     def on_plan(self, plan: MissionPlan, description: Description) -> None:
-        """Show the plan's duration and start the bar."""
-        self._total = plan.duration_s + OVERHEAD_S
+        """Show the estimated duration of the flight and start the bar."""
+        self._total = plan.flight_s if math.isfinite(plan.flight_s) else 0.0
         self._began = time.perf_counter()
         if self._quiet:
             return
-        self._console.print(
-            f"planned in {plan.plan_s:.2f} s: {plan.duration_s:.0f} s, without take-off, waits and "
-            "landing"
-        )
+        takes = f": the flight takes about {self._total:.0f} s" if self._total else ""
+        self._console.print(f"planned in {plan.plan_s:.2f} s{takes}")
         if not self._console.is_terminal:
             return
         self._bar = Bar(
@@ -76,13 +74,14 @@ class Progress:
             return
         self._drawn = now
         factor = t / max(now - self._began, 1e-6)
-        left = max(self._total - t, 0.0) / max(factor, 1e-6)
+        left = (self._total - t) / max(factor, 1e-6)
+        rest = f", about {left:.0f} s left" if t <= self._total else ", longer than estimated"
         self._bar.update(
             self._task,
             description=phase.replace("_", " "),
             completed=t,
             total=max(self._total, t),
-            factor=f"{factor:.0f} x real time, about {left:.0f} s left",
+            factor=f"{factor:.0f} x real time{rest if self._total else ''}",
         )
         self._bar.refresh()
 
@@ -91,6 +90,13 @@ class Progress:
         if self._bar is not None:
             self._bar.stop()
             self._bar = None
+
+
+def announce_planning(console: Console | None = None) -> None:
+    """Print on a terminal that planning has begun; it may take a minute."""
+    console = console or new_console(stderr=True)
+    if console.is_terminal:
+        console.print("planning ...", markup=False, highlight=False)
 
 
 def announce_compilation(console: Console | None = None) -> bool:

@@ -101,12 +101,11 @@ def print_plan(plan: MissionPlan) -> None:
         console.print(f"no plan: {plan.blocked_by}", style="bold red")
         return
     table = new_table("Plan", "quantity", "value", right=("value",))
-    table.add_row("duration", format_number(plan.duration_s, "s"))
+    table.add_row("planned motion", format_number(plan.duration_s, "s"))
     table.add_row("smallest clearance", format_number(plan.min_clearance_m, "m"))
     table.add_row("smallest rotor margin", format_number(plan.min_rotor_margin))
+    table.add_row("whole flight (estimate)", format_number(plan.flight_s, "s"))
     if plan.need is not None:
-        whole = format_number(60.0 * plan.need.minutes, "s")
-        table.add_row("with take-off and landing (estimate)", whole)
         table.add_row("energy (estimate for hover)", format_number(plan.need.energy_wh, "Wh"))
         table.add_row("batteries needed", format_number(plan.need.batteries))
     for name, what, unit in (

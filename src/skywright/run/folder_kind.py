@@ -24,7 +24,8 @@ class FolderKind(MissionKind[T, Any]):
 
     They define `plan(setup)`, `fly(s, way)` and optionally `withdraw(s, way)`,
     `compute_metrics(run)` with `MEASURES`, and `FIGURES`. They are imported when first needed. A
-    folder without metrics is evaluated by its path tracking.
+    folder without metrics is evaluated by its path tracking. An optional `duration.py` defines
+    `compute_added_s(setup, plan)`.
     """
 
     @property
@@ -37,6 +38,11 @@ class FolderKind(MissionKind[T, Any]):
 
     def plan(self, setup: Setup[T]) -> MissionPlan[Any]:
         return self._part("plan").plan(setup)
+
+    def compute_added_s(self, setup: Setup[T], plan: MissionPlan[Any]) -> float:
+        if not self._has("duration"):
+            return super().compute_added_s(setup, plan)
+        return float(self._part("duration").compute_added_s(setup, plan))
 
     def fly(self, s: Supervisor[T], way: Any) -> Flight:
         return self._part("fly").fly(s, way)
@@ -58,7 +64,10 @@ class FolderKind(MissionKind[T, Any]):
 
     @property
     def _has_metrics(self) -> bool:
-        return find_spec(f"{self.__module__}.metrics") is not None
+        return self._has("metrics")
+
+    def _has(self, name: str) -> bool:
+        return find_spec(f"{self.__module__}.{name}") is not None
 
     def _part(self, name: str) -> Any:
         return import_module(f"{self.__module__}.{name}")

@@ -125,6 +125,14 @@ class MissionKind(ABC, Generic[T, P]):
         Raises InputError if robot or world lack a part that the mission requires.
         """
 
+    def compute_added_s(self, setup: Setup[T], plan: MissionPlan[P]) -> float:
+        """Return the time (s) that `fly` adds to the `duration_s` of a feasible plan.
+
+        For example touches and waits. Repeated attempts and operators are not included. By default
+        0.
+        """
+        return 0.0
+
     def check_vehicle(self, vehicle: Backend, task: T) -> None:
         """Raise InputError if the vehicle lacks what the task requires; called before take-off."""
 

@@ -19,6 +19,7 @@ from skywright.models.geometry import compute_area_clearance, compute_clearance,
 from skywright.models.rigid_body import posture
 from skywright.models.scene import TIMESTEP, build_scene
 from skywright.planning.motion.plan_file import PlanFile
+from skywright.run.duration import estimate_duration, estimate_work_s
 from skywright.run.gyro_limit import find_noisy_gyroscope
 from skywright.run.kind import P, load_kind
 from skywright.run.limits import find_exceeded_wind
@@ -40,7 +41,7 @@ class MissionPlan(NamedTuple, Generic[P]):
     feasible: bool
     blocked_by: str | None
     plan_s: float
-    duration_s: float
+    duration_s: float  # of the planned motion
     min_clearance_m: float = math.nan
     min_rotor_margin: float = math.nan
     segments: Mapping[str, NDArray[Any]] = {}  # REFERENCE rows, each segment's time from 0
@@ -49,6 +50,7 @@ class MissionPlan(NamedTuple, Generic[P]):
     file: PlanFile | None = None  # the plan as a file, for kinds that plan platform and joints
     need: Need | None = None  # of time and energy, as estimated
     operator: Recording | None = None  # the recorded operator, for kinds that have one
+    flight_s: float = math.nan  # of the whole flight, as estimated
 
     def get_way(self) -> P:
         """Return the kind's data of a feasible plan."""
@@ -65,6 +67,7 @@ class MissionPlan(NamedTuple, Generic[P]):
             "blocked_by": self.blocked_by,
             "plan_s": self.plan_s,
             "duration_s": number(self.duration_s),
+            "flight_s": number(self.flight_s),
             "min_clearance_m": number(self.min_clearance_m),
             "min_rotor_margin": number(self.min_rotor_margin),
             "need": None if self.need is None else self.need._asdict(),
@@ -99,7 +102,7 @@ def plan_mission(description: Description[T], setup: Setup[T] | None = None) -> 
     if not plan.feasible and plan.plan_s > description.mission.planner_time_s:
         plan = kind.plan(setup)  # the first call in a process may have spent its time compiling
     if not kind.flies:
-        return plan
+        return _add_estimates(setup, plan)
     if plan.feasible and not kind.held:
         blocked = _find_blocked_climb(setup)
         if blocked is not None:
@@ -117,7 +120,18 @@ def plan_mission(description: Description[T], setup: Setup[T] | None = None) -> 
     too_windy = find_exceeded_wind(setup, plan.segments)
     if too_windy is not None:
         return plan._replace(feasible=False, blocked_by=too_windy)
-    return plan._replace(need=estimate_need(setup, plan.duration_s) if plan.feasible else None)
+    return _add_estimates(setup, plan)
+
+
+def _add_estimates(setup: Setup[Any], plan: MissionPlan[Any]) -> MissionPlan[Any]:
+    """Add the estimated duration of the flight, and its need unless the robot stays on a bench."""
+    if not plan.feasible:
+        return plan
+    kind = load_kind(setup.description.mission.kind)
+    with blame(type(kind), "mission.kind: compute_added_s"):
+        work = estimate_work_s(setup, plan)
+    need = estimate_need(setup, work) if kind.flies else None
+    return plan._replace(flight_s=estimate_duration(setup, work).total, need=need)
 
 
 def _find_blocked_climb(setup: Setup[Any]) -> str | None:

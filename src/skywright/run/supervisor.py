@@ -13,6 +13,7 @@ from skywright.core.interrupt import check_interrupt
 from skywright.description.mission.spec import Mission, T
 from skywright.errors import SimulationError, SkywrightError
 from skywright.models.geometry import ClearanceQuery
+from skywright.run.duration import HOVER, RELEASE, SPIN_UP
 from skywright.run.faults._response import LANDED_S, respond, wait_until_still
 from skywright.run.faults._rule import Acted, Response, Rule
 from skywright.run.faults._senses import Senses
@@ -37,9 +38,7 @@ from skywright.vehicle.ticker import StepFailed
 
 Table = NDArray[Any]
 
-SPIN_UP = 1.0  # s, motors off on the ground while the estimator settles
 START_MAX = 10.0  # s, on the ground without an estimate
-RELEASE = 3.0  # s, after the robot was released in the air
 
 
 class NoEstimate(SkywrightError):
@@ -231,7 +230,7 @@ class Supervisor(Generic[T]):
             self.begin("take_off")
             self.uav.take_off(self.mission.hover_height_m)
             self.until_arrived()
-            self.wait(1.0)
+            self.wait(HOVER)
         self.trail.crumbs.clear()  # the return path ends over the start
         self.faults.begin(airborne=True)
         flight = self._fly_kind(way)

@@ -23,11 +23,19 @@ from skywright.errors import InputError
 from skywright.models.bimanual import Bar, compute_bar_hands
 from skywright.vehicle.arguments import check_number
 from skywright.vehicle.arms.ports import ArmModel, Hands, HandState
-from skywright.vehicle.interface import Array, Backend, fill_tips
+from skywright.vehicle.interface import JOINT_SPEED, Array, Backend, fill_tips
 from skywright.vehicle.rest_to_rest import ROW_PERIOD, duration, quintic
 
+JOINT_ACCELERATION = 2.0
+"""rad/s^2, of the joints."""
 LED_SPEED = 0.05
 """m/s, speed at which a hand that exerts a force moves to another point."""
+
+
+def compute_joints_s(delta: Array, speed: float = JOINT_SPEED) -> float:
+    """Return the duration (s) of `Arms.move_to` by `delta` (n,) rad at up to `speed` (rad/s)."""
+    most = float(np.max(np.abs(delta), initial=0.0))
+    return duration(most, speed, JOINT_ACCELERATION)
 
 
 class Arms:
@@ -49,7 +57,7 @@ class Arms:
         b = self.backend
         start = self._start()
         delta = np.asarray(q, dtype=float) - start["q"][: b.n_joints]
-        total = duration(float(np.max(np.abs(delta), initial=0.0)), b.limits.joint_speed, 2.0)
+        total = compute_joints_s(delta, b.limits.joint_speed)
         n = max(math.ceil(max(total, seconds) / ROW_PERIOD), 1)
         u = np.linspace(0.0, 1.0, n + 1)
         s, ds, _ = quintic(u)

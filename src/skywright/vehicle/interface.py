@@ -30,12 +30,22 @@ Table = NDArray[Any]
 R = TypeVar("R", bound=Record)
 
 
+JOINT_SPEED = 0.8
+"""rad/s, of commanded motions of the joints."""
+
+
 class Limits(NamedTuple):
     """Limits of commanded motions."""
 
     speed: float  # m/s
     acceleration: float  # m/s^2
     joint_speed: float  # rad/s
+
+
+def build_limits(robot: Robot) -> Limits:
+    """Return the limits that the robot's file sets."""
+    c = robot.control
+    return Limits(c.speed_max_mps, c.acceleration_max_mps2, JOINT_SPEED)
 
 
 class Ticked(NamedTuple):

@@ -14,18 +14,24 @@ from numpy.typing import NDArray
 
 from skywright.core.rotations import exp_so3, log_so3, rot_z
 from skywright.errors import InputError
-from skywright.vehicle.interface import Backend, fill_tips
+from skywright.vehicle.interface import Backend, Limits, fill_tips
 from skywright.vehicle.link_arc import LinkArc, plan_landing, plan_take_off
 from skywright.vehicle.rest_to_rest import ROW_PERIOD, build_straight, duration
 
 Array = NDArray[np.float64]
 
-TURN_ACCELERATION = 1.0
-"""rad/s^2, of the heading."""
+TURN_SPEED, TURN_ACCELERATION = 0.8, 1.0
+"""rad/s, rad/s^2, of the heading."""
 TILT_RATE = 0.3
 """rad/s, of a tilt in place."""
 LEVEL_S = 1.0
 """s, longest time in which a motion ends a tilt, which the rotors might not hold."""
+CLIMB_S = 2.0
+"""s, least duration of a take-off."""
+DESCENT_SPEED = 0.15
+"""m/s, mean speed of a landing."""
+PRESS = 0.05
+"""m, goal of a landing below the ground."""
 
 
 class Brake:
@@ -91,6 +97,32 @@ def find_heading_rate(row: Any) -> float:
     return float((row["R_WB"] @ row["w_WB_B"])[2])
 
 
+def compute_move_s(distance: float, turn: float, limits: Limits, least: float = 0.0) -> float:
+    """Return the duration (s) of a motion by `distance` (m) and `turn` (rad), at least `least`."""
+    return max(
+        duration(distance, limits.speed, limits.acceleration),
+        duration(abs(turn), TURN_SPEED, TURN_ACCELERATION),
+        least,
+    )
+
+
+def compute_take_off_s(climb: float, height: float, limits: Limits, arc: LinkArc | None) -> float:
+    """Return the duration (s) of `Moves.take_off` by `climb` (m), to `height` (m)."""
+    if arc is None:
+        return compute_move_s(climb, 0.0, limits, CLIMB_S)
+    path = plan_take_off(arc, height, limits.speed, limits.acceleration, ROW_PERIOD)
+    return ROW_PERIOD * (len(path.forward) - 1)
+
+
+def compute_landing_s(climb: float, height: float, limits: Limits, arc: LinkArc | None) -> float:
+    """Return the duration (s) of `Moves.land` from `height` (m), `climb` (m) above the ground."""
+    if arc is None:
+        distance = climb + PRESS
+        return compute_move_s(distance, 0.0, limits, distance / DESCENT_SPEED)
+    path = plan_landing(arc, height, limits.speed, limits.acceleration, ROW_PERIOD)
+    return ROW_PERIOD * (len(path.forward) - 1)
+
+
 class Moves:
     """Motions of the platform; each starts at the present reference."""
 
@@ -111,11 +143,7 @@ class Moves:
             start["R_WB"] = level(start["R_WB"])
             delta, yaw_change = delta - brake.way, yaw_change - brake.turn
             least = max(least, brake.seconds)
-        total = max(
-            duration(float(np.linalg.norm(delta)), limits.speed, limits.acceleration),
-            duration(abs(yaw_change), 0.8, TURN_ACCELERATION),
-            least,
-        )
+        total = compute_move_s(float(np.linalg.norm(delta)), yaw_change, limits, least)
         table, _, s, ds, dds = build_straight(start, start, delta, total)
         yaw = s * yaw_change
         c, sn, z, o = np.cos(yaw), np.sin(yaw), np.zeros(len(s)), np.ones(len(s))
@@ -144,7 +172,7 @@ class Moves:
         if arc is None:
             p = self.backend.reference["p_WB"].copy()
             p[2] = height
-            self._move(p, 0.0, least=2.0)
+            self._move(p, 0.0, least=CLIMB_S)
             return
         if height < arc.top:
             raise InputError(
@@ -174,9 +202,9 @@ class Moves:
             self._follow_arc(self.arc, up=False, height=0.0, here=here)
             return
         p = self.backend.reference["p_WB"].copy()
-        p[2] = ground_height - 0.05
+        p[2] = ground_height - PRESS
         distance = self.backend.reference["p_WB"][2] - p[2]
-        self._move(p, 0.0, least=distance / 0.15)
+        self._move(p, 0.0, least=distance / DESCENT_SPEED)
 
     @property
     def arc(self) -> LinkArc | None:

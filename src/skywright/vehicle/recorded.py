@@ -17,7 +17,7 @@ from skywright.models.rigid_body import compute_tip, joint_names
 from skywright.vehicle.bus import Estimate
 from skywright.vehicle.commands import State
 from skywright.vehicle.devices import Devices
-from skywright.vehicle.interface import Limits, R, Ticked
+from skywright.vehicle.interface import R, Ticked, build_limits
 from skywright.vehicle.link_arc import compute_link_arc
 from skywright.vehicle.pilot_switch import NoPilotSwitch
 from skywright.vehicle.plant import MISSION_TICK
@@ -50,8 +50,7 @@ class RecordedVehicle(NoPilotSwitch):
         self.robot, self.world = nominal.robot, nominal.world
         self.model, self.rotors = nominal.model, nominal.rotors
         self.n_joints = len(joint_names(nominal.robot))
-        c = nominal.robot.control
-        self.limits = Limits(c.speed_max_mps, c.acceleration_max_mps2, 0.8)
+        self.limits = build_limits(nominal.robot)
         self.arc = compute_link_arc(self.robot, self.model)
         self._samples, self._phases, self._i = samples, phases, 0
         self._estimate = np.zeros(1, Estimate.dtype)

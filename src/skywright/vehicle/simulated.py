@@ -36,7 +36,7 @@ from skywright.vehicle.failed_step import Watchdog, explain_not_finite
 from skywright.vehicle.follower import Follower, RowNow
 from skywright.vehicle.guard import NOT_FINITE
 from skywright.vehicle.instruments.eddy_current import EddyProbe
-from skywright.vehicle.interface import Limits, R, Table, Ticked
+from skywright.vehicle.interface import R, Table, Ticked, build_limits
 from skywright.vehicle.inventory import list_wanted
 from skywright.vehicle.link_arc import compute_link_arc
 from skywright.vehicle.observers.operator import Operator
@@ -114,8 +114,7 @@ class SimulatedVehicle(NoPilotSwitch):
         self.scene = build_scene(robot, world, deviation, [extend], nominal=true, timestep=timestep)
         self.n_joints = self.scene.n_joints
         self.offers = list_offers(robot)
-        c = robot.control
-        self.limits = Limits(c.speed_max_mps, c.acceleration_max_mps2, 0.8)
+        self.limits = build_limits(robot)
         self.model, self.rotors = nominal.model, nominal.rotors
         self.arc = compute_link_arc(robot, self.model)
         home = home_pose(robot, world, *start)

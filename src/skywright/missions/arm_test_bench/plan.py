@@ -15,8 +15,9 @@ from skywright.description.world.things import find_first
 from skywright.errors import InputError
 from skywright.missions.arm_test_bench.limit import compute_bench_press
 from skywright.missions.arm_test_bench.task import BenchTask
-from skywright.missions.skills.pressing import check_can_press
-from skywright.models.rigid_body import compute_tip
+from skywright.missions.skills.moves import compute_move_s
+from skywright.missions.skills.pressing import GO_SPEED, check_can_press
+from skywright.models.rigid_body import compute_tip, posture
 from skywright.models.things.bench import Bench
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
@@ -86,7 +87,9 @@ def plan(setup: Setup[BenchTask]) -> MissionPlan[None]:
                 "surface's normal: lower mission.task.forces_n, or move world.structure "
                 "nearer to the tip"
             )
-    total = 12.0 + len(task.forces_n) * (task.ramp_s + task.settle_s + task.hold_s)
-    return MissionPlan(
-        not blocked, blocked or None, time.perf_counter() - began, total
-    )  # fmt: skip
+    poses = [find_joints(gamma) for gamma in (task.rest_deg, task.inspection_deg)]
+    bend = float(np.max(np.abs(poses[1] - poses[0])))
+    first = float(np.max(np.abs(poses[0] - posture(robot, "folded"))))
+    moves = (first, bend, bend)
+    total = sum(compute_move_s(0.0, 0.0, joints, speed=GO_SPEED) for joints in moves)
+    return MissionPlan(not blocked, blocked or None, time.perf_counter() - began, total)

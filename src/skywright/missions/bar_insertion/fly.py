@@ -23,8 +23,14 @@ from skywright.missions.bar_insertion.insertion import (
     insert,
     survey,
 )
+from skywright.missions.bar_insertion.motion import (
+    BACK,
+    CARRY_ACCELERATION,
+    CARRY_SPEED,
+    behind,
+)
 from skywright.missions.bar_insertion.operated_insertion import insert_by_operator
-from skywright.missions.bar_insertion.plan import BACK, InsertionPlan
+from skywright.missions.bar_insertion.plan import InsertionPlan
 from skywright.missions.bar_insertion.task import BarInsertion
 from skywright.missions.skills.operated import Lead
 from skywright.missions.skills.tool_handling import (
@@ -52,7 +58,6 @@ from skywright.run.supervisor import Supervisor
 from skywright.vehicle.plant import MISSION_TICK
 
 RELEASE_S = 1.5  # s, in which the weight passes from the hands
-CARRY_SPEED, CARRY_ACCELERATION = 0.3, 0.2
 SEATED = 0.5  # of the peg's length, from which a released bar stands in its hole
 BESIDE = 0.04  # m, across, from the estimated rack or socket
 CALM = 0.05  # m/s, of the platform when it raises a bar out of a hole
@@ -194,7 +199,7 @@ def _pass_weight(s: Supervisor, carried: float) -> None:
 
 
 def _go_behind(s: Supervisor, grip: Grip, place: Place, speed: float) -> None:
-    p = find_platform(grip, place) - BACK * rot_z(place.yaw)[:, 0] - [0.0, 0.0, DROP]
+    p = behind(find_platform(grip, place), place.yaw)
     move_platform(s, p, place.yaw, speed)
 
 

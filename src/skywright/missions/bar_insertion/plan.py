@@ -19,11 +19,11 @@ from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.description.world.things import locate_thing
 from skywright.errors import InputError
+from skywright.missions.bar_insertion.motion import behind, sum_moves
 from skywright.missions.bar_insertion.task import BarInsertion
 from skywright.missions.skills.hook_grip import build_grip, check_hooks, compute_hooks_apart
 from skywright.missions.skills.operated import load_operator
 from skywright.missions.skills.tool_handling import (
-    DROP,
     LIFT,
     Grip,
     Place,
@@ -38,12 +38,11 @@ from skywright.models.things.peg import Peg
 from skywright.models.things.socket import Socket
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
+from skywright.vehicle.interface import build_limits
 
-BACK = 0.35  # m, behind rack and socket, where the platform arrives and departs
 ROOM = 1.2  # largest weight that is fed forward, relative to the payload limit
 HAND_ROOM = 0.03  # m, from a hand's hook to the crossbar's end
 STEP = 0.05  # m, between clearance checks on the path
-HANDLING_S = 60.0  # s, approximate duration of everything except the paths
 
 
 class InsertionPlan(NamedTuple):
@@ -79,7 +78,8 @@ def plan(setup: Setup[BarInsertion]) -> MissionPlan[InsertionPlan]:
             robot, world.drop_things(task.bar), found, task.near_clearance_m
         )
     return MissionPlan(
-        blocked is None, blocked, time.perf_counter() - began, HANDLING_S, least, way=found,
+        blocked is None, blocked, time.perf_counter() - began,
+        sum_moves(found, build_limits(robot).speed), least, way=found,
         operator=load_operator(setup.task),
     )  # fmt: skip
 
@@ -157,18 +157,15 @@ def _find_blocked_way(
     query = build_clearance(build_scene(robot, world), with_ground=True)
     grip = way.grip
     at = [find_platform(grip, place) for place in (way.rack, way.socket)]
-    behind = [
-        p - BACK * rot_z(place.yaw)[:, 0] - [0.0, 0.0, DROP]
-        for p, place in zip(at, (way.rack, way.socket), strict=True)
-    ]
+    back = [behind(p, place.yaw) for p, place in zip(at, (way.rack, way.socket), strict=True)]
     up = np.array([0.0, 0.0, LIFT])
     legs = [
-        ("to the rack", way.home[:3], float(way.home[3]), behind[0], way.rack.yaw, grip.q_low),
-        ("at the rack", behind[0], way.rack.yaw, at[0], way.rack.yaw, grip.q_low),
+        ("to the rack", way.home[:3], float(way.home[3]), back[0], way.rack.yaw, grip.q_low),
+        ("at the rack", back[0], way.rack.yaw, at[0], way.rack.yaw, grip.q_low),
         ("to the socket", at[0] + up, way.rack.yaw, at[1] + up, way.socket.yaw, grip.q),
         ("at the socket", at[1] + up, way.socket.yaw, at[1], way.socket.yaw, grip.q),
-        ("away from the socket", at[1], way.socket.yaw, behind[1], way.socket.yaw, grip.q_low),
-        ("home", behind[1], way.socket.yaw, way.home[:3], float(way.home[3]), grip.q_low),
+        ("away from the socket", at[1], way.socket.yaw, back[1], way.socket.yaw, grip.q_low),
+        ("home", back[1], way.socket.yaw, way.home[:3], float(way.home[3]), grip.q_low),
     ]
     least = math.inf
     for name, a, yaw_a, b, yaw_b, q in legs:

@@ -19,6 +19,7 @@ from skywright.missions.bimanual_bench.plan import (
     ELBOWS_OUT,
     GRIP_BELOW,
     STATIONS,
+    TRAVEL_S,
     BenchPlan,
 )
 from skywright.missions.bimanual_bench.task import BimanualBench
@@ -29,15 +30,20 @@ from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor
 from skywright.vehicle.arms.ports import ArmModel, Hands
 
+START_S = 1.0  # s, before the first trial
 APART = 0.05  # m, between a hand and the surface before it presses
 GAP = 0.015  # m, from the surface, where the press begins
-TRAVEL_S = 2.0  # s, from station to station
+ARRIVED_S = 1.0  # s, at rest at a station
+APART_S, TARE_S, NEAR_S = 5.0, 0.5, 2.5  # s, of an approach: to a distance, tare, to the gap
+PART_S = 2.0  # s, in which the hands part
 SETTLE_S = 2.0
 GRASP_S = 2.0  # s, ramp of the force of a grasp
 LIFT_S = 8.0  # s, of a lift: the springs yield centimetres, which a slow loop corrects
 PULL = 0.12  # m, largest pull of the plug
 PULL_S = 10.0  # s, within which it must come free
 PULL_SPEED = 0.03  # m/s
+DRIFT_PERIODS = 2.0
+BAR_POSES = 4  # to which a bar is moved
 
 
 def fly(s: Supervisor[BimanualBench], way: BenchPlan) -> Flight:
@@ -47,7 +53,7 @@ def fly(s: Supervisor[BimanualBench], way: BenchPlan) -> Flight:
         "position-sensor": _feel_drift,
     }  # fmt: skip
     s.begin("start")
-    s.wait(1.0)
+    s.wait(START_S)
     reason = ""
     for trial in s.task.trials:
         s.begin(f"to {trial}")
@@ -72,19 +78,19 @@ def _travel(s: Supervisor, way: BenchPlan, y: float) -> None:
     row = np.array(s.vehicle.reference)
     row["t"], row["p_WB"] = 0.0, [bench.x_m, y, bench.z_m]
     s.vehicle.track(row[None])
-    s.wait(1.0)
+    s.wait(ARRIVED_S)
 
 
 def _approach(s: Supervisor, left: Array, right: Array) -> None:
     """Move the hands from outside to two points, first to a distance from them, elbows out."""
     away, near = np.array([0.0, APART, 0.0]), np.array([0.0, GAP, 0.0])
     s.arms.hands_to({"left": left + away, "right": right - away}, roll=ELBOWS_OUT)
-    s.wait(5.0)
+    s.wait(APART_S)
     s.arms.tare()
-    s.wait(0.5)
+    s.wait(TARE_S)
     s.arms.tare(on=False)
     s.arms.hands_to({"left": left + near, "right": right - near}, speed=PULL_SPEED)
-    s.wait(2.5)
+    s.wait(NEAR_S)
 
 
 def _leave(s: Supervisor, left: Array, right: Array, force: float = 0.1) -> None:
@@ -94,7 +100,7 @@ def _leave(s: Supervisor, left: Array, right: Array, force: float = 0.1) -> None
     s.arms.squeeze(force, left, right, ramp_s=GRASP_S)
     s.wait(GRASP_S)
     s.arms.hands_to({"left": left + away, "right": right - away})
-    s.wait(2.0)
+    s.wait(PART_S)
 
 
 def _faces(s: Supervisor, way: BenchPlan, name: str, above: float = 0.0) -> tuple[Array, Array]:
@@ -203,7 +209,7 @@ def _feel_drift(s: Supervisor[BimanualBench], way: BenchPlan) -> str:
     s.begin("drift")
     home = np.array([bench.x_m, STATIONS["position-sensor"], bench.z_m])
     start = s.vehicle.t
-    while s.vehicle.t - start < 2.0 * task.drift_period_s:
+    while s.vehicle.t - start < DRIFT_PERIODS * task.drift_period_s:
         phase = 2.0 * math.pi * (s.vehicle.t - start) / task.drift_period_s
         drift = task.drift_m * np.array([math.sin(phase), 0.0, 0.5 * math.sin(2.0 * phase)])
         s.devices.bench.move(home + drift)

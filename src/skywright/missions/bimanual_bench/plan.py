@@ -25,7 +25,7 @@ from skywright.models.things.box import Box
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
 
-TRIAL_S = 37.0  # s, approximate duration of one trial
+TRAVEL_S, FOLD_S = 2.0, 2.3  # s, from station to station; typical time to fold the arms before
 STATIONS = {"squeeze": 0.0, "unplug": 1.0, "bar": 2.0, "position-sensor": 3.0}
 """m, y of each station in the world `bench`."""
 ELBOWS_OUT = math.radians(15.0)  # roll: forearms stay clear of the object
@@ -70,7 +70,7 @@ def plan(setup: Setup[BimanualBench]) -> MissionPlan[BenchPlan]:
                 f"trial {trial!r}: world.things.{needs[trial]} is not movable; set moves = true"
             )
     blocked = next((x for t in task.trials if (x := _check_grasp(setup, t, needs[t]))), None)
-    total = TRIAL_S * len(task.trials)
+    total = TRAVEL_S * len(task.trials) + FOLD_S * (len(task.trials) - 1)
     return MissionPlan(
         blocked is None, blocked, 0.0, total, math.inf,
         way=BenchPlan(world, posture(robot, "folded")),

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from skywright.core.arrays import Array
+from skywright.missions.bridge_contact.motion import LEAVE_SPEED, NEAR_SPEED
 from skywright.missions.bridge_contact.operated_press import HandPress
 from skywright.missions.bridge_contact.plan import ContactPlan, plan_found
 from skywright.missions.bridge_contact.seat import DEEP, touch_with_feet
@@ -31,7 +32,7 @@ from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor
 
 SEAT_S, UNSEAT_S = 2.0, 1.5  # s, in which the feet are loaded and unloaded
-SETTLE_S = 1.0  # s, before a touch
+SETTLE_S = 1.0  # s, before and after a contact begins
 TIP_FELT_N = 0.5
 """N, contact threshold of a tip on a spring; its sensor resolves hundredths of a newton."""
 SEATED_M = 0.03  # m, estimated distance of the feet from the deck
@@ -106,7 +107,7 @@ class Pilot(Presser):
 
         def stand_off(at: Station) -> None:
             self.go("survey_move", p=at.p_press + survey.stand_off * at.normal, R=at.R_approach,
-                    speed=0.2)  # fmt: skip
+                    speed=LEAVE_SPEED)  # fmt: skip
 
         mark = None
         if survey.mark is not None:
@@ -114,7 +115,7 @@ class Pilot(Presser):
             self.s.wait(SETTLE_S)
             seen = look_at_datum(self.s, survey.setup)
             if isinstance(seen, str):
-                self.go("survey_leave", p=back, R=first.R_level, speed=0.2)
+                self.go("survey_leave", p=back, R=first.R_level, speed=LEAVE_SPEED)
                 return seen
             mark = seen
         tip = PressingTip(self.s, True, TIP_FELT_N)
@@ -123,7 +124,7 @@ class Pilot(Presser):
             self.s, tip, [at.R_WS for at in survey.stations], [travel] * len(survey.stations),
             lambda i, _: stand_off(survey.stations[i]), lambda: self.s.wait(SETTLE_S),
         )  # fmt: skip
-        self.go("survey_leave", p=back, R=first.R_level, speed=0.2)
+        self.go("survey_leave", p=back, R=first.R_level, speed=LEAVE_SPEED)
         return self._plan_found(survey, touches, mark)
 
     def _plan_found(
@@ -159,7 +160,7 @@ class Pilot(Presser):
         stand = at.p_dock + way.stand_off * at.normal
         self.go(APPROACH, p=stand, R=at.R_level, q=way.q_ready)
         self.go("align", R=at.R_approach)
-        s.wait(1.0)
+        s.wait(SETTLE_S)
         reason = s.orders.attempt(at.name, lambda: self._press_docked(at, load_feet), None)
         self.go(None, R=at.R_level)
         return reason
@@ -170,7 +171,7 @@ class Pilot(Presser):
         stand = at.p_dock + way.stand_off * at.normal
         self.go(DOCK, p=at.p_dock, R=at.R_approach, speed=task.dock_speed_mps)
         self.go("seat", R=at.R_dock, least=SEAT_S, docked=1.0, **load_feet(0.0))
-        s.wait(1.0)
+        s.wait(SETTLE_S)
         gap = float((at.p_dock - s.vehicle.estimate["p_WB"]) @ -at.normal)
         reason = ""
         if abs(gap) > SEATED_M:
@@ -199,18 +200,18 @@ class Pilot(Presser):
         task = self.contact
         if self.lead is not None and isinstance(task, BridgeContact):
             return self._press_by_hand(at, back, self.lead, task)
-        self.go(FREE_NEAR, p=at.p_press + TIP_GAP * at.normal, R=at.R_approach, speed=0.1)
-        self.s.wait(1.0)
+        self.go(FREE_NEAR, p=at.p_press + TIP_GAP * at.normal, R=at.R_approach, speed=NEAR_SPEED)
+        self.s.wait(SETTLE_S)
         slide = self._slide if task.slide_m else None
         reason = self.press(at.name, "flying", self.way.free_forces, "free ", then=slide)
-        self.go("free leave", p=back, R=at.R_level, speed=0.2)
+        self.go("free leave", p=back, R=at.R_level, speed=LEAVE_SPEED)
         return reason
 
     def _press_by_hand(self, at: Station, back: Array, lead: Lead, task: BridgeContact) -> str:
         """Press with an operator at the stick, who applies one force and does not slide."""
         s = self.s
-        self.go(FREE_NEAR, p=HandPress.place_before(at), R=at.R_approach, speed=0.1)
-        s.wait(1.0)
+        self.go(FREE_NEAR, p=HandPress.place_before(at), R=at.R_approach, speed=NEAR_SPEED)
+        s.wait(SETTLE_S)
         hand = HandPress(s, lead, at, task)
         reason = hand.fly()
         if not reason:
@@ -218,7 +219,7 @@ class Pilot(Presser):
             self.measure_force(at.name, hand.exerts, "flying")
         self.set_force("free release", 0.0, task.ramp_s)
         self.go(None, press=0.0)
-        self.go("free leave", p=back, R=at.R_level, speed=0.2)
+        self.go("free leave", p=back, R=at.R_level, speed=LEAVE_SPEED)
         return reason
 
     def _slide(self) -> None:

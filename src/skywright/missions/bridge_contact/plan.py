@@ -19,6 +19,7 @@ from skywright.description.world.structure import Structure
 from skywright.description.world.wind import compute_direction, compute_speed
 from skywright.errors import InputError
 from skywright.missions.bridge_contact.borne import check_borne, refuse
+from skywright.missions.bridge_contact.motion import sum_moves
 from skywright.missions.bridge_contact.sliding import (
     check_mobility,
     check_slide_ends,
@@ -138,9 +139,7 @@ def _plan_on(setup: Setup[BridgeContact], surveyed: bool, level: bool) -> Missio
         stations, q_ready, q_touch, dock_tip, free, rest, pressed, largest, limit, borne,
         free_limit, free_forces, stand_off, survey,
     )  # fmt: skip
-    each = task.ramp_s + task.settle_s + task.hold_s
-    total = len(stations) * (len(task.forces_n) + len(free_forces)) * each + 40.0
-    total += 0.0 if survey is None else survey.duration_s
+    total = sum_moves(setup, stations, free, q_ready, stand_off, survey, bool(free_forces))
     return MissionPlan(
         not blocked, blocked or None, time.perf_counter() - began, total, math.nan, math.nan, {},
         found, operator=load_operator(task) if isinstance(task, BridgeContact) else None,

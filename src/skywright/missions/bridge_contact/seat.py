@@ -24,6 +24,7 @@ from skywright.missions.skills.survey import (
     TARE_S,
     Touch,
     build_travel,
+    compute_march_s,
     ticks,
 )
 from skywright.run.flight import PhaseRecord
@@ -37,6 +38,12 @@ FOOT_N = 1.0  # N, of each foot, once all of them touch
 PUSH_S = 0.5  # s, ramp of the push
 STILL_RAD, STILL_M = math.radians(0.2), 2e-3  # largest motion within STILL_S at rest
 STILL_S, SEAT_MAX_S = 0.5, 8.0
+
+
+def compute_seat_s(distance: float) -> float:
+    """Return the duration (s) of `touch_with_feet` on a deck at `distance` (m)."""
+    there, back = (compute_march_s(distance, speed) for speed in (SPEED, BACK_SPEED))
+    return TARE_S + there + PUSH_S + STILL_S + back
 
 
 def touch_with_feet(

@@ -17,7 +17,7 @@ from skywright.description.world.structure import PLANE, Structure, build_surfac
 from skywright.errors import InputError
 from skywright.missions.bridge_contact.stations import Station
 from skywright.missions.bridge_contact.task import BridgeContact, Contact
-from skywright.missions.skills.datum import LOOK_S, explain_view, get_datum
+from skywright.missions.skills.datum import explain_view, get_datum
 from skywright.missions.skills.survey import Tip, Touch, read_touches
 from skywright.missions.skills.surveyed import CLEAR, TIP_STD, Ball, get_map_error, get_tip
 from skywright.missions.skills.surveyed_structure import compute_structure_reach
@@ -34,7 +34,6 @@ FOOT_STD = 1.5e-3
 """m, deviation of a foot's position across the deck: 0.3 degrees of the estimated attitude over
 0.25 m."""
 LOCALISED_STD = 0.03  # m, three deviations of a position while the station is hidden
-FEET_S, TIP_S = 40.0, 25.0  # s, of a touch with the path to it
 
 
 class SurveyWay(NamedTuple):
@@ -46,7 +45,6 @@ class SurveyWay(NamedTuple):
     stand_off: float  # m, of feet or tip before a touch
     reach: float  # m, largest depth of the true surface behind the map's
     stiffness: float  # N/m, of the position loop
-    duration_s: float
     mark: Station | None = None  # where the robot measures the datum first
 
     @property
@@ -91,14 +89,12 @@ def plan_survey(
     reach += lever * math.tan(math.sqrt(2.0) * error.turn)
     reach += 0.0 if setup.world.tracks_markers else LOCALISED_STD
     stiffness = compute_body(setup.model, q)[0] * control.position_bandwidth_rad_s**2
-    lasts = len(stations) * TIP_S if stations else len(spots) * FEET_S
     if mark is not None:
-        lasts += LOOK_S + TIP_S / 2
         aside = math.sqrt(2.0) * (error.place + math.tan(error.turn) * math.hypot(*mark.place))
         hidden = explain_view(setup, reach + CLEAR, reach, aside)
         if hidden:
             raise InputError(hidden)
-    return SurveyWay(setup, feet, stations, reach + CLEAR, reach, stiffness, lasts, mark)
+    return SurveyWay(setup, feet, stations, reach + CLEAR, reach, stiffness, mark)
 
 
 def choose_places(task: Contact, structure: Structure) -> list[Array]:

@@ -19,12 +19,9 @@ from skywright.missions.crack_scan.display import (
 )
 from skywright.missions.crack_scan.lateral import compute_lateral_std
 from skywright.missions.crack_scan.task import CrackScan
-from skywright.missions.scan.fly import SETTLE, TRIM_TIMES
 from skywright.missions.scan.plan import ScanWay
 from skywright.missions.scan.plan import plan as plan_scan
-from skywright.missions.skills.datum import LOOK_S
 from skywright.missions.skills.procedure import CrackProcedure
-from skywright.missions.skills.survey import BACK_SPEED, HOLD_S, SPEED, TARE_S
 from skywright.run.need import find_lacking_energy
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
@@ -80,17 +77,17 @@ def plan(setup: Setup[CrackScan]) -> MissionPlan[CrackWay]:
         spacing = inside / (passes - 1) if passes > 1 else 0.0
         askew = find_askew(array, setup, found.segments["scan"], swath, min(pitch, spacing))
         found = found._replace(feasible=askew is None, blocked_by=askew)
-    if found.feasible:
-        found = found._replace(duration_s=found.duration_s + _sum_touches(found.way))
-        what = f"{passes} passes of {1e3 * task.pass_length_m:.0f} mm"
-        lacking = find_lacking_energy(setup, found.duration_s, what)
-        found = found._replace(feasible=lacking is None, blocked_by=lacking)
     way = (
         None
         if found.way is None
         else CrackWay(found.way, display, swath, pitch, lateral, passes, setup)
     )
-    return cast(MissionPlan[CrackWay], found._replace(way=cast(Any, way)))
+    planned = cast(MissionPlan[CrackWay], found._replace(way=cast(Any, way)))
+    if not planned.feasible:
+        return planned
+    what = f"{passes} passes of {1e3 * task.pass_length_m:.0f} mm"
+    lacking = find_lacking_energy(setup, planned, what)
+    return planned._replace(feasible=lacking is None, blocked_by=lacking)
 
 
 def find_askew(
@@ -120,17 +117,6 @@ def find_askew(
         f"{1e3 * pitch:.0f} mm between them: near the top or the bottom of a pipe that is inclined "
         f"by {inclined:.2f} deg a level platform turns with the normal; leave that part out"
     )
-
-
-def _sum_touches(way: Any) -> float:
-    """Return the time (s) of the survey's touches and of settling, which the segments do not
-    include."""
-    rest = TRIM_TIMES[0] + SETTLE
-    if way is None or way.survey is None:
-        return rest
-    each = way.survey.travels * (1.0 / SPEED + 1.0 / BACK_SPEED) + TARE_S + HOLD_S + TRIM_TIMES[0]
-    look = 0.0 if way.survey.mark is None else TRIM_TIMES[0] + LOOK_S
-    return rest + look + float(np.sum(each))
 
 
 def compute_coil_width(array: Array) -> float:

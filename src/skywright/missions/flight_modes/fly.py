@@ -12,11 +12,13 @@ import numpy as np
 from skywright.core.arrays import Array
 from skywright.core.rotations import exp_so3
 from skywright.core.types import MODE_POSE, MODE_STANDARD
-from skywright.missions.flight_modes.plan import ModesPlan
+from skywright.missions.flight_modes.plan import SPEED, ModesPlan
 from skywright.missions.flight_modes.task import ModesTask
 from skywright.missions.skills.moves import build_move, set_rest
 from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor
+
+STEADY_S, TAKE_OVER_S = 1.0, 3.0  # s, level, and after standard stabilisation
 
 
 def fly(s: Supervisor[ModesTask], way: ModesPlan) -> Flight:
@@ -31,13 +33,13 @@ def fly(s: Supervisor[ModesTask], way: ModesPlan) -> Flight:
         end["p_WB"], end["R_WB"], end["mode"] = p, R, mode
         if phase is not None:
             s.begin(phase)
-        move = build_move(vehicle.model, vehicle.n_joints, start, end, speed=0.5)
+        move = build_move(vehicle.model, vehicle.n_joints, start, end, speed=SPEED)
         s.body.track(move)
         s.until_arrived()
 
     if way.calm:  # in wind this mode would drift, because it has no position control
         go("standard stabilisation", home, level, MODE_STANDARD)
-        s.wait(1.0)
+        s.wait(STEADY_S)
         for sign in (1.0, -1.0, 0.0):
             tilted = turn_about(level, 1, sign * math.radians(task.standard_tilt_deg))
             go(None, home, tilted, MODE_STANDARD)
@@ -48,7 +50,7 @@ def fly(s: Supervisor[ModesTask], way: ModesPlan) -> Flight:
         row = set_rest(vehicle.reference)
         row["p_WB"], row["R_WB"], row["mode"] = drifted, level, MODE_POSE
         s.body.track(row[None])
-        s.wait(3.0)
+        s.wait(TAKE_OVER_S)
         go(None, home, level)
         s.wait(task.hold_s)
     for axis in (0, 1):
@@ -62,7 +64,7 @@ def fly(s: Supervisor[ModesTask], way: ModesPlan) -> Flight:
             s.begin("hold angle")
             s.wait(task.hold_s)
         go("command angle", home, level)
-        s.wait(1.0)
+        s.wait(STEADY_S)
     return Flight(True, "")
 
 

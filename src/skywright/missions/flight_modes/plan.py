@@ -14,6 +14,7 @@ from skywright.core.rotations import rot_z
 from skywright.description.world.wind import compute_direction, compute_speed
 from skywright.errors import InputError
 from skywright.missions.flight_modes.task import ModesTask
+from skywright.missions.skills.moves import compute_move_s
 from skywright.models.hover_tilt import compute_hover_tilt
 from skywright.models.rigid_body import posture
 from skywright.run.planning import MissionPlan
@@ -26,6 +27,9 @@ LEAST_TILT = math.radians(9.0)
 LAG = math.radians(0.5)
 """Mean attitude error of a hold while the integral adapts to the torque of the new attitude; it is
 added to the reference."""
+
+
+SPEED = 0.5  # m/s, of the translations
 
 
 class ModesPlan(NamedTuple):
@@ -77,6 +81,15 @@ def plan(setup: Setup[ModesTask]) -> MissionPlan[ModesPlan]:
             f"error of {math.degrees(LAG):g} deg: lower mission.task.tilt_deg"
         )
     return MissionPlan(
-        blocked is None, blocked, time.perf_counter() - began, 60.0,
+        blocked is None, blocked, time.perf_counter() - began, _sum_moves(task, due + LAG, calm),
         way=ModesPlan(due + LAG, due, limit, calm),
     )  # fmt: skip
+
+
+def _sum_moves(task: ModesTask, tilt: float, calm: bool) -> float:
+    """Return the duration (s) of the translations, and of the changes of the tilt (rad)."""
+    once, twice = (compute_move_s(0.0, n * tilt, speed=SPEED) for n in (1, 2))
+    moves = 4.0 * compute_move_s(task.distance_m, speed=SPEED) + 2.0 * (2.0 * once + twice)
+    first = math.radians(task.standard_tilt_deg)
+    once, twice = (compute_move_s(0.0, n * first, speed=SPEED) for n in (1, 2))
+    return moves + (2.0 * once + twice if calm else 0.0)

@@ -21,6 +21,7 @@ from skywright.missions.impact.task import Impact
 from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor
 
+CALM_S = 4.0  # s, of hover before the run-up
 ZERO_S = 0.2  # s, before the planned contact, over which the gauges are tared
 
 
@@ -48,7 +49,7 @@ def fly(s: Supervisor[Impact], way: ImpactPlan) -> Flight:
     s.begin("start point")
     s.uav.go_to(way.p_start, way.yaw)
     s.until_arrived()
-    s.wait(4.0)
+    s.wait(CALM_S)
     s.begin("run-up")
     s.body.track(_build_table(s, way))
     s.wait(SPEED_UP_S + CRUISE_S - ZERO_S)

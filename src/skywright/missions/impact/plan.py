@@ -27,6 +27,8 @@ from skywright.models.rigid_body import compute_tip, posture
 from skywright.models.things.pad import Pad
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
+from skywright.vehicle.interface import build_limits
+from skywright.vehicle.moves import compute_move_s
 from skywright.vehicle.rest_to_rest import ROW_PERIOD
 
 SPEED_UP_S = 4.0  # s, about two periods of the passive link, to excite little swing
@@ -79,12 +81,21 @@ def plan(setup: Setup[Impact]) -> MissionPlan[ImpactPlan]:
     blocked = None
     if touched.split(" ")[0] not in PARTS[task.part] and not _is_forearm(robot, touched, task.part):
         blocked = f"{touched or 'no part'} would touch the pad first instead of the {task.part}"
-    hover = setup.hover
-    way = float(np.linalg.norm(found.p_start - hover[:3])) + RETREAT_M
-    total = run[-1, 0] + RECOIL_S + REST_S + 3.75 * way / robot.control.speed_max_mps
+    total = _sum_moves(setup, found)
     return MissionPlan(
         blocked is None, blocked, time.perf_counter() - began, total, way=found,
     )  # fmt: skip
+
+
+def _sum_moves(setup: Setup[Impact], found: ImpactPlan) -> float:
+    """Return the duration (s) of the flights to the run-up, of the run, and home."""
+    hover, limits, length = setup.hover, build_limits(setup.robot), float(found.run[-1, 1])
+    away = float(np.linalg.norm(found.p_start - hover[:3]))
+    turn = math.remainder(found.yaw - float(hover[3]), math.tau)
+    before = float(found.ahead @ (found.p_contact - found.p_start)) - RETREAT_M
+    ways = ((away, turn), (length - before, 0.0), (abs(before), 0.0), (away, 0.0))
+    moves = sum(compute_move_s(distance, angle, limits) for distance, angle in ways)
+    return moves + float(found.run[-1, 0])
 
 
 def build_hit_pose(robot: Robot) -> Array:

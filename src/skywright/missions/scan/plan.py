@@ -52,6 +52,7 @@ class SurveyWay(NamedTuple):
     frames: list[Array]  # (3, 3) each: of the map's surface there, z outward
     travels: Array  # (n,) m, largest travel of a touch from its stand-off
     sensed: bool  # whether the probe has a force sensor
+    stand_off_m: float  # of the tip before a touch
     mark: Array | None = None  # (2,) s and phi of the datum, which is measured first
 
 
@@ -158,7 +159,7 @@ def _plan_on(
         frames = [build_frame(cylinder, float(x[1])) for x in points]
         way = SurveyWay(
             setup, points, frames, stand_off + beyond[-len(points) :],
-            robot.force_sensor is not None, mark,
+            robot.force_sensor is not None, stand_off, mark,
         )  # fmt: skip
         if mark is not None:
             hidden = explain_view(

@@ -13,6 +13,7 @@ from skywright.core.arrays import Array, Table
 from skywright.core.rotations import rot_z
 from skywright.core.types import TASK_FORCE, TASK_POSITION
 from skywright.description.world.surface import level_axes
+from skywright.missions.sensor_install.motion import CALM
 from skywright.missions.sensor_install.operated_press import HAND_OVER, press_by_operator
 from skywright.missions.sensor_install.plan import InstallPlan
 from skywright.missions.sensor_install.surveyed import find_pipe, lead_to, place_platform
@@ -32,17 +33,19 @@ from skywright.vehicle.arms.ports import ArmModel, HandForce, Hands
 from skywright.vehicle.rest_to_rest import quintic
 
 CONTACT_N = 0.3  # N, estimated force that counts as contact
+TOUCH_SPEED = 0.02  # m/s, of the hand towards the pipe
 CONTACT_S = 0.1  # s, time for which the force must last
 SEARCH = 0.1  # m, distance beyond the expected surface to which the hand moves
 RAMP_S, SETTLE_S = 3.0, 4.0  # s, before the force is evaluated
 SWING_FORCE, SWING_USUAL = 6.0, math.radians(10.0)  # N, rad: push and its swing angle
 SWING_WAIT = 6.0  # s, observed after the link reverses
-CALM = 0.3  # fraction of the speed and acceleration limits, near the pipe
 SLOW = 0.05  # the same fraction while the hand presses
+STEADY_S = 1.0  # s, before the force is tared
 TARE_S = 3.0  # s, over which the force in free air is tared
 PARK_S = 3.0  # s of hover before a measurement
 WATCH_S = 2.0  # s, over which the hand's position is averaged: a period of the link
 CORRECTION_MAX = 0.06  # m, largest correction of the platform for the hand's position error
+LOWER_S = 2.0  # s, in which the hand lowers from the pipe
 LOST_S = 1.0  # s without contact before the press is aborted
 
 
@@ -235,10 +238,10 @@ def _touch(s: Supervisor, task: SensorInstall, way: InstallPlan) -> bool:
     start = s.vehicle.t
     goal = way.contact + SEARCH * way.normal
     row = set_rest(s.vehicle.reference)
-    row["task"][0], row["v_WH"][0] = TASK_POSITION, [0.02, 0.0, 0.0]
+    row["task"][0], row["v_WH"][0] = TASK_POSITION, [TOUCH_SPEED, 0.0, 0.0]
     row["p_WH"][0] = goal
     s.body.track(row[None])
-    patience = (task.stand_off_m + SEARCH) / 0.02 + 3.0
+    patience = (task.stand_off_m + SEARCH) / TOUCH_SPEED + 3.0
     free = start
     while s.vehicle.t - start < patience:
         t = s.tick().t
@@ -292,7 +295,7 @@ def _retract(s: Supervisor, task: SensorInstall, way: InstallPlan) -> None:
         _lower(s, task, way)
         return
     s.body.track(_hold_hand(s, way.contact + down, task))
-    s.wait(2.0)
+    s.wait(LOWER_S)
     _move_with_hand(s, way.p_below, way.contact + down)
 
 
@@ -311,7 +314,7 @@ def _tare(s: Supervisor) -> None:
 
     In a stretched arm a small torque corresponds to a large force.
     """
-    s.wait(1.0)
+    s.wait(STEADY_S)
     s.arms.tare()
     s.wait(TARE_S)
     s.arms.tare(False)

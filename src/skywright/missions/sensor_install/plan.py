@@ -18,6 +18,7 @@ from skywright.description.robot.limbs import list_joints
 from skywright.description.robot.spec import Robot
 from skywright.description.world.surface import level_axes
 from skywright.errors import InputError
+from skywright.missions.sensor_install.motion import sum_moves
 from skywright.missions.sensor_install.surveyed import InstallSurvey, plan_survey
 from skywright.missions.sensor_install.task import SensorInstall
 from skywright.missions.skills.operated import load_operator
@@ -138,11 +139,9 @@ def plan(setup: Setup[SensorInstall]) -> MissionPlan[InstallPlan]:
         )
     if blocked is None:
         blocked = _find_gusts(setup, yaw)
-    speed = robot.control.speed_max_mps
-    length = sum(float(np.linalg.norm(b - a)) for _, a, b, _ in legs)
     return MissionPlan(
         blocked is None, blocked, time.perf_counter() - began,
-        2.0 * 1.875 * length / speed + task.hold_s + task.hover_s, least, way=found,
+        sum_moves(setup, found), least, way=found,
         operator=load_operator(task),
     )  # fmt: skip
 

@@ -32,6 +32,19 @@ def set_rest(row: Any) -> Any:
     return row
 
 
+def compute_move_s(
+    distance: float, turn: float = 0.0, joints: float = 0.0, *, speed: float,
+    acceleration: float = 0.5, least: float = 0.0,
+) -> float:  # fmt: skip
+    """Return the duration (s) of `build_move` by a distance (m), a turn and a bend (rad)."""
+    return max(
+        duration(distance, speed, acceleration),
+        duration(turn, TURN_SPEED, TURN_ACCELERATION),
+        duration(joints, JOINT_SPEED, JOINT_ACCELERATION),
+        least,
+    )
+
+
 def build_move(
     model: NDArray[Any],
     n_joints: int,
@@ -53,12 +66,10 @@ def build_move(
     turn = np.empty(3)
     log_so3(np.ascontiguousarray(start["R_WB"].T @ end["R_WB"]), turn)  # in the moving frame
     angle, joints = float(np.linalg.norm(turn)), end["q"] - start["q"]
-    total = max(
-        duration(float(np.linalg.norm(delta)), speed, acceleration),
-        duration(angle, TURN_SPEED, TURN_ACCELERATION),
-        duration(float(np.max(np.abs(joints))), JOINT_SPEED, JOINT_ACCELERATION),
-        least,
-    )
+    total = compute_move_s(
+        float(np.linalg.norm(delta)), angle, float(np.max(np.abs(joints))),
+        speed=speed, acceleration=acceleration, least=least,
+    )  # fmt: skip
     table, u, s, ds, dds = build_straight(start, end, delta, total)
     table["w_WB_B"] = ds[:, None] * turn
     table["wd_WB_B"] = dds[:, None] * turn

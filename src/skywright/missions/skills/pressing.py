@@ -20,6 +20,8 @@ from skywright.run.supervisor import Supervisor
 from skywright.vehicle.rest_to_rest import ROW_PERIOD
 
 TIP_GAP = 0.008  # m, distance of the tip from the surface before the force loop takes over
+GO_SPEED = 0.6  # m/s, of the platform on its way
+TOUCH_S = 1.5  # s, typical time from the start of a touch to its contact
 TOUCH_TIMEOUT_S = 15.0
 FELT = 0.5  # fraction of the first force that counts as contact
 STOP_NEAR = math.radians(1.0)  # distance of a joint from its stop: two errors of an encoder's zero
@@ -92,7 +94,7 @@ class Presser:
 
     def go(
         self, phase: str | None, *, p: Array | None = None, R: Array | None = None,
-        q: Array | None = None, speed: float = 0.6, least: float = 0.0, lag: float = 0.0,
+        q: Array | None = None, speed: float = GO_SPEED, least: float = 0.0, lag: float = 0.0,
         **fields: Any,
     ) -> None:  # fmt: skip
         """Move to a pose, change other fields of the reference, and wait for the end of the move.
@@ -217,7 +219,7 @@ class Presser:
         """
         fields, lag = {} if load is None else load(force), 0.0
         if load is not None and seconds > 0.1:
-            lag = 1.0 / self.s.vehicle.robot.control.arm_bandwidth_rad_s + SERVO_LAG_S
+            lag = compute_feet_lag(self.s.vehicle.robot)
         self.go(phase, least=seconds, lag=lag, press=1.0, force=force, **fields)
 
     def measure_force(self, spot: str, force: float, how: str) -> None:
@@ -238,6 +240,20 @@ class Presser:
                 wander_m=float(np.max(np.linalg.norm(np.array(tips) - tip, axis=1))),
             )
         )  # fmt: skip
+
+
+def compute_feet_lag(robot: Robot) -> float:
+    """Return the lag (s) with which the load of the feet follows the press."""
+    return 1.0 / robot.control.arm_bandwidth_rad_s + SERVO_LAG_S
+
+
+def compute_press_s(profile: Profile, forces: int, hold: float, lag: float = 0.0) -> float:
+    """Return the duration (s) of `Presser.press`, with measurements of `hold` (s) each.
+
+    `lag` (s) is that of the feet, 0 in flight.
+    """
+    ramp = profile.ramp_s + LAGS * lag
+    return TOUCH_S + forces * (ramp + profile.settle_s + hold) + ramp
 
 
 def lag_feet(table: Table, lag: float) -> Table:

@@ -186,6 +186,18 @@ class Hand:
         return np.array(hands.p_WH[self.index]), R_WB @ np.array(hands.R_BH[self.index])[:, 2]
 
 
+def compute_touch_s(distance: float) -> float:
+    """Return the duration (s) of `touch_surface` on a surface at `distance` (m)."""
+    return (
+        TARE_S + HOLD_S + compute_march_s(distance, SPEED) + compute_march_s(distance, BACK_SPEED)
+    )
+
+
+def compute_march_s(distance: float, speed: float) -> float:
+    """Return the duration (s) of a straight motion along a normal by `distance` (m)."""
+    return float(build_time_law(distance, speed, ACCELERATION).duration)
+
+
 def touch_surface(s: Supervisor[Any], feeler: Feeler, R_WS: Array, travel: float) -> Touch:
     """Move from the present position over the surface up to `travel` (m) inward until contact.
 

@@ -22,6 +22,8 @@ from skywright.models.kinematic_tree import PlanningScene
 from skywright.planning.motion.transit import Configuration, plan_transit
 from skywright.run.setup import Setup
 from skywright.run.supervisor import Supervisor
+from skywright.vehicle.interface import Limits
+from skywright.vehicle.moves import compute_move_s
 from skywright.vehicle.rest_to_rest import build_straight, duration
 
 STEP = 0.05  # m, between clearance checks of a straight line
@@ -120,6 +122,36 @@ def fly_way(s: Supervisor, way: Way, share: float) -> None:
         s.until_arrived()
 
 
+def compute_slide_s(
+    limits: Limits, share: float, distance: float, turn: float = 0.0, bend: float = 0.0
+) -> float:
+    """Return the duration (s) of `slide_platform` by a distance (m), a turn and a bend (rad)."""
+    return max(
+        duration(distance, share * limits.speed, share * limits.acceleration),
+        duration(abs(turn), share * TURN_SPEED, share * TURN_ACCELERATION),
+        duration(bend, JOINT_SPEED, JOINT_ACCELERATION),
+        1.0,
+    )
+
+
+def compute_way_s(way: Way, limits: Limits, share: float, yaw: float, q: Array) -> float:
+    """Return the duration (s) of `fly_way` from the heading `yaw` (rad) with the arms at q."""
+    total = 0.0
+    points = zip(way.p_WB, way.p_WB[1:], way.yaw[1:], way.q[1:], strict=False)
+    for here, there, heading, pose in points:
+        distance, turn = (
+            float(np.linalg.norm(there - here)),
+            math.remainder(heading - yaw, math.tau),
+        )
+        bend = float(np.max(np.abs(pose - q)))
+        if share == 1.0 and bend <= SAME:
+            total += compute_move_s(distance, turn, limits)
+        else:
+            total += compute_slide_s(limits, share, distance, turn, bend)
+        yaw, q = heading, pose
+    return total
+
+
 def slide_platform(
     s: Supervisor, p: Array, share: float, yaw: float | None = None, q: Array | None = None
 ) -> Table:
@@ -136,12 +168,7 @@ def slide_platform(
         joints[: len(q)] = q - start["q"][: len(q)]
     limits, distance = s.vehicle.limits, float(np.linalg.norm(delta))
     bend = float(np.max(np.abs(joints)))
-    total = max(
-        duration(distance, share * limits.speed, share * limits.acceleration),
-        duration(abs(turn), share * TURN_SPEED, share * TURN_ACCELERATION),
-        duration(bend, JOINT_SPEED, JOINT_ACCELERATION),
-        1.0,
-    )
+    total = compute_slide_s(limits, share, distance, turn, bend)
     move = build_straight(start, start, delta, total)
     if abs(turn) > SAME:
         move.table["R_WB"] = np.array([rot_z(s * turn) for s in move.s]) @ start["R_WB"]

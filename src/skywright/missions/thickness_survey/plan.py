@@ -46,8 +46,9 @@ def plan(setup: Setup[ThicknessSurvey]) -> MissionPlan[ThicknessWay]:
             "with one; valid: a list of one number"
         )
     found = plan_contact(cast(Any, setup))
-    if found.feasible:
-        lacking = find_lacking_energy(setup, found.duration_s, f"{len(task.spots)} spots")
-        found = found._replace(feasible=lacking is None, blocked_by=lacking)
     way = None if found.way is None else ThicknessWay(found.way, gauge)
-    return cast(MissionPlan[ThicknessWay], found._replace(way=cast(Any, way)))
+    planned = cast(MissionPlan[ThicknessWay], found._replace(way=cast(Any, way)))
+    if not planned.feasible:
+        return planned
+    lacking = find_lacking_energy(setup, planned, f"{len(task.spots)} spots")
+    return planned._replace(feasible=lacking is None, blocked_by=lacking)

@@ -31,16 +31,10 @@ from skywright.missions.skills.tool_handling import (
     take_up_again,
 )
 from skywright.missions.skills.tool_pose import measure_tool
+from skywright.missions.tool_install.motion import ABOVE, CALM_SPEED, CARRY_ACCELERATION, behind
 from skywright.missions.tool_install.operated_install import install_by_operator
 from skywright.missions.tool_install.operated_retrieval import HAND_OVER, retrieve_by_operator
-from skywright.missions.tool_install.plan import (
-    ABOVE,
-    CALM_SPEED,
-    CARRY_ACCELERATION,
-    ToolPlan,
-    behind,
-    find_seat,
-)
+from skywright.missions.tool_install.plan import ToolPlan, find_seat
 from skywright.missions.tool_install.task import ToolInstall
 from skywright.models.geometry import compute_clearance
 from skywright.run.faults._response import back_off

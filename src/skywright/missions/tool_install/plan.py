@@ -35,6 +35,7 @@ from skywright.missions.skills.tool_handling import (
     find_platform,
 )
 from skywright.missions.skills.tool_pose import find_marker
+from skywright.missions.tool_install.motion import ABOVE, BACK, behind, sum_moves
 from skywright.missions.tool_install.task import ToolInstall
 from skywright.models.geometry import build_clearance, compute_clearance
 from skywright.models.kinematic_tree import build_planning_scene
@@ -46,12 +47,9 @@ from skywright.planning.motion.transit import Configuration, plan_transit
 from skywright.run.gust_limits import find_stances
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
+from skywright.vehicle.interface import build_limits
 
-BACK = 0.35  # m, behind the tool, where the platform arrives and departs
 FAR_BACK = 0.45  # m, the same without the clearance, at the end of the planned path
-ABOVE = 0.10  # m, of a tool over its place before it is lowered
-CALM_SPEED, CARRY_ACCELERATION = 0.4, 0.2  # m/s, m/s^2, with the tool: it swings by a / g, 1.2 deg
-HANDLING_S = 140.0  # s, approximate duration of grasp, set-down, take-off and landing
 ROOM = 1.2  # largest weight that is fed forward, relative to the payload limit
 FELT = 3.0  # least weight of a tool, in LIGHT_N, the noise of its estimate
 HAND_ROOM = 0.03  # m, from a hand's hook to handle's end and box
@@ -97,14 +95,10 @@ def plan(setup: Setup[ToolInstall]) -> MissionPlan[ToolPlan]:
         blocked = _find_strong_wind(setup, found)
     if blocked is None:
         found, blocked, least = _plan_ways(d, found, task)
-    length = sum(
-        float(np.sum(np.linalg.norm(np.diff(way[:, :3], axis=0), axis=1)))
-        for way in (found.to_bench, found.to_pipe)
-    )
     return MissionPlan(
         blocked is None, blocked, time.perf_counter() - began,
-        HANDLING_S + task.wait_s + task.hover_s + 2.0 * 1.875 * length / CALM_SPEED, least,
-        way=found, operator=operator,
+        math.nan if blocked else sum_moves(found, build_limits(robot).speed), least, way=found,
+        operator=operator,
     )  # fmt: skip
 
 
@@ -233,11 +227,6 @@ def find_seat(world: World, task: ToolInstall, p_WP: Array, R_WP: Array) -> Plac
     ahead, axis, up = level_axes(R_WP).T
     p = p_WP + task.along_pipe_m * axis + height * up
     return Place(p, math.atan2(ahead[1], ahead[0]))
-
-
-def behind(p: Array, yaw: float, back: float = BACK) -> Array:
-    """Return the platform's position before the approach; at p (3,) m its hands hold the tool."""
-    return np.asarray(p - back * rot_z(yaw)[:, 0] - [0.0, 0.0, DROP])
 
 
 def _find_strong_wind(setup: Setup[ToolInstall], way: ToolPlan) -> str | None:
