@@ -270,7 +270,7 @@ def test_fixed_values_may_be_a_mapping():
     campaign = build_campaign("waypoints", vary, sets=sets)
     assert campaign.sets == (
         "world.wind.mean_mps=1.25", "mission.name=two words",
-        'mission.task.points=[{"x_m" = 1, "y_m" = 0.0, "z_m" = 1.5}]',
+        'mission.task.points=[{x_m = 1, y_m = 0.0, z_m = 1.5}]',
     )  # fmt: skip
     assert build_campaign("waypoints", vary, sets=campaign.sets).base == campaign.base
     assert len(campaign.base.mission.task.points) == 1

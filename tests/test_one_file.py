@@ -40,6 +40,7 @@ NAMED = {
     ("description/mission/spec.py", "filter"): "the default of mission.estimator",
     ("core/streams.py", "range_finder"): "a stream of draws, older than streams of one's own",
     ("core/find.py", "sensor"): "the group of sensors, not the fault of one",
+    ("description/robot/sourced.py", "cascade"): "its law alone reads three keys of every robot",
     ("run/backends.py", "bench"): "what holds the robot where a flight begins in the air",
 }
 """Where generic code may name a part: defaults, with the reason."""
