@@ -1,11 +1,13 @@
 """The estimated duration of a flight: its parts, and the whole against the flight."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from skywright.core.types import REFERENCE
+from skywright.description.dump import dump_description
 from skywright.description.loader import load_description
 from skywright.missions.skills.survey import (
     BACK_SPEED,
@@ -84,3 +86,21 @@ def test_the_flight_takes_as_long_as_estimated(mission: str) -> None:
     result = fly_and_evaluate(load_description(mission))
     flown = result.metrics["flight.duration_s"]
     assert result.plan.flight_s == pytest.approx(flown, abs=max(5.0, 0.1 * flown))
+
+
+def test_a_hover_below_the_standing_height_is_refused() -> None:
+    """Its climb would be negative; f550-bridge stands on feet of 0.2 m."""
+    plan = plan_mission(load_description("flight-modes", sets=["mission.hover_height_m=0.12"]))
+    assert not plan.feasible
+    assert "mission.hover_height_m = 0.12" in (plan.blocked_by or "")
+    assert "is at 0.2 m where it stands" in (plan.blocked_by or "")
+
+
+def test_a_run_from_before_the_mount_of_a_pendulums_arm_was_refused_loads(tmp_path: Path) -> None:
+    """The key had no effect, and is dropped from complete descriptions."""
+    d = load_description("impact", robot="bimanual-longreach")
+    text = dump_description(d)
+    old = text.replace("[robot.arm.mount_z_m]\nvalue = 0.0", "[robot.arm.mount_z_m]\nvalue = -0.11")
+    assert old != text
+    (tmp_path / "mission.toml").write_text(old, encoding="utf-8")
+    assert load_description(tmp_path / "mission.toml").robot == d.robot

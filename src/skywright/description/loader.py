@@ -229,6 +229,7 @@ def load_layers(
     complete = table.get("resolved") is True
     if complete:
         _drop_old_map_error(mission.tree.get("plant", {}))
+        _drop_old_mount(mission.tree.get("robot", {}))
     folder = found.path.parent
     layers: list[Layer] = []
     chosen: list[tuple[str, object]] = []
@@ -300,6 +301,13 @@ def _drop_old_map_error(plant: dict[str, Any]) -> None:
     if "map_error_size_m" not in plant:
         for key in ("map_error_m", "map_error_deg"):
             plant.pop(key, None)
+
+
+def _drop_old_mount(robot: dict[str, Any]) -> None:
+    """Drop keys without effect of a run from before they were refused: a pendulum's arm."""
+    if "pendulum" in robot:
+        for key in ("mount_x_m", "mount_z_m"):
+            robot.get("arm", {}).pop(key, None)
 
 
 def _drop(sources: dict[str, Source], root: str) -> dict[str, Source]:

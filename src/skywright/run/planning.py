@@ -139,6 +139,11 @@ def _find_blocked_climb(setup: Setup[Any]) -> str | None:
     robot, hover, query = setup.robot, setup.hover, setup.clearance_aloft
     folded, attitude = posture(robot, "folded"), rot_z(float(hover[3]))
     ground, margin = robot.platform.gear_height_m, setup.description.mission.climb_clearance_m
+    if hover[2] <= ground:
+        return (
+            f"mission.hover_height_m = {hover[2]:g}: the platform of {robot.name!r} is at "
+            f"{ground:g} m where it stands (robot.platform.gear_height_m); valid: above that"
+        )
     for z in np.linspace(ground, hover[2], max(math.ceil((hover[2] - ground) / CLIMB_STEP), 1) + 1):
         at = np.array([hover[0], hover[1], z])
         found = compute_clearance(query, at, attitude, folded)

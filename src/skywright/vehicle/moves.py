@@ -100,7 +100,7 @@ def find_heading_rate(row: Any) -> float:
 def compute_move_s(distance: float, turn: float, limits: Limits, least: float = 0.0) -> float:
     """Return the duration (s) of a motion by `distance` (m) and `turn` (rad), at least `least`."""
     return max(
-        duration(distance, limits.speed, limits.acceleration),
+        duration(abs(distance), limits.speed, limits.acceleration),
         duration(abs(turn), TURN_SPEED, TURN_ACCELERATION),
         least,
     )

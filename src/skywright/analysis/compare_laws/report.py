@@ -66,7 +66,7 @@ def print_laws(c: LawComparison, page: Path) -> None:
         )  # fmt: skip
     if found:
         console.print(table)
-    elif c.runs >= FEWEST:
+    elif c.differences and c.runs >= FEWEST:
         console.print(f"No difference to {c.reference} is beyond chance (of {len(c.differences)}).")
     if note := tell_reference(c):
         console.print(note)
