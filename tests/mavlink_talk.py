@@ -146,6 +146,17 @@ def build(robot: str) -> Any:
     return description, backend, backend.save()
 
 
+def begin(built: Any) -> Talk:
+    """Return a conversation with the vehicle of `build` in its saved state on the ground."""
+    description, backend, ground = built
+    backend.restore(ground)
+    backend.limits = backend.limits._replace(speed=description.robot.control.speed_max_mps)
+    talk = Talk(description, backend)
+    talk.until(lambda: talk.service.settled)
+    talk.tick(0.5)
+    return talk
+
+
 def fly(talk: Talk, height: float = 1.5) -> Talk:
     """Arm and rise."""
     assert talk.command(400, 1.0) == ACCEPTED

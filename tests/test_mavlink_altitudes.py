@@ -11,7 +11,7 @@ import pytest
 from pymavlink.dialects.v20 import common
 
 import skywright
-from mavlink_talk import Talk, local
+from mavlink_talk import Talk, begin, local
 from skywright.links.mavlink.frames import to_ned_quaternion
 from skywright.links.sitl.earth import HOME
 from skywright.vehicle.commands import State
@@ -35,13 +35,7 @@ def built() -> Any:
 
 @pytest.fixture
 def talk(built: Any) -> Talk:
-    description, backend, ground = built
-    backend.restore(ground)
-    backend.limits = backend.limits._replace(speed=description.robot.control.speed_max_mps)
-    talk = Talk(description, backend)
-    talk.until(lambda: talk.service.settled)
-    talk.tick(0.5)
-    return talk
+    return begin(built)
 
 
 def order(talk: Talk, number: int, frame: int, altitude: float, result: int = ACCEPTED) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common
 
-from mavlink_talk import Talk, build, fly
+from mavlink_talk import Talk, begin, build, fly
 from skywright.description.mission.safety import Fence
 from skywright.links.mavlink import modes
 from skywright.vehicle.commands import State
@@ -24,13 +24,7 @@ def hexarotor() -> Any:
 
 @pytest.fixture
 def talk(hexarotor: Any) -> Talk:
-    description, backend, ground = hexarotor
-    backend.restore(ground)
-    backend.limits = backend.limits._replace(speed=description.robot.control.speed_max_mps)
-    talk = Talk(description, backend)
-    talk.until(lambda: talk.service.settled)
-    talk.tick(0.5)
-    return talk
+    return begin(hexarotor)
 
 
 def test_takeoff_chosen_on_the_ground_begins_when_armed(talk: Talk) -> None:

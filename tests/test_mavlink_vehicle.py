@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 from pymavlink.dialects.v20 import common
 
-from mavlink_talk import ME, MemoryWire, Talk, build, fly, local
+from mavlink_talk import ME, MemoryWire, Talk, begin, build, fly, local
 from skywright.cli import main
 from skywright.core.rotations import rot_z
 from skywright.errors import InputError
@@ -39,13 +39,7 @@ def hexarotor() -> Any:
 
 @pytest.fixture
 def talk(hexarotor: Any) -> Talk:
-    description, backend, ground = hexarotor
-    backend.restore(ground)
-    backend.limits = backend.limits._replace(speed=description.robot.control.speed_max_mps)
-    talk = Talk(description, backend)
-    talk.until(lambda: talk.service.settled)
-    talk.tick(0.5)
-    return talk
+    return begin(hexarotor)
 
 
 # --- the ground --------------------------------------------------------------------------------

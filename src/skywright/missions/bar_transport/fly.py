@@ -7,6 +7,7 @@ it.
 """
 
 from skywright.missions.bar_transport.task import BarTransport
+from skywright.missions.skills.planned_path import fly_path
 from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor
 
@@ -16,16 +17,4 @@ SETTLE_S = 3.0  # s, at the goal
 
 def fly(s: Supervisor[BarTransport], way: None) -> Flight:
     """Move to the plan's first pose, carry, settle."""
-    table = s.segments["transport"]
-    n = s.vehicle.n_joints
-    s.begin("start pose")
-    s.arms.move_to(table[0]["q"][:n])
-    s.until_arrived()
-    s.body.track(table[:1])
-    s.wait(STEADY_S)
-    s.begin("transport")
-    s.body.track(table)
-    s.until_arrived()
-    s.begin("settle")
-    s.wait(SETTLE_S)
-    return Flight(True, "")
+    return fly_path(s, "transport", STEADY_S, SETTLE_S)

@@ -2,16 +2,11 @@
 
 from skywright.missions.follow_plan.fly import SETTLE_S, STEADY_S
 from skywright.missions.follow_plan.task import FollowPlan
-from skywright.models.rigid_body import posture
+from skywright.missions.skills.planned_path import compute_path_added_s
 from skywright.run.planning import MissionPlan
 from skywright.run.setup import Setup
-from skywright.vehicle.arms_interface import compute_joints_s
 
 
 def compute_added_s(setup: Setup[FollowPlan], plan: MissionPlan[None]) -> float:
     """Return the time (s) in which the arms move to the first pose, of hover and of settling."""
-    rest = posture(setup.robot, "folded")
-    table = plan.segments["plan"]
-    move = compute_joints_s(table[0]["q"][: len(rest)] - rest)
-    led = float(table["t"][-1]) - plan.duration_s  # a table for a swinging link is longer
-    return move + STEADY_S + led + SETTLE_S
+    return compute_path_added_s(setup, plan, "plan", "folded", STEADY_S + SETTLE_S)

@@ -1,6 +1,7 @@
 """Fly a plan file of platform and joints, from any planner, through the vehicle layer."""
 
 from skywright.missions.follow_plan.task import FollowPlan
+from skywright.missions.skills.planned_path import fly_path
 from skywright.run.flight import Flight
 from skywright.run.supervisor import Supervisor
 
@@ -10,17 +11,4 @@ SETTLE_S = 2.0  # s, at its end
 
 def fly(s: Supervisor[FollowPlan], way: None) -> Flight:
     """Move to the plan's first pose, follow the plan, settle. The flight ends in hover there."""
-    table = s.segments["plan"]
-    n = s.vehicle.n_joints
-    if n:
-        s.begin("start pose")
-        s.arms.move_to(table[0]["q"][:n])
-        s.until_arrived()
-    s.body.track(table[:1])
-    s.wait(STEADY_S)
-    s.begin("plan")
-    s.body.track(table)
-    s.until_arrived()
-    s.begin("settle")
-    s.wait(SETTLE_S)
-    return Flight(True, "")
+    return fly_path(s, "plan", STEADY_S, SETTLE_S)
