@@ -94,6 +94,12 @@ class Vehicle(Uav):
         if supervisor is not None:
             supervisor.vehicle.on_samples = self._blocks.append  # type: ignore[attr-defined]
 
+    @property
+    def flying_rules(self) -> list[str]:
+        """Reasons of the rules whose response is flown now; empty if none flies."""
+        s = self._supervisor
+        return [a.says for a in s.faults.acted] if s is not None and s.senses.responding else []
+
     def fly_plan(self, file: str | os.PathLike[str]) -> Result:
         """Fly a plan file from the present hover position (run/dispatch.py); returns the result.
 

@@ -99,8 +99,7 @@ class Robot:
     @property
     def flies_itself(self) -> bool:
         """Whether a rule for faults controls the robot."""
-        s = self.vehicle._supervisor
-        return s is not None and s.senses.responding
+        return bool(self.vehicle.flying_rules)
 
     def _fresh(self, of: tuple[float, object] | None, limit: float) -> bool:
         return of is not None and self.vehicle.t - of[0] <= limit + 1e-9
@@ -348,7 +347,5 @@ class Robot:
 
     def _find_flying_rules(self) -> str:
         """Return which rules control the robot, or ""."""
-        if not self.flies_itself:
-            return ""
-        acted = self.vehicle._supervisor.faults.acted  # type: ignore[union-attr]
-        return f"a rule flies: {'; '.join(a.says for a in acted)}"
+        rules = self.vehicle.flying_rules
+        return f"a rule flies: {'; '.join(rules)}" if rules else ""
