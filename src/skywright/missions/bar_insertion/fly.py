@@ -23,12 +23,7 @@ from skywright.missions.bar_insertion.insertion import (
     insert,
     survey,
 )
-from skywright.missions.bar_insertion.motion import (
-    BACK,
-    CARRY_ACCELERATION,
-    CARRY_SPEED,
-    behind,
-)
+from skywright.missions.bar_insertion.motion import CARRY_ACCELERATION, CARRY_SPEED
 from skywright.missions.bar_insertion.operated_insertion import insert_by_operator
 from skywright.missions.bar_insertion.plan import InsertionPlan
 from skywright.missions.bar_insertion.task import BarInsertion
@@ -50,6 +45,7 @@ from skywright.missions.skills.tool_handling import (
     put_down,
     take_up_again,
 )
+from skywright.missions.skills.tool_motion import BACK, behind
 from skywright.missions.skills.tool_pose import measure_tool
 from skywright.models.things.peg import Peg
 from skywright.run.flight import Flight

@@ -1,4 +1,4 @@
-"""Straight moves of an insertion: places behind rack and socket, and the moves' duration."""
+"""Duration of the straight moves of an insertion, as planned on the map."""
 
 from __future__ import annotations
 
@@ -6,22 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.missions.skills.tool_handling import DROP, LIFT, find_platform
-from skywright.missions.skills.tool_motion import Moves
+from skywright.missions.skills.tool_motion import behind, start_moves
 from skywright.vehicle.arms_interface import compute_joints_s
 
 if TYPE_CHECKING:
     from skywright.missions.bar_insertion.plan import InsertionPlan
 
-BACK = 0.35  # m, behind rack and socket, where the platform arrives and departs
 CARRY_SPEED, CARRY_ACCELERATION = 0.3, 0.2
-
-
-def behind(p: Array, yaw: float) -> Array:
-    """Return the platform's position before the approach; at p (3,) m its hands hold the bar."""
-    return np.asarray(p - BACK * rot_z(yaw)[:, 0] - [0.0, 0.0, DROP])
 
 
 def sum_moves(way: InsertionPlan, speed: float) -> float:
@@ -29,13 +22,14 @@ def sum_moves(way: InsertionPlan, speed: float) -> float:
 
     Grasp and insertion are not included.
     """
-    moves, up = Moves(way.home), np.array([0.0, 0.0, LIFT])
+    moves, up = start_moves(way.home), np.array([0.0, 0.0, LIFT])
     rack, socket = (find_platform(way.grip, place) for place in (way.rack, way.socket))
-    moves.go(behind(rack, way.rack.yaw), way.rack.yaw, speed)
-    moves.go(rack - [0.0, 0.0, DROP], way.rack.yaw)
+    R_rack, R_socket = rot_z(way.rack.yaw), rot_z(way.socket.yaw)
+    moves.go(behind(rack, way.rack.yaw), R_rack, speed=speed)
+    moves.go(rack - [0.0, 0.0, DROP], R_rack)
     moves.p = rack + up
-    moves.go(socket + up, way.socket.yaw, CARRY_SPEED, CARRY_ACCELERATION)
+    moves.go(socket + up, R_socket, speed=CARRY_SPEED, acceleration=CARRY_ACCELERATION)
     moves.p = socket
-    moves.go(behind(socket, way.socket.yaw), way.socket.yaw)
-    moves.go(way.home[:3], float(way.home[3]), speed)
+    moves.go(behind(socket, way.socket.yaw), R_socket)
+    moves.go(way.home[:3], rot_z(float(way.home[3])), speed=speed)
     return moves.seconds + 2.0 * compute_joints_s(way.grip.q_low - way.folded)

@@ -19,7 +19,7 @@ from skywright.description.robot.spec import Robot
 from skywright.description.world.spec import World
 from skywright.description.world.things import locate_thing
 from skywright.errors import InputError
-from skywright.missions.bar_insertion.motion import behind, sum_moves
+from skywright.missions.bar_insertion.motion import sum_moves
 from skywright.missions.bar_insertion.task import BarInsertion
 from skywright.missions.skills.hook_grip import build_grip, check_hooks, compute_hooks_apart
 from skywright.missions.skills.operated import load_operator
@@ -29,6 +29,7 @@ from skywright.missions.skills.tool_handling import (
     Place,
     find_platform,
 )
+from skywright.missions.skills.tool_motion import behind
 from skywright.missions.skills.tool_pose import find_marker
 from skywright.models.arm_inverse_kinematics import ArmChain, build_arm_chain
 from skywright.models.geometry import build_clearance, compute_clearance

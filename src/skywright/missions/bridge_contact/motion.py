@@ -1,15 +1,11 @@
 """Duration of the straight moves of a contact inspection, as planned on the map."""
 
-import math
-
-import numpy as np
-
 from skywright.core.arrays import Array
 from skywright.core.rotations import rot_z
 from skywright.missions.bridge_contact.stations import Station
 from skywright.missions.bridge_contact.survey import SurveyWay
 from skywright.missions.bridge_contact.task import BridgeContact
-from skywright.missions.skills.moves import compute_move_s
+from skywright.missions.skills.moves import MoveSum, compute_move_s
 from skywright.missions.skills.pressing import GO_SPEED, TIP_GAP
 from skywright.models.contact_stance import ContactStance
 from skywright.models.rigid_body import posture
@@ -23,7 +19,9 @@ def sum_moves(
     q_ready: Array, stand_off: float, survey: SurveyWay | None, presses: bool,
 ) -> float:  # fmt: skip
     """Return the duration (s) of the moves; `presses`: whether the robot presses in flight."""
-    task, pilot = setup.task, _Moves(setup)
+    task, hover = setup.task, setup.hover
+    home = hover[:3], rot_z(float(hover[3])), posture(setup.robot, "folded")
+    pilot = MoveSum(*home, speed=GO_SPEED)
     if survey is not None and survey.stations:
         assert free is not None
         first = survey.stops[0]
@@ -54,22 +52,5 @@ def sum_moves(
                 slide = compute_move_s(abs(task.slide_m), speed=task.slide_speed_mps)
                 pilot.seconds += 2.0 * slide
             pilot.go(back, at.R_level, speed=LEAVE_SPEED)
-    pilot.go(*pilot.home)
+    pilot.go(*home)
     return pilot.seconds
-
-
-class _Moves:
-    """Sum of moves, each from the end of the one before."""
-
-    def __init__(self, setup: Setup[BridgeContact]) -> None:
-        hover = setup.hover
-        self.home = hover[:3], rot_z(float(hover[3])), posture(setup.robot, "folded")
-        self.p, self.R, self.q = self.home
-        self.seconds = 0.0
-
-    def go(self, p: Array, R: Array, q: Array | None = None, speed: float = GO_SPEED) -> None:
-        q = self.q if q is None else q
-        turn = math.acos(min(max(0.5 * (float(np.trace(self.R.T @ R)) - 1.0), -1.0), 1.0))
-        bend = float(np.max(np.abs(q - self.q), initial=0.0))
-        self.seconds += compute_move_s(float(np.linalg.norm(p - self.p)), turn, bend, speed=speed)
-        self.p, self.R, self.q = p, R, q

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skywright.core.arrays import Table
+from skywright.core.arrays import Array, Table
 from skywright.core.rotations import exp_so3, log_so3
 from skywright.models.rigid_body import compute_tip
 from skywright.vehicle.follower import copy_row
@@ -43,6 +43,39 @@ def compute_move_s(
         duration(joints, JOINT_SPEED, JOINT_ACCELERATION),
         least,
     )
+
+
+class MoveSum:
+    """Duration of straight moves, each from the end of the one before."""
+
+    def __init__(
+        self, p: Array, R: Array, q: Array | None = None, *, speed: float,
+        acceleration: float = 0.5, least: float = 0.0,
+    ) -> None:  # fmt: skip
+        """Start at p (3,) m, R (3, 3) and q (n,) rad; moves below `least` (m, rad) are not flown.
+
+        `speed` (m/s) and `acceleration` (m/s^2) are those of moves without their own.
+        """
+        self.p, self.R, self.q = p, R, np.zeros(0) if q is None else q
+        self.speed, self.acceleration, self.least = speed, acceleration, least
+        self.seconds = 0.0
+
+    def go(
+        self, p: Array, R: Array, q: Array | None = None, *, speed: float | None = None,
+        acceleration: float | None = None,
+    ) -> None:  # fmt: skip
+        """Add a move to p (3,) m and R (3, 3), and to q (n,) rad unless the joints stay."""
+        q = self.q if q is None else q
+        turn = np.empty(3)
+        log_so3(np.ascontiguousarray(self.R.T @ R), turn)
+        distance, angle = float(np.linalg.norm(p - self.p)), float(np.linalg.norm(turn))
+        bend = float(np.max(np.abs(q - self.q), initial=0.0))
+        if max(distance, angle, bend) > self.least:
+            self.seconds += compute_move_s(
+                distance, angle, bend, speed=self.speed if speed is None else speed,
+                acceleration=self.acceleration if acceleration is None else acceleration,
+            )  # fmt: skip
+        self.p, self.R, self.q = p, R, q
 
 
 def build_move(

@@ -1,12 +1,12 @@
 """Durations of handling a tool with two hooks, before a flight."""
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from skywright.core.arrays import Array
-from skywright.missions.skills.moves import compute_move_s
+from skywright.core.rotations import rot_z
+from skywright.missions.skills.moves import MoveSum, compute_move_s
 from skywright.missions.skills.tool_handling import (
     ACCELERATION,
     DROP,
@@ -18,6 +18,7 @@ from skywright.missions.skills.tool_handling import (
     STEADY_S,
 )
 
+BACK = 0.35  # m, behind a load, where the platform arrives and departs
 WEIGH_S = 1.0  # s, over which the force without the load is averaged
 ALIGN_S = 1.0  # s, typical time until a suspended tool is over its place
 STAND_S = 6.0 * FEEL_S
@@ -42,20 +43,12 @@ def compute_put_down_s(speeds: Speeds, above: float) -> float:
     return down + compute_move_s(DROP, speed=speeds.hand, acceleration=ACCELERATION)
 
 
-class Moves:
-    """Sum of straight moves of the platform, each from the end of the one before."""
+def start_moves(home: Array) -> MoveSum:
+    """Return a sum of moves of the platform near tools; `home` is the start (4,): m, rad."""
+    R = rot_z(float(home[3]))
+    return MoveSum(home[:3], R, speed=NEAR_SPEED, acceleration=ACCELERATION, least=1e-3)
 
-    def __init__(self, home: Array) -> None:
-        """`home` is the start (4,): m, rad."""
-        self.p, self.yaw, self.seconds = home[:3], float(home[3]), 0.0
 
-    def go(
-        self, p: Array, yaw: float, speed: float = NEAR_SPEED, acceleration: float = ACCELERATION
-    ) -> None:
-        """Add a move to p (3,) m and `yaw` (rad)."""
-        distance, turn = float(np.linalg.norm(p - self.p)), math.remainder(yaw - self.yaw, math.tau)
-        if max(distance, abs(turn)) > 1e-3:
-            self.seconds += compute_move_s(
-                distance, abs(turn), speed=speed, acceleration=acceleration
-            )
-        self.p, self.yaw = p, yaw
+def behind(p: Array, yaw: float, back: float = BACK) -> Array:
+    """Return the platform's position before the approach; at p (3,) m its hands hold the load."""
+    return np.asarray(p - back * rot_z(yaw)[:, 0] - [0.0, 0.0, DROP])

@@ -30,8 +30,9 @@ from skywright.missions.skills.tool_handling import (
     put_down,
     take_up_again,
 )
+from skywright.missions.skills.tool_motion import behind
 from skywright.missions.skills.tool_pose import measure_tool
-from skywright.missions.tool_install.motion import ABOVE, CALM_SPEED, CARRY_ACCELERATION, behind
+from skywright.missions.tool_install.motion import ABOVE, CALM_SPEED, CARRY_ACCELERATION
 from skywright.missions.tool_install.operated_install import install_by_operator
 from skywright.missions.tool_install.operated_retrieval import HAND_OVER, retrieve_by_operator
 from skywright.missions.tool_install.plan import ToolPlan, find_seat

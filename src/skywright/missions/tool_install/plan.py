@@ -34,8 +34,9 @@ from skywright.missions.skills.tool_handling import (
     Place,
     find_platform,
 )
+from skywright.missions.skills.tool_motion import BACK, behind
 from skywright.missions.skills.tool_pose import find_marker
-from skywright.missions.tool_install.motion import ABOVE, BACK, behind, sum_moves
+from skywright.missions.tool_install.motion import ABOVE, sum_moves
 from skywright.missions.tool_install.task import ToolInstall
 from skywright.models.geometry import build_clearance, compute_clearance
 from skywright.models.kinematic_tree import build_planning_scene
