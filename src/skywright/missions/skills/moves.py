@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from skywright.core.arrays import Array, Table
 from skywright.core.rotations import exp_so3, log_so3
 from skywright.models.rigid_body import compute_tip
+from skywright.vehicle.arms_interface import compute_joints_s
 from skywright.vehicle.follower import copy_row
 from skywright.vehicle.rest_to_rest import ROW_PERIOD, build_straight, duration
 
 TURN_SPEED, TURN_ACCELERATION = 0.3, 0.6  # rad/s, rad/s^2, of the platform's attitude
-JOINT_SPEED, JOINT_ACCELERATION = 0.8, 2.0  # rad/s, rad/s^2
 
 
 STILL = (
@@ -40,7 +40,7 @@ def compute_move_s(
     return max(
         duration(distance, speed, acceleration),
         duration(turn, TURN_SPEED, TURN_ACCELERATION),
-        duration(joints, JOINT_SPEED, JOINT_ACCELERATION),
+        compute_joints_s(np.array([joints])),
         least,
     )
 

@@ -9,19 +9,14 @@ from numpy.typing import NDArray
 from skywright.core.arrays import Array, Table
 from skywright.core.rotations import rot_z
 from skywright.core.types import MAX_JOINTS
-from skywright.missions.skills.moves import (
-    JOINT_ACCELERATION,
-    JOINT_SPEED,
-    TURN_ACCELERATION,
-    TURN_SPEED,
-    set_rest,
-)
+from skywright.missions.skills.moves import TURN_ACCELERATION, TURN_SPEED, set_rest
 from skywright.models.compliant_arms import find_swing
 from skywright.models.geometry import ClearanceQuery, compute_clearance
 from skywright.models.kinematic_tree import PlanningScene
 from skywright.planning.motion.transit import Configuration, plan_transit
 from skywright.run.setup import Setup
 from skywright.run.supervisor import Supervisor
+from skywright.vehicle.arms_interface import compute_joints_s
 from skywright.vehicle.interface import Limits
 from skywright.vehicle.moves import compute_move_s
 from skywright.vehicle.rest_to_rest import build_straight, duration
@@ -129,7 +124,7 @@ def compute_slide_s(
     return max(
         duration(distance, share * limits.speed, share * limits.acceleration),
         duration(abs(turn), share * TURN_SPEED, share * TURN_ACCELERATION),
-        duration(bend, JOINT_SPEED, JOINT_ACCELERATION),
+        compute_joints_s(np.array([bend])),
         1.0,
     )
 
